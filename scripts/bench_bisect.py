@@ -27,13 +27,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.assets import corpus_dir
-from vlafuzz.outcome import Verdict
-from vlafuzz.regression.bisect import Bisection, bisect, most_comparisons
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.pairs import Answer, Probe, probes
-from vlafuzz.regression.regress import Recorded, Rerun
-from vlafuzz.statistics import wilson
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.common.statistics import wilson
+from vlafuzz.failures.corpus.bisect import Bisection, bisect, most_comparisons
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.pairs import Answer, Probe, probes
+from vlafuzz.failures.corpus.regress import Recorded, Rerun
+from vlafuzz.model.outcome import Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"
 OUTCOMES = Path(__file__).parent / "results" / "bisect-mini.json"
@@ -157,8 +157,8 @@ def draws() -> Iterator[tuple[str, Callable[[int | None, np.random.Generator], l
 
 def record() -> None:
     """Roll out disturbed copies of `mini` in all controls; takes half an hour on one core."""
+    from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
     from vlafuzz.policies.mini.policy import Mini
-    from vlafuzz.triage.scene_runner import SimulatorSceneRunner
 
     corpus = read_corpus(CORPUS)
     scenes = [probe for probe in probes(corpus) if probe.group == "control"]

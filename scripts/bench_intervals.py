@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.statistics import Estimate, mean_difference, mean_estimate, mean_ratio
+from vlafuzz.common.statistics import Estimate, mean_difference, mean_estimate, mean_ratio
 
 Vector = NDArray[np.float64]
 Random = np.random.Generator

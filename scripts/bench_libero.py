@@ -14,11 +14,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.sim.libero.env import SEED, LiberoEnv
-from vlafuzz.sim.libero.packages import load, quiet, versions
-from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS, Savings
-from vlafuzz.sim.libero.suites import SUITES, LiberoTask, find_task, find_tasks, initial_states
-from vlafuzz.sim.similarity import similarity
+from vlafuzz.worlds.libero.env import SEED, LiberoEnv
+from vlafuzz.worlds.libero.packages import load, quiet, versions
+from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS, Savings
+from vlafuzz.worlds.libero.suites import SUITES, LiberoTask, find_task, find_tasks, initial_states
+from vlafuzz.worlds.similarity import similarity
 
 SIZE = 224
 Step = tuple[NDArray[np.float64], NDArray[np.float64], list[NDArray[np.uint8]]]  # state, (8,), pictures

@@ -29,13 +29,13 @@ import numpy as np
 from vlafuzz.campaign import config, launch
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Tally
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.objects import load_catalogue
+from vlafuzz.lab.toy import Region, Toy, near
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.sim.toy import Region, Toy, near
-from vlafuzz.space import SearchSpace, load_operators
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 CONDITIONS = (
     near("targets.0.x", -0.10, 0.32),

@@ -40,21 +40,21 @@ import torch
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill import cameras as camera_module
-from vlafuzz.sim.maniskill import robots, world
-from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.rendering import render_backend
-from vlafuzz.sim.similarity import similarity
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.similarity import similarity
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
+from vlafuzz.worlds.tabletop.sim import cameras as camera_module
+from vlafuzz.worlds.tabletop.sim import robots, world
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, gym_id
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.rendering import render_backend
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 OURS, STOCK, DEFAULT = "ours", "stock", "stock default"
 PACKS = {STOCK: "minimal", DEFAULT: "default"}

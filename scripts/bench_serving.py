@@ -40,17 +40,17 @@ from typing import Any
 import numpy as np
 from timed_rollouts import timed_rollouts
 
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.forks import single_threaded
-from vlafuzz.execute.registry import Place, executor_at, policy_at
-from vlafuzz.objects import load_catalogue
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.mini.policy import CAMERA, Mini
+from vlafuzz.policies.serving.serve import PROTOCOLS
+from vlafuzz.rollouts.executor import Executor
+from vlafuzz.rollouts.forks import single_threaded
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.scene import Scene
-from vlafuzz.serving.serve import PROTOCOLS
-from vlafuzz.sim.base import SteppedEvaluator
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.rollouts.registry import Place, executor_at, policy_at
+from vlafuzz.worlds.evaluation import SteppedEvaluator
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 GOAL = 0.8  # of the rate without a server
 TASK, WORDS = "pick-up", "pick up coke can"
@@ -140,8 +140,8 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
 
 
 def make_evaluator(name: str, policy: Policy | None = None) -> SteppedEvaluator:
-    from vlafuzz.conditions.conditions import Conditions
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.model.conditions import Conditions
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     catalogue, apart = load_catalogue(), load_operators().min_distance
     return ManiSkillEvaluator(

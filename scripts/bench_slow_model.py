@@ -26,17 +26,17 @@ from pathlib import Path
 import numpy as np
 from timed_rollouts import timed_rollouts
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.registry import Place, executor_at
-from vlafuzz.objects.catalogue import load_catalogue
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Random
+from vlafuzz.policies.serving.serve import serving
+from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.rollouts.registry import Place, executor_at
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Scene
-from vlafuzz.serving.serve import serving
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 TASK = "pick-up"
 ALONE, TOGETHER = "alone", "together"

@@ -28,8 +28,8 @@ from strategies.faults import DENSITIES
 from strategies.identified_plot import plot
 
 from vlafuzz.cli.compare import print_comparison
+from vlafuzz.common.statistics import mean_ratio
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.statistics import mean_ratio
 
 SIGNALS = ("smooth", "flat", "noise")
 ALL = list(STRATEGIES)

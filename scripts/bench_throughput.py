@@ -38,22 +38,22 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.task import Monitor
-from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.outcome import Verdict
-from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.harness import Harness
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.arm import MetricArm
-from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.objects import place
-from vlafuzz.sim.maniskill.world import SIM_HZ, World
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.base import State
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.worlds.tabletop.sim.arm import MetricArm
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.objects import place
+from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 STOCK_ID = "VlaFuzzBenchStock-v1"
 HZ = Expert().spec.action.hz

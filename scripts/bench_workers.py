@@ -21,7 +21,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from vlafuzz.campaign import config, launch
-from vlafuzz.execute.base import Executor
+from vlafuzz.rollouts.executor import Executor
 from vlafuzz.store.store import Store
 
 Key = tuple[str, int]  # strategy and number of workers

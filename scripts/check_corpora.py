@@ -21,12 +21,12 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.corpus import Case
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.statistics import Share
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.common.statistics import Share
+from vlafuzz.failures.corpus.corpus import Case
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.worlds.manipulation.jitter import load_jitter
 
 ARITHMETICS = {
     "native": {},

@@ -10,8 +10,8 @@ import numpy as np
 import sapien
 from PIL import Image, ImageDraw, ImageFont
 
-from vlafuzz.objects import ObjectModel, StablePose, load_catalogue, open_packs
-from vlafuzz.sim.maniskill.objects import looks
+from vlafuzz.worlds.tabletop.objects import ObjectModel, StablePose, load_catalogue, open_packs
+from vlafuzz.worlds.tabletop.sim.objects import looks
 
 CELL = 256
 COLUMNS = 6

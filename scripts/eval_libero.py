@@ -14,12 +14,12 @@ from itertools import repeat
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.sim.libero.env import STILL, LiberoEnv
-from vlafuzz.sim.libero.expert import Expert, can_solve
-from vlafuzz.sim.libero.packages import versions
-from vlafuzz.sim.libero.stages import Moment, monitor_of
-from vlafuzz.sim.libero.suites import SETTLING, SUITES, find_task, find_tasks
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.worlds.libero.env import STILL, LiberoEnv
+from vlafuzz.worlds.libero.expert import Expert, can_solve
+from vlafuzz.worlds.libero.packages import versions
+from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.suites import SETTLING, SUITES, find_task, find_tasks
 
 
 def main() -> None:

@@ -22,17 +22,17 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
+from vlafuzz.common.statistics import wilson
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera, Light, Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.statistics import wilson
-from vlafuzz.tasks.instructions import load_wordings, say
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.instructions import load_wordings, say
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SEEN_WORDINGS = 4  # see make_demos.py
 TARGETS = ("target-type", "target-position", "target-orientation")

@@ -16,15 +16,15 @@ import atheris
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 with atheris.instrument_imports(include=["vlafuzz"]):
-    from vlafuzz.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
-    from vlafuzz.clients.profiles import load_profile
+    from vlafuzz.common.reading import decoded, npy_array
     from vlafuzz.errors import UsageError, VlafuzzError
-    from vlafuzz.formats.scene_lines import load_scenes
-    from vlafuzz.objects.references import check_references
-    from vlafuzz.reading import decoded, npy_array
-    from vlafuzz.regression.folder import read_corpus
-    from vlafuzz.scene import Scene
-    from vlafuzz.space import load_operators
+    from vlafuzz.failures.corpus.folder import read_corpus
+    from vlafuzz.model.scene import Scene
+    from vlafuzz.model.scene_lines import load_scenes
+    from vlafuzz.policies.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
+    from vlafuzz.policies.clients.profiles import load_profile
+    from vlafuzz.worlds.tabletop.objects.references import check_references
+    from vlafuzz.worlds.tabletop.space import load_operators
 
 FOLDER = Path(tempfile.mkdtemp(prefix="fuzz-readers-"))
 
@@ -60,7 +60,7 @@ SEEDS = {  # shipped files to begin with
     "scenes": "corpus/mini-pick-up/controls.jsonl",
     "manifest": "corpus/mini-pick-up/manifest.json",
     "operators": "operators/paper-*.yaml",
-    "profile": "vlafuzz/clients/profiles/*.yaml",
+    "profile": "vlafuzz/policies/clients/profiles/*.yaml",
     "array": "corpus/mini-pick-up/witnesses/*.npy",
     "picture": "corpus/mini-pick-up/thumbnails/*.png",
 }

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write vlafuzz/rigs/arms.json: joints and convex bodies of the robots, to see what they hide.
+"""Write worlds/manipulation/rigs/arms.json: joints and convex bodies of the robots, to see what they hide.
 
 The Panda's links become hulls of a few corners; those of the other robots, whose files are not ours, become
 boxes that are measured on slices of them, to 5 mm.
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.rigs.robots import GOOGLE, WIDOWX
+from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, WIDOWX
 
 Array = NDArray[np.float64]
 CORNERS = 24

@@ -28,19 +28,19 @@ from disturbance import Disturbance
 from mini_data import write
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
-from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.instructions import load_wordings, say
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.instructions import load_wordings, say
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SIZE = 128
 WORDINGS = 4  # of each task; the others stay unseen

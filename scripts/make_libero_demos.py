@@ -23,20 +23,20 @@ from disturbance import Disturbance
 from mini_data import ABOUT, write
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene, Start
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.mini.policy import CAMERA, WRIST, Mini
-from vlafuzz.rigs.robots import OF_LIBERO
-from vlafuzz.scene import Scene, Start
-from vlafuzz.sim.libero.env import HZ, LiberoEnv
-from vlafuzz.sim.libero.evaluator import LiberoEvaluator
-from vlafuzz.sim.libero.expert import Expert
-from vlafuzz.sim.libero.expert.policy import UNITS
-from vlafuzz.sim.libero.pictures import CAMERAS
-from vlafuzz.sim.libero.scenes.space import LiberoSpace, nominal_scene
-from vlafuzz.sim.libero.stages import find_shapes, held
-from vlafuzz.space import load_operators
+from vlafuzz.worlds.libero.env import HZ, LiberoEnv
+from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
+from vlafuzz.worlds.libero.expert import Expert
+from vlafuzz.worlds.libero.expert.policy import UNITS
+from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.scenes.space import LiberoSpace, nominal_scene
+from vlafuzz.worlds.libero.stages import find_shapes, held
+from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
+from vlafuzz.worlds.tabletop.space import load_operators
 
 Array = NDArray[np.float64]
 SCALE = 2.0  # metres and radians a unit: the controller covers a quarter of what is asked for

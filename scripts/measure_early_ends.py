@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.outcome import Verdict
-from vlafuzz.rigs.robots import PANDA
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.space import SearchSpace
-from vlafuzz.tasks.base import State
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.space import SearchSpace
+from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 BELOW, REACH, STILL, STEPS = -0.2, 1.0, 1e-5, 3  # metres, metres, metres or radians, steps
 

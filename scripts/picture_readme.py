@@ -13,7 +13,7 @@ import imageio.v3 as imageio
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from vlafuzz.regression.folder import read_corpus
+from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.report.films import RunFilms
 from vlafuzz.report.view import SOLVERS
 

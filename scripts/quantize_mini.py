@@ -20,12 +20,12 @@ from eval_mini import draw
 from torch import nn
 from train_mini import VERSION
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SEEDS = 3 * 10**6  # neither of demonstrations nor of evaluations
 DRAWN = 500  # inputs of a layer in each step

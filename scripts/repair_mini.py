@@ -28,7 +28,7 @@ from repair.steps import old_demonstrations
 from repair.study import Study
 
 from vlafuzz.policies.mini.policy import SHIPPED
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 
 def main() -> None:

@@ -17,20 +17,20 @@ from typing import cast
 
 import numpy as np
 
-from vlafuzz.assets import corpus_dir
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.common.statistics import wilson
+from vlafuzz.common.watch import SILENT
+from vlafuzz.failures.corpus import controls
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.pairs import Probe
+from vlafuzz.failures.corpus.power import power_of
+from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
+from vlafuzz.failures.triage.runner import SceneRunner
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression import controls
-from vlafuzz.regression.corpus import Corpus
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.pairs import Probe
-from vlafuzz.regression.power import power_of
-from vlafuzz.regression.regress import Recorded, Rerun, compare
-from vlafuzz.scene import Scene
-from vlafuzz.statistics import wilson
 from vlafuzz.store.records import Manifest
-from vlafuzz.triage.runner import SceneRunner
-from vlafuzz.watch import SILENT
 
 RATES, NUMBERS = (0.05, 0.3, 0.5, 0.8, 0.95), (40, 200)
 CERTAINTY = {"chance": 0.0, "scenes": 1.0, "mixed": 0.9}  # how far a scene decides the outcome

@@ -23,8 +23,8 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.probability import Draw, failure_probability
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.search.probability import Draw, failure_probability
 
 Array = NDArray[np.float64]
 

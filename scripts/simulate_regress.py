@@ -23,22 +23,22 @@ from typing import cast
 
 import numpy as np
 
-from vlafuzz.assets import corpus_dir
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.common.statistics import wilson
+from vlafuzz.common.watch import SILENT
+from vlafuzz.failures.corpus import controls
+from vlafuzz.failures.corpus.corpus import Case, Corpus
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.pairs import probes
+from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
+from vlafuzz.failures.triage.path import nominal
+from vlafuzz.failures.triage.runner import SceneRunner
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression import controls
-from vlafuzz.regression.corpus import Case, Corpus
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.pairs import probes
-from vlafuzz.regression.regress import Recorded, Rerun, compare
 from vlafuzz.rollouts.setup import stored_space
-from vlafuzz.scene import Scene
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.statistics import wilson
 from vlafuzz.store.records import Run
-from vlafuzz.triage.path import nominal
-from vlafuzz.triage.runner import SceneRunner
-from vlafuzz.watch import SILENT
+from vlafuzz.worlds.manipulation.jitter import load_jitter
 
 TEMPLATE = corpus_dir() / "mini-pick-up"
 CASES, REPEATS = 3, 5

@@ -23,17 +23,17 @@ from statistics import median
 
 import numpy as np
 
+from vlafuzz.common.statistics import Share
+from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.genes import Gene
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.space.operators import TargetType
-from vlafuzz.statistics import Share
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding, Triaged
-from vlafuzz.triage.triager import Triager
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.operators import TargetType
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SPACE = SearchSpace(load_operators(), load_catalogue(), "pick-up")
 STAGES = ("grasp", "lift", "success")

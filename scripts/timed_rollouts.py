@@ -5,9 +5,9 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from vlafuzz.execute.base import Executor
-from vlafuzz.outcome import Rollout, Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Rollout, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import Executor
 
 
 def timed_rollouts(executor: Executor, scenes: Sequence[Scene]) -> tuple[float, list[Rollout]]:

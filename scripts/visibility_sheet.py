@@ -17,14 +17,14 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.stills import Stills
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity.visible import unseen
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.tabletop.fairness.visible import unseen
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.stills import Stills
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 LINE, ZOOM = 15, 3
 CATALOGUE = load_catalogue()

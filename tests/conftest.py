@@ -12,9 +12,9 @@ import functools
 import hypothesis
 import pytest
 
-import vlafuzz.sim.maniskill  # noqa: F401 - before SAPIEN is
-from vlafuzz import renderer
-from vlafuzz.sim.libero import packages as libero
+import vlafuzz.worlds.tabletop.sim  # noqa: F401 - before SAPIEN is
+from vlafuzz.worlds.libero import packages as libero
+from vlafuzz.worlds.tabletop import renderer
 
 hypothesis.settings.register_profile("whatever else runs here", deadline=None)
 hypothesis.settings.load_profile("whatever else runs here")
@@ -52,9 +52,9 @@ def env():
 def expert_on():
     """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
     from tests.sim.scenes import CATALOGUE
-    from vlafuzz.conditions.conditions import Conditions
-    from vlafuzz.policies.expert import Expert
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.model.conditions import Conditions
+    from vlafuzz.worlds.tabletop.experts.expert import Expert
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     made = {}
 
@@ -74,7 +74,7 @@ def connected():
     from contextlib import closing
 
     from tests.doubles import ClosedForm
-    from vlafuzz.execute.ray import RayExecutor
+    from vlafuzz.rollouts.ray import RayExecutor
 
     with closing(RayExecutor(ClosedForm, workers=2)):
         yield

@@ -7,16 +7,16 @@ from itertools import takewhile
 
 import numpy as np
 
-from vlafuzz.execute.base import Batches
-from vlafuzz.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.scene import Light, Placement, Scene
-from vlafuzz.scoring import Score
+from vlafuzz.rollouts.executor import Batches
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
-from vlafuzz.sim.stepping import Evaluation
-from vlafuzz.space.table import GROUPS
+from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.worlds.manipulation.space import GROUPS
+from vlafuzz.worlds.stepping import Evaluation
 
 STAGES = ("grasp", "lift", "success")
 LEVELS = 9  # of each gene

@@ -16,10 +16,10 @@ from vlafuzz import api
 from vlafuzz.api import causes, fuzz, triage
 from vlafuzz.campaign import launch
 from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.policies.base import ActionChunk, Observation
-from vlafuzz.policies.expert import Expert
-from vlafuzz.regression.folder import write_corpus
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 
 class AfraidOfTheDark(Expert):
@@ -97,7 +97,7 @@ def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monke
     bright = {"old": 0.0, "new": 0.0, "newer": 9.0}  # light from which they pass
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(bright, object))
     monkeypatch.setattr(
-        "vlafuzz.triage.scene_runner.SimulatorSceneRunner",
+        "vlafuzz.failures.triage.scene_runner.SimulatorSceneRunner",
         lambda _, run, name: RuleRunner(lambda shown: shown.light.intensity >= max(bright[name], 0.5), run),
     )
     write_corpus(make_corpus(controls=40), tmp_path / "dark")

@@ -2,7 +2,7 @@ import time
 
 import pytest
 
-from vlafuzz.deadline import Deadline, deadline
+from vlafuzz.common.deadline import Deadline, deadline
 from vlafuzz.errors import UsageError
 
 

@@ -22,13 +22,13 @@ from tests.search import climb
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene_lines import write_scenes
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.serving.serve import serving
-from vlafuzz.space import load_operators
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.space import load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 README, COMMANDS_PAGE, SCENES = (
     text(name) for name in ("README.md", "docs/commands.md", "docs/operators.md")
@@ -83,9 +83,9 @@ def save(tmp_path, monkeypatch):
 
 @pytest.mark.render
 def test_the_example_of_an_own_policy_picks_up_what_it_sees(save):
-    from vlafuzz.conditions.conditions import Conditions
+    from vlafuzz.model.conditions import Conditions
     from vlafuzz.rollouts.policies import make_policy
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     save(OWN_POLICY)
     evaluator = ManiSkillEvaluator(

@@ -1,7 +1,7 @@
 import pytest
 
-from vlafuzz.evidence import Threshold
-from vlafuzz.phrasing import describe, signature
+from vlafuzz.model.evidence import Threshold
+from vlafuzz.model.phrasing import describe, signature
 
 
 def test_a_signature_names_task_stage_and_operators_with_their_directions():

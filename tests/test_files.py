@@ -13,16 +13,16 @@ import pytest
 from matplotlib.figure import Figure
 
 from tests.regression.test_junit import compared
-from vlafuzz import assets
+from vlafuzz.common import assets
+from vlafuzz.common.files import replacing, write_whole, writing
+from vlafuzz.common.processor import kept
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.files import replacing, write_whole, writing
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.formats.vlatest.format import write_entries
-from vlafuzz.processor import kept
-from vlafuzz.regression.junit import write_junit
+from vlafuzz.failures.corpus.junit import write_junit
+from vlafuzz.lab.studies.plots import save
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
-from vlafuzz.sim.recording import Recording, write_picture
-from vlafuzz.studies.plots import save
+from vlafuzz.worlds.recording import Recording, write_picture
+from vlafuzz.worlds.tabletop.vlatest.format import write_entries
 
 PICTURE = np.zeros((32, 32, 3), dtype=np.uint8)
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import beta
 
-from vlafuzz.probability import Draw, failure_probability
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.search.probability import Draw, failure_probability
 
 
 def plain(outcomes: list[bool]) -> list[Draw]:

@@ -14,17 +14,17 @@ import trimesh
 from tests.packs import box, write_pack
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.cli import main
-from vlafuzz.clients.profiles import load_profile
+from vlafuzz.common.reading import inflated, npy_array, read_bytes
 from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
-from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.formats.vlatest.format import read_entries
-from vlafuzz.objects import load_catalogue, open_packs
-from vlafuzz.objects.schema import read_file
-from vlafuzz.reading import inflated, npy_array, read_bytes
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.tasks.instructions import load_wordings
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import load_scenes, write_scenes
+from vlafuzz.policies.clients.profiles import load_profile
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.tabletop.instructions import load_wordings
+from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
+from vlafuzz.worlds.tabletop.objects.schema import read_file
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.vlatest.format import read_entries
 
 YAML_READERS = [load_profile, read_file, load_operators, load_jitter, load_wordings]
 SCENE = json.loads(nominal().to_json())

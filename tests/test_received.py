@@ -16,11 +16,11 @@ import vlafuzz
 from tests.packs import box, write_pack
 from tests.regression.corpora import PNG, case, make_corpus
 from vlafuzz.errors import CatalogueError, CorpusError, UsageError
-from vlafuzz.objects import load_catalogue, open_packs
+from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
-from vlafuzz.regression.folder import read_corpus, write_corpus
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 
 ROOT = Path(vlafuzz.__file__).parent
 SECRET = "a-private-word"

@@ -3,9 +3,9 @@ import sys
 
 import pytest
 
-from vlafuzz import renderer
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.worlds.tabletop import renderer
 
 
 @pytest.mark.render
@@ -37,7 +37,7 @@ def test_whatever_the_child_does_is_a_line(child: str, problem: str, monkeypatch
 
 
 def test_importing_it_loads_no_simulator():
-    code = "import sys, vlafuzz.renderer; print('sapien' in sys.modules)"
+    code = "import sys, vlafuzz.worlds.tabletop.renderer; print('sapien' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "False\n"
 
 

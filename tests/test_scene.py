@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.scene_lines import load_scenes, read_scenes, write_scenes
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import SCHEMA, Camera, Light, Placement, Scene
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.model.scene import SCHEMA, Camera, Light, Placement, Scene
+from vlafuzz.model.scene_lines import load_scenes, read_scenes, write_scenes
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 NUMBER = st.floats(-1e6, 1e6)
 TEXTS = st.text(st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zl", "Zp")))

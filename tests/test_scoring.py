@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.rigs.rig import Workspace
-from vlafuzz.scoring import cell, score
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.search.scoring import cell, score
+from vlafuzz.worlds.manipulation.rigs.rig import Workspace
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SPACE = TinySpace()
 TABLE = SearchSpace(load_operators(), load_catalogue(), "pick-up")

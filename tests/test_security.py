@@ -18,16 +18,16 @@ from tests.clients import groot_server, served, test_openpi
 from tests.clients import test_openvla as test_act
 from tests.packs import box, write_pack
 from tests.sim.scenes import nominal
-from vlafuzz.assets import corpus_dir
 from vlafuzz.campaign.config import default_store
 from vlafuzz.cli import main
-from vlafuzz.clients import msgpack_wire, openvla
-from vlafuzz.clients.profiles import load_profile, options_of
+from vlafuzz.common.assets import corpus_dir
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
-from vlafuzz.objects import open_packs
-from vlafuzz.objects.schema import read_file
-from vlafuzz.regression.folder import read_corpus
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.policies.clients import msgpack_wire, openvla
+from vlafuzz.policies.clients.profiles import load_profile, options_of
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.objects import open_packs
+from vlafuzz.worlds.tabletop.objects.schema import read_file
 
 ROOT = Path(vlafuzz.__file__).parent
 FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from vlafuzz.statistics import (
+from vlafuzz.common.statistics import (
     SignedRank,
     a12,
     fisher,

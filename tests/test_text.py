@@ -1,6 +1,6 @@
 import pytest
 
-from vlafuzz.text import markdown_table, size
+from vlafuzz.common.text import markdown_table, size
 
 
 @pytest.mark.parametrize(

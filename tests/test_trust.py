@@ -13,12 +13,12 @@ from vlafuzz import api
 from vlafuzz.cli import COMMANDS as PLACES
 from vlafuzz.cli import _load, main
 from vlafuzz.cli.trust import named
+from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
-from vlafuzz.plugins import EVERYTHING, check_trusted, trusting
-from vlafuzz.regression.folder import write_corpus
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage.scene_runner import runner_of_run
 from vlafuzz.report.films import RunFilms
 from vlafuzz.store.store import Store
-from vlafuzz.triage.scene_runner import runner_of_run
 
 RAN = "ran.txt"
 MODULE = f"""

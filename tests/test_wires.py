@@ -10,17 +10,17 @@ from scipy.spatial.transform import Rotation
 
 from tests.clients.served import black, seen, start
 from tests.documentation import ROOT, files, text
-from vlafuzz.clients.conventions import OWN
-from vlafuzz.clients.openpi import OpenPi
-from vlafuzz.clients.openvla import OpenVla
-from vlafuzz.clients.profiled import Model, ProfiledOptions
-from vlafuzz.clients.profiles import known_profiles
-from vlafuzz.clients.remote import parse
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.rig import Rig
-from vlafuzz.rigs.robots import GOOGLE, PANDA, WIDOWX
+from vlafuzz.policies.clients.conventions import OWN
+from vlafuzz.policies.clients.openpi import OpenPi
+from vlafuzz.policies.clients.openvla import OpenVla
+from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.remote import parse
 from vlafuzz.rollouts.policies import client, make_policy
-from vlafuzz.sim.maniskill.cameras import WRIST_CAMERA
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, WIDOWX
+from vlafuzz.worlds.tabletop.sim.cameras import WRIST_CAMERA
 
 PAGE = text("docs/wires.md")
 HEIGHTS = {"panda": 224, "widowx": 480, "google": 512}

@@ -23,28 +23,28 @@ from typing import Any
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.conditions.model import Model
-from vlafuzz.deadline import deadline
+from vlafuzz.common.deadline import deadline
+from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.integrations.training import Written, write_demonstrations
-from vlafuzz.plugins import EVERYTHING, OBJECT, trusting
+from vlafuzz.exports.training import Written, write_demonstrations
+from vlafuzz.failures.corpus.bisect import Bisection
+from vlafuzz.failures.corpus.diff import Difference
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies, diff_policies
+from vlafuzz.failures.corpus.regress import Comparison
+from vlafuzz.failures.triage import pipeline
+from vlafuzz.failures.triage.jobs import Allowance
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.failures.triage.summary import TriageSummary, summarise
+from vlafuzz.model.label import Model
 from vlafuzz.policies.base import Policy
-from vlafuzz.regression.bisect import Bisection
-from vlafuzz.regression.diff import Difference
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.policies import bisect_checkpoints, compare_policies, diff_policies
-from vlafuzz.regression.regress import Comparison
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.search.base import looks_for_causes
-from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredFinding, StoredResults
-from vlafuzz.triage import pipeline
-from vlafuzz.triage.jobs import Allowance
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.triage.summary import TriageSummary, summarise
-from vlafuzz.watch import SILENT, Watch
+from vlafuzz.worlds.evaluation import Film
 
 
 def fuzz(

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vlafuzz.errors import PrerequisiteError, SceneError, install
-from vlafuzz.evidence import Rate, Solver
+from vlafuzz.model.evidence import Rate, Solver
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import ListedCause, causes_of
 from vlafuzz.report.effects import draws
 from vlafuzz.report.standings import Standing, standings_of
 from vlafuzz.report.view import Card
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Literal, get_args
 
-from vlafuzz.assets import corpus_dir
-from vlafuzz.integrations.selection import Wanted, around, at_random, failures_of_corpus, failures_of_store
-from vlafuzz.regression.folder import read_corpus
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.exports.selection import Wanted, around, at_random, failures_of_corpus, failures_of_store
+from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.store.store import Store
 
 # Random scenes; failing ones; certified minimal ones with their passing counterparts; or failing ones that

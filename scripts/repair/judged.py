@@ -10,14 +10,14 @@ from pathlib import Path
 
 from eval_mini import draw
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.recording import Recording
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 JOB = 20  # scenes
 

@@ -13,13 +13,13 @@ from PIL import Image
 
 from repair import figures, judged
 from repair.figures import SHIPPED, Estimate, Row
+from vlafuzz.common.text import interval, percent, points
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
 from vlafuzz.report.page import render_sheet
 from vlafuzz.report.sheet import Picture, Sheet
 from vlafuzz.report.view import Table
-from vlafuzz.scene import Scene
-from vlafuzz.sim.recording import Recording
-from vlafuzz.text import interval, percent, points
+from vlafuzz.worlds.recording import Recording
 
 STRIPS, FRAMES = 3, 6  # scenes of each way to end, and frames of a rollout
 WAYS = {

@@ -12,11 +12,11 @@ from make_demos import Demonstrator
 from mini_data import write
 
 from repair.arms import Kind, wanted
-from vlafuzz.integrations.selection import Wanted
-from vlafuzz.outcome import Verdict
+from vlafuzz.exports.selection import Wanted
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 SPARE = 3  # scenes for each demonstration: some are not fair, and some the expert does not solve
 JOB = 10  # demonstrations, in a folder of their own

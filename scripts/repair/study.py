@@ -13,7 +13,7 @@ from repair import judged, shown, steps
 from repair.arms import ARMS, KINDS
 from repair.steps import once, side_by_side, together, train
 from vlafuzz.policies.mini.policy import SHIPPED
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 ROUND = 100  # seeds from one round to the next
 Policies = Mapping[str, Path]  # weights by name: arm and repetition, such as failed-0

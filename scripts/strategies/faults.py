@@ -15,13 +15,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome, Rollout
-from vlafuzz.scene import Scene
-from vlafuzz.sim.toy import Signal
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.lab.toy import Signal
+from vlafuzz.model.outcome import Outcome, Rollout
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SAMPLES = 10_000  # random scenes that prevalence is measured with: ten of them lie in the rarest fault
 SOONEST, LATEST = 10, 70  # control steps until success

@@ -9,19 +9,19 @@ from functools import cache
 import numpy as np
 
 from strategies.faults import Density, World, space_of, world
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.execute.base import evaluate_safely
-from vlafuzz.objects import Catalogue
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Policy
+from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Evaluator
-from vlafuzz.space import load_operators
-from vlafuzz.space.stored import visible_json
-from vlafuzz.tasks.base import State
-from vlafuzz.tasks.tabletop import LIFTED
+from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.manipulation.stored import visible_json
+from vlafuzz.worlds.tabletop.objects import Catalogue
+from vlafuzz.worlds.tabletop.space import load_operators
+from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.tasks import LIFTED
 
 STEADY = 2  # control steps that a lifted object is held before it is let go: the stage counts as reached
 OPEN, CLOSED = 1.0, -1.0  # commands of the built-in policies to the gripper

@@ -13,7 +13,7 @@ from strategies.arms import ATTRIBUTION, RANDOM_TRIAGE, Setting, arms, splits_of
 from strategies.faults import Density, world
 from strategies.faulty import simulated
 from strategies.results import Row, estimate, shown, side_by_side
-from vlafuzz.statistics import holm, mean_estimate, mean_ratio, signed_rank
+from vlafuzz.common.statistics import holm, mean_estimate, mean_ratio, signed_rank
 
 BASES = {"triage": RANDOM_TRIAGE, "attribution": ATTRIBUTION}
 SIMULATOR = "simulator"

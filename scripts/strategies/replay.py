@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.vlatest.read import read_vlatest
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.pool import Selection
 from vlafuzz.search.registry import strategy_factory
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.search.scoring import Score
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.vlatest.read import read_vlatest
 
 LABELS = "all-correct-task.json"
 LEAST = 50  # passes of a VLA, to be included

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 
 from rich.progress import track
 
-from vlafuzz.statistics import Estimate, holm, mean_estimate, mean_ratio, signed_rank
+from vlafuzz.common.statistics import Estimate, holm, mean_estimate, mean_ratio, signed_rank
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"}
 RANDOM = "random"

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score, score
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Proposal, Strategy, batch_of, overlaps
-from vlafuzz.space import SearchSpace
+from vlafuzz.search.scoring import Score, score
+from vlafuzz.worlds.tabletop.space import SearchSpace
 
 MOST_IDLE = 800  # proposals without a rollout after which a strategy has nothing left to propose
 Tried = tuple[Scene, Score]  # a scene that took a rollout

@@ -16,18 +16,18 @@ from typing import Any
 from strategies.results import side_by_side
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
-from vlafuzz.compare.certified import certify, uncertified
-from vlafuzz.compare.comparison import Comparison, compare_runs
-from vlafuzz.compare.failures import CountedRun, count_run, with_causes
-from vlafuzz.compare.plots import plot
-from vlafuzz.compare.verdicts import corrected
+from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.space import SearchSpace
-from vlafuzz.space.stored import stored_operators
+from vlafuzz.failures.triage.scene_runner import runner_of_run
+from vlafuzz.lab.compare.certified import certify, uncertified
+from vlafuzz.lab.compare.comparison import Comparison, compare_runs
+from vlafuzz.lab.compare.failures import CountedRun, count_run, with_causes
+from vlafuzz.lab.compare.plots import plot
+from vlafuzz.lab.compare.verdicts import corrected
 from vlafuzz.store.store import Store
-from vlafuzz.triage.scene_runner import runner_of_run
-from vlafuzz.watch import SILENT
+from vlafuzz.worlds.manipulation.stored import stored_operators
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 
 from strategies.search import search
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Scene
+from vlafuzz.lab.toy import Region, Signal, Toy, among, band, near
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.registry import strategy_factory
-from vlafuzz.sim.toy import Region, Signal, Toy, among, band, near
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 TASK = "pick-up"
 SAMPLES = 20_000  # scenes to measure a region's share with: 100 of them are in a region of 0.5 %

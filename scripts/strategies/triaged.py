@@ -10,13 +10,13 @@ from itertools import zip_longest
 from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
 from strategies.search import Tried
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
+from vlafuzz.failures.triage.oracle import CERTIFYING
+from vlafuzz.failures.triage.triager import Triager
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.triage.oracle import CERTIFYING
-from vlafuzz.triage.triager import Triager
+from vlafuzz.worlds.tabletop.space import SearchSpace
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 NEVER_RESET = frozenset({"target-type"})  # by triage, which therefore does not name it
 

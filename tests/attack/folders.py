@@ -19,13 +19,13 @@ from tests.attack import mutators, samples
 from tests.attack.readers import Reader, Rng, cache_in
 from tests.clients.served import STATE
 from vlafuzz.errors import VlafuzzError
-from vlafuzz.objects import load_catalogue, open_packs
+from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.mini.policy import CARD
-from vlafuzz.regression.folder import read_corpus
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 
 SECRET = "a-word-from-elsewhere"
 _SHOWN = [base64.b64encode(SECRET.encode()[start:])[2:-4].decode() for start in range(3)]

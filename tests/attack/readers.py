@@ -17,16 +17,16 @@ import yaml
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv
-from vlafuzz.clients.profiles import load_profile
-from vlafuzz.diagnostics.lint import lint
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.scene_lines import is_document
-from vlafuzz.formats.vlatest.files import read_scene_file
-from vlafuzz.objects import load_catalogue, open_packs
+from vlafuzz.model.scene_lines import is_document
+from vlafuzz.policies.clients.profiles import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.tasks.instructions import load_wordings
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.tabletop.instructions import load_wordings
+from vlafuzz.worlds.tabletop.lint import lint
+from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.vlatest.files import read_scene_file
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]

@@ -18,15 +18,15 @@ from tests.regression.corpora import case, make_corpus
 from tests.report.stores import MANIFEST
 from tests.report.stores import store as write_store
 from tests.sim.scenes import CATALOGUE, CROWD, nominal
-from vlafuzz.assets import operators_dir
-from vlafuzz.clients import profiles
+from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import UsageError
-from vlafuzz.formats.vlatest.write import write_vlatest
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.clients import profiles
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
 
 
 @cache

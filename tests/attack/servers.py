@@ -20,10 +20,10 @@ from tests.attack.readers import Reader, Rng
 from tests.attack.wires import ACTIONS, array_of, frame_of
 from tests.clients.faults import Drifting
 from tests.clients.served import STATE, seen, start
-from vlafuzz.clients import wire
-from vlafuzz.clients.openvla import encode
+from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.openvla import encode
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving.serve import serving
 
 
 @contextmanager

@@ -11,13 +11,13 @@ from typing import Any
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.attack.readers import Reader, Rng
-from vlafuzz.conditions import place
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.pairs import probes
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.pairs import probes
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import place
 
 
 def changed_corpus(rng: Rng, folder: Path) -> Path:

@@ -6,7 +6,7 @@ import pytest
 
 from tests.attack import samples, servers
 from tests.attack.counting import TARGETS, count, reaction
-from vlafuzz import reading
+from vlafuzz.common import reading
 
 COSTLY = {"store rows": 4, "meshes": 4, "triage": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
 

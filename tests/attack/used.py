@@ -15,10 +15,10 @@ from tests.attack.readers import Reader, Rng
 from tests.attack.stored import changed_corpus, changed_store
 from tests.doubles import ClosedForm, passed
 from vlafuzz.campaign import replay as replaying
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.deviations import unusual
 from vlafuzz.rollouts.policies import built_in
-from vlafuzz.scene import Scene
 
 PLACES = ("campaign.launch", "campaign.replay", "triage.scene_runner")
 RUN = {

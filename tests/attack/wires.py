@@ -14,15 +14,15 @@ from tests.attack import mutators
 from tests.attack.readers import Reader, Rng
 from tests.clients import groot_server
 from tests.clients.served import black, seen, start
-from vlafuzz.clients import msgpack_wire
-from vlafuzz.clients.groot import Groot
-from vlafuzz.clients.msgpack_wire import pack_groot, pack_openpi, pack_vla_eval
-from vlafuzz.clients.openpi import OpenPi
-from vlafuzz.clients.openvla import ActSession, OpenVla
-from vlafuzz.clients.profiled import Model
-from vlafuzz.clients.remote import parse
-from vlafuzz.clients.vla_eval import Messages, VlaEval
-from vlafuzz.clients.vla_eval_spec import spec_of
+from vlafuzz.policies.clients import msgpack_wire
+from vlafuzz.policies.clients.groot import Groot
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, pack_openpi, pack_vla_eval
+from vlafuzz.policies.clients.openpi import OpenPi
+from vlafuzz.policies.clients.openvla import ActSession, OpenVla
+from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.remote import parse
+from vlafuzz.policies.clients.vla_eval import Messages, VlaEval
+from vlafuzz.policies.clients.vla_eval_spec import spec_of
 
 ACTIONS = np.tile([0.01, 0.0, -0.01, 0.0, 0.1, 0.0, 1.0], (3, 1))
 HELLO = {

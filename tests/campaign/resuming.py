@@ -15,11 +15,11 @@ from tests.doubles import (
 )  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Proposal
+from vlafuzz.search.scoring import Score
 from vlafuzz.store.store import Store
 
 SPACE = TinySpace()

@@ -4,7 +4,7 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, trial
 from vlafuzz.campaign.results import beside_random
-from vlafuzz.statistics import newcombe
+from vlafuzz.common.statistics import newcombe
 from vlafuzz.store.store import Store
 
 

@@ -10,10 +10,10 @@ from tests.doubles import STAGES, Backwards, Scripted, TinySpace, manifest, scen
 from tests.triage.planted import CONDITIONS, SPACE
 from tests.triage.runners import PlantedEvaluator
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.probability import Probability
-from vlafuzz.scene import Scene
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Cause, Genome
+from vlafuzz.search.probability import Probability
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.records import Attribution

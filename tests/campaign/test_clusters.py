@@ -3,9 +3,9 @@ import pytest
 
 from tests.doubles import scene
 from vlafuzz.campaign.results import RADIUS, clusters
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 
 def place(scene: Scene) -> np.ndarray:

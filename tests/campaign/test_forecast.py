@@ -7,9 +7,9 @@ import pytest
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import Forecast, Speed, at_a_time, usual_speed
-from vlafuzz.deadline import Deadline
-from vlafuzz.execute.registry import Place
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.policies.controls import Random
+from vlafuzz.rollouts.registry import Place
 
 SLOW = Speed(answer=0.5, simulator=0.0, batch=8, batched=0.8, words="measured: an answer takes 0.5 s")
 

@@ -24,8 +24,8 @@ from tests.doubles import (
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store

@@ -8,12 +8,12 @@ from tests.doubles import Always, ClosedForm, manifest
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.launch import WantedRun, do_missing, note_places, stored_run
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.watch import SILENT, Watch
 
 
 class Told(Watch):

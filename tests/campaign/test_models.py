@@ -11,11 +11,11 @@ from tests.doubles import ClosedForm
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.cli import main
-from vlafuzz.clients.servers import guesses, names_its_model
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.policies.clients.servers import guesses, names_its_model
 from vlafuzz.policies.mini.policy import SHIPPED
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving.serve import serving
 from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store
 

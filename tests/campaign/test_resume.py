@@ -23,12 +23,12 @@ from tests.doubles import (
     scene,
 )  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.deadline import Deadline
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.execute.until import Until
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import LocalExecutor
+from vlafuzz.rollouts.until import Until
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
@@ -205,7 +205,7 @@ RUN = """
 import sys, time
 from pathlib import Path
 from tests.campaign.resuming import Moody, play
-from vlafuzz.execute.base import LocalExecutor
+from vlafuzz.rollouts.executor import LocalExecutor
 
 class Slow(Moody):
     def evaluate(self, scenes):

@@ -9,9 +9,9 @@ from tests.doubles import ClosedForm
 from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 IDLE = ("--policy", "python:tests.doubles:make_idle")
 SMALL = (

@@ -9,8 +9,8 @@ import pytest
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.triage import scene_runner as runner
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage import scene_runner as runner
 
 OPENED: list[str] = []
 

@@ -10,8 +10,8 @@ from tests.triage.planted import CONDITIONS
 from tests.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
+from vlafuzz.failures.triage import scene_runner
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 RUN = ("run", "--policy", "python:tests.doubles:make_idle", "--unchecked", "--store", "a.db")
@@ -137,7 +137,7 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
 def test_no_cause_is_begun_for_which_there_is_no_time(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("vlafuzz.triage.pipeline.pace", lambda *_: 1e4)
+    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 1e4)
     assert main([*CAUSES, "--time", "5m"]) == 0
     printed = capsys.readouterr()
     assert "no cause is certified: one takes about" in printed.err

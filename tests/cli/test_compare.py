@@ -13,9 +13,9 @@ from tests.doubles import Raising
 from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.outcome import Outcome
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ import pytest
 from tests.doubles import scene
 from tests.report.stores import store
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.model.scene_lines import write_scenes
 
 
 def scenes(folder: Path) -> Path:

@@ -12,13 +12,13 @@ from tests.regression.sides import RuleRunner
 from tests.regression.test_export import CheckingRunner
 from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
-from vlafuzz.regression.corpus import Case
-from vlafuzz.regression.diff import known
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.scene import Scene
+from vlafuzz.failures.corpus.corpus import Case
+from vlafuzz.failures.corpus.diff import known
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 TILTED = CONDITIONS["camera-orientation"][0]
 

@@ -9,9 +9,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from vlafuzz import renderer
 from vlafuzz.cli import doctor, main
-from vlafuzz.diagnostics import Check, before_run, machine
+from vlafuzz.doctor import Check, before_run, machine
+from vlafuzz.worlds.tabletop import renderer
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
 NONE = renderer.Renderer(None, None, "Vulkan finds no device")

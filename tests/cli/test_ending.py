@@ -13,9 +13,9 @@ import pytest
 from tests.doubles import ClosedForm, Idle
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.harness import release
-from vlafuzz.scene import Scene
 
 FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12", "--store", "a.db")
 HERE = "python:tests.cli.test_ending"
@@ -130,7 +130,8 @@ sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))
 def test_an_interruption_that_is_swallowed_ends_the_command_all_the_same():
     swallowing = """
 import time
-from vlafuzz.cli import ending, listings
+from vlafuzz.cli import ending
+from vlafuzz.cli import listings
 ending.GRACE = 0.1
 def swallow(*_):
     try:

@@ -12,7 +12,7 @@ import pytest
 
 from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.cli import main
-from vlafuzz.diagnostics import two_processes
+from vlafuzz.doctor import two_processes
 from vlafuzz.policies.base import Policy
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.store.store import Store

@@ -7,13 +7,13 @@ from tests.doubles import failed, manifest
 from tests.regression.test_export import CheckingRunner
 from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import load_scenes
-from vlafuzz.integrations.selection import Which, failures_of_store
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.scene import Scene
+from vlafuzz.exports.selection import Which, failures_of_store
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 TILTED = CONDITIONS["camera-orientation"][0]
 

@@ -10,9 +10,9 @@ import pytest
 from tests.doubles import ClosedForm, failed, passed
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import load_scenes, load_verdicts, write_scenes
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import load_scenes, load_verdicts, write_scenes
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 

@@ -74,7 +74,7 @@ def test_a_corpus_has_findings_too(capsys):
 
 def test_a_corpus_that_takes_hours_is_said_to(tmp_path, monkeypatch, capsys):
     path = made_up(tmp_path / "a.db")
-    monkeypatch.setattr("vlafuzz.regression.export.pace", lambda *_: 18.0)
+    monkeypatch.setattr("vlafuzz.failures.corpus.export.pace", lambda *_: 18.0)
     assert main(["findings", str(path)]) == 0
     said = capsys.readouterr().out
     assert re.search(

@@ -7,7 +7,7 @@ import pytest
 from tests.doubles import manifest
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import load_scenes
+from vlafuzz.model.scene_lines import load_scenes
 
 UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
 

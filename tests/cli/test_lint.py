@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.scene import Light, Placement, Scene
+from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.model.scene_lines import write_scenes
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
 CROWDED = Scene(
@@ -130,7 +130,7 @@ def vlatest(folder: Path, apart: float) -> Path:
 def test_vlatests_files_are_read_without_the_simulator(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("vlafuzz.diagnostics.lint._settle", None)
+    monkeypatch.setattr("vlafuzz.worlds.tabletop.lint._settle", None)
     assert main(["lint", "--json", str(vlatest(tmp_path, 0.04))]) == 1
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["scenes"], row["geometry"]) == (1, 1)

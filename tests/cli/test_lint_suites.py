@@ -3,8 +3,8 @@ import json
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.diagnostics import suites
-from vlafuzz.sim.audit import AuditedSuite, AuditedTask, Defect
+from vlafuzz.doctor import suites
+from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
 
 BROKEN = AuditedTask("s/1", "take the bowl", 3, (Defect(2, "slides", "bowl slides by 6.2 cm", 0.062),))
 SOUND = AuditedTask("s/2", "take the can", 3, ())
@@ -63,7 +63,7 @@ def test_what_does_not_fit_is_refused(audited, words, message, capsys):
 
 
 def test_without_the_packages_of_a_world_one_sentence_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.sim.libero.packages._NEEDED", ("no_such_package",))
+    monkeypatch.setattr("vlafuzz.worlds.libero.packages._NEEDED", ("no_such_package",))
     assert main(["lint", "libero:libero_goal"]) == 3
     err = capsys.readouterr().err
     assert "not installed: no_such_package" in err

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.cli import main
-from vlafuzz.objects import load_catalogue
-from vlafuzz.space import OPERATORS
-from vlafuzz.space.operators import EXTRAS
+from vlafuzz.worlds.manipulation.operators import EXTRAS
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import OPERATORS
 
 
 def test_operators_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.scene import Placement, Scene
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 
 

@@ -13,13 +13,13 @@ from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.outcome import Outcome
-from vlafuzz.regression import pace
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.scene import Scene
-from vlafuzz.space import load_operators
-from vlafuzz.space.stored import operators_json
-from vlafuzz.triage import scene_runner as runner
+from vlafuzz.failures.corpus import pace
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.tabletop.space import load_operators
 
 RULES = {
     "idle": lambda shown: shown.light.intensity >= 0.5,  # as recorded
@@ -176,7 +176,7 @@ def test_junit_is_written(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vlafuzz.regression.policies.probe_once", lambda: SimpleNamespace(works=True))
+    monkeypatch.setattr("vlafuzz.failures.corpus.policies.probe_once", lambda: SimpleNamespace(works=True))
     film = SimpleNamespace(still=b"jpeg")
     monkeypatch.setattr(RuleRunner, "film", lambda self, scene: film, raising=False)
     assert regress("pinhole", "--whole", "--summary", "a.md", "--sarif", "a.sarif") == 1

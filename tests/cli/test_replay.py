@@ -10,8 +10,8 @@ from tests.doubles import failed, manifest, passed
 from tests.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.scene import Light, Placement
+from vlafuzz.model.scene import Light, Placement
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.records import Triaged, Trial
 from vlafuzz.store.store import Store
 
@@ -79,7 +79,7 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
 
 def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkeypatch):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
-    monkeypatch.setattr("vlafuzz.sim.maniskill.evaluator.ManiSkillEvaluator.evaluate", None)
+    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.evaluator.ManiSkillEvaluator.evaluate", None)
     arguments = [str(tmp_path / "s.jsonl"), "--policy", "expert", "--seen", str(tmp_path / "seen.png")]
     assert main(["replay", *arguments]) == 2
     assert capsys.readouterr().err.startswith("error: policy 'expert' asks for no pictures")

@@ -4,12 +4,12 @@ import pytest
 
 from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
-from vlafuzz import renderer
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.renderer import Renderer
-from vlafuzz.triage import scene_runner as runner
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.worlds.tabletop import renderer
+from vlafuzz.worlds.tabletop.renderer import Renderer
 
 
 class FilmDesk:

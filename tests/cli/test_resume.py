@@ -12,8 +12,8 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.resume import resume
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.plugins import EVERYTHING, trusting
+from vlafuzz.common.plugins import EVERYTHING, trusting
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.store.store import Store
 
@@ -170,7 +170,7 @@ def test_another_version_than_then_is_refused(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    monkeypatch.setattr("vlafuzz.conditions.provenance.commit", lambda: "another")
+    monkeypatch.setattr("vlafuzz.worlds.provenance.commit", lambda: "another")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "run 1 was made by another version: its commit differs (" in message
     assert "another now)" in message
@@ -193,7 +193,7 @@ def test_a_run_of_an_unknown_place_can_only_be_started_anew(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     with monkeypatch.context() as earlier:
-        earlier.setattr("vlafuzz.conditions.provenance.place.here", lambda *_, **__: "")
+        earlier.setattr("vlafuzz.worlds.provenance.place.here", lambda *_, **__: "")
         cut(monkeypatch, "--budget", "20", "--store", "a.db")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "a.db: run 1 was made at a place that is not known" in message

@@ -10,11 +10,11 @@ from tests.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
-from vlafuzz.deadline import Deadline
-from vlafuzz.diagnostics import before_run
-from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.doctor import before_run
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 NAMES = ["failed", "passed", "invalid", "error"]
@@ -71,7 +71,7 @@ def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(
 
     assert main(["run", *IDLE, "--time", "soon"]) == 2
     assert capsys.readouterr().err.startswith("error: --time: expected a time, got 'soon'")
-    monkeypatch.setattr("vlafuzz.deadline.deadline", lambda flag, text: Short())
+    monkeypatch.setattr("vlafuzz.common.deadline.deadline", lambda flag, text: Short())
     assert main(["run", *IDLE, "--budget", "100", "--store", "a.db", "--time", "1h", "--json"]) == 0
     printed = capsys.readouterr()
     assert 0 < json.loads(printed.out)["rollouts"] < 20

@@ -4,7 +4,7 @@ import pytest
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.cli.run import note_defaults
-from vlafuzz.renderer import Renderer
+from vlafuzz.worlds.tabletop.renderer import Renderer
 
 
 def planned(**flags) -> Plan:
@@ -24,7 +24,9 @@ def test_a_run_says_when_its_batch_leaves_cores_idle(
 def test_a_run_says_why_its_policy_needs_no_pictures(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("vlafuzz.renderer.probe_once", lambda: Renderer(None, None, "no device"))
+    monkeypatch.setattr(
+        "vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device")
+    )
     note_defaults(planned(), {})
     assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
     note_defaults(planned(), {"policy": "frozen"})

@@ -10,10 +10,10 @@ from tests.doubles import Always, ClosedForm, Gone, failed, passed, rollout
 from tests.packs import box, write_pack
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Camera, Scene
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Camera, Scene
 from vlafuzz.store.store import Store
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SMALL = ("--policy", "python:tests.doubles:make_idle", "--scenes", "6", "--out", "out")
 

@@ -3,15 +3,15 @@ from pathlib import Path
 
 import pytest
 
-import vlafuzz.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
+import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
 from tests.doubles import failed, manifest
 from tests.triage.planted import CONDITIONS, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.cli import main
-from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage import scene_runner as runner
 
 TILTED = CONDITIONS["camera-orientation"][0]
 
@@ -77,7 +77,7 @@ def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys: pytest.C
 def test_with_a_time_it_says_how_many_findings_that_is(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("vlafuzz.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
+    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
     assert main(["triage", "a.db", "--time", "2m"]) == 0
     said = "in 120 s (--time): about 1 of 3 findings, which take about 60 s each"
     assert said in capsys.readouterr().err

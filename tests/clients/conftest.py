@@ -6,7 +6,7 @@ import pytest
 @pytest.fixture
 def no_pause(monkeypatch):
     """No pauses between attempts to connect."""
-    from vlafuzz.clients import wire
+    from vlafuzz.policies.clients import wire
 
     monkeypatch.setattr(wire, "PAUSES", (0.0, 0.0))
 
@@ -15,7 +15,7 @@ def no_pause(monkeypatch):
 def opened(monkeypatch):
     """All connections that a test opens, which it must close."""
     from tests.clients.served import still_open
-    from vlafuzz.clients import websocket_connection as sockets
+    from vlafuzz.policies.clients import websocket_connection as sockets
 
     connections, connect = [], sockets.connect
     monkeypatch.setattr(

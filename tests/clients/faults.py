@@ -17,10 +17,10 @@ import zmq
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from vlafuzz.clients.groot import GrootOptions
-from vlafuzz.clients.msgpack_wire import pack_groot, unpack_groot
-from vlafuzz.clients.wire import ROLLOUT
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.clients.groot import GrootOptions
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
+from vlafuzz.policies.clients.wire import ROLLOUT
 
 HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
 NAMES, TASK = GrootOptions().action_key.split(","), GrootOptions().instruction_key

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tests.clients.served import seen, start
-from vlafuzz.clients.msgpack_wire import pack_groot, pack_openpi, unpack_openpi
-from vlafuzz.clients.openvla import decode, request
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, pack_openpi, unpack_openpi
+from vlafuzz.policies.clients.openvla import decode, request
 from vlafuzz.policies.controls import Random
-from vlafuzz.serving.serve import serving
+from vlafuzz.policies.serving.serve import serving
 
 OTHERS = os.environ.get("VLAFUZZ_OTHERS")
 GOLDEN = Path(__file__).parent / "golden"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.clients.conventions import LAYOUTS, OWN, ROTATIONS, SCALED, Convention
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, ROTATIONS, SCALED, Convention
 
 WRITTEN = {
     "axis_angle": lambda turn: turn.as_rotvec(),

@@ -16,14 +16,14 @@ from tests.clients.faults import Drifting, Faults, drawn, free_port, groot, rela
 from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE
 from vlafuzz.cli import main
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.execute.lockstep import LockstepExecutor
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene_lines import write_scenes
+from vlafuzz.policies.serving.serve import serving
+from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving.serve import serving
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 PROTOCOLS = ("vla-eval", "openpi", "http", "groot")
 STALL = 4.0  # seconds; a server gets half of it to answer, enough on a busy machine

@@ -11,14 +11,14 @@ import pytest
 from tests.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy, parts, served
 from tests.clients.served import STATE, black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
-from vlafuzz.clients.msgpack_wire import pack_groot, unpack_groot
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import Observation
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import check_policy_name, make_policy
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
 STILL = np.array([[0.0] * 6 + [1.0]], dtype=np.float32)

@@ -15,11 +15,11 @@ import pytest
 from websockets.server import ServerProtocol
 
 from tests.clients.served import HELLO, message, scripted, seen, start
-from vlafuzz.clients import openvla
-from vlafuzz.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
-from vlafuzz.clients.openvla import decode
-from vlafuzz.clients.wire import short
 from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.policies.clients import openvla
+from vlafuzz.policies.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
+from vlafuzz.policies.clients.openvla import decode
+from vlafuzz.policies.clients.wire import short
 from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("no_pause")

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vlafuzz.clients.interface import interface_of
-from vlafuzz.clients.profiled import Model
-from vlafuzz.clients.servers import options_of
-from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, PolicySpec
+from vlafuzz.policies.clients.interface import interface_of
+from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.servers import options_of
+from vlafuzz.worlds.provenance import described
 
 OWN = np.array([0.1, 0.2, 0.3, 3.0, 0.0, 0.0, 0.5], np.float32)
 

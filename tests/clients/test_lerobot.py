@@ -20,9 +20,9 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz.clients.lerobot import Card, LeRobot, LeRobotOptions, fitted
-from vlafuzz.clients.remote import parse
 from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.policies.clients.lerobot import Card, LeRobot, LeRobotOptions, fitted
+from vlafuzz.policies.clients.remote import parse
 from vlafuzz.rollouts.policies import check_policy_name, is_shared, make_policy
 
 THERE = os.environ.get("VLAFUZZ_LEROBOT")
@@ -154,7 +154,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.utils import prepare_observation_for_inference
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.clients.conventions import LAYOUTS
+from vlafuzz.policies.clients.conventions import LAYOUTS
 from vlafuzz.rollouts.policies import make_policy
 
 folder, stepwise = sys.argv[1], sys.argv[2] == "diffusion"

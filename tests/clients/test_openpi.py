@@ -12,8 +12,8 @@ import pytest
 import websockets.sync.server
 
 from tests.clients.served import CLOSE, HANG, STATE, black, seen, start, still_open
-from vlafuzz.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
 

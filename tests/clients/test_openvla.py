@@ -14,13 +14,13 @@ import pytest
 
 from tests.clients.served import black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
-from vlafuzz.clients.openvla import decode, encode, request
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.clients.openvla import decode, encode, request
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: see test_conformance
 PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)

@@ -7,18 +7,18 @@ import pytest
 
 from tests.documentation import text
 from vlafuzz.cli import main
-from vlafuzz.clients.groot import GrootOptions
-from vlafuzz.clients.lerobot import LeRobotOptions
-from vlafuzz.clients.openpi import OpenPi, OpenPiOptions
-from vlafuzz.clients.openvla import ActOptions, OpenVla
-from vlafuzz.clients.profiled import Model, ProfiledOptions
-from vlafuzz.clients.profiles import known_profiles
-from vlafuzz.clients.remote import parse
-from vlafuzz.clients.servers import client
-from vlafuzz.clients.vla_eval import VlaEval
-from vlafuzz.clients.vla_eval_spec import Hello, spec_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest
+from vlafuzz.policies.clients.groot import GrootOptions
+from vlafuzz.policies.clients.lerobot import LeRobotOptions
+from vlafuzz.policies.clients.openpi import OpenPi, OpenPiOptions
+from vlafuzz.policies.clients.openvla import ActOptions, OpenVla
+from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.remote import parse
+from vlafuzz.policies.clients.servers import client
+from vlafuzz.policies.clients.vla_eval import VlaEval
+from vlafuzz.policies.clients.vla_eval_spec import Hello, spec_of
 from vlafuzz.rollouts.policies import check_policy_name
 
 PAGE = text("docs/servers.md")

@@ -6,10 +6,10 @@ import sys
 import pytest
 
 from tests.documentation import text
-from vlafuzz.clients.conventions import LAYOUTS
-from vlafuzz.clients.remote import VlaEvalOptions, parse
-from vlafuzz.clients.vla_eval import VlaEval
 from vlafuzz.errors import PrerequisiteError, UsageError, install
+from vlafuzz.policies.clients.conventions import LAYOUTS
+from vlafuzz.policies.clients.remote import VlaEvalOptions, parse
+from vlafuzz.policies.clients.vla_eval import VlaEval
 from vlafuzz.rollouts.policies import check_policy_name, known_policies, make_policy
 
 PAGE = text("docs/servers.md")
@@ -125,8 +125,8 @@ def test_it_is_listed_with_its_form():
 @pytest.mark.parametrize("missing", ["msgpack", "websockets"])
 def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
     for module in ("websocket_connection", "msgpack_wire", "vla_eval"):
-        monkeypatch.delitem(sys.modules, f"vlafuzz.clients.{module}", raising=False)
-        monkeypatch.delattr(f"vlafuzz.clients.{module}", raising=False)
+        monkeypatch.delitem(sys.modules, f"vlafuzz.policies.clients.{module}", raising=False)
+        monkeypatch.delattr(f"vlafuzz.policies.clients.{module}", raising=False)
     for name in [name for name in sys.modules if name.split(".")[0] == missing]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, missing, None)

@@ -21,15 +21,15 @@ from tests.clients.served import (
 from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]

@@ -22,15 +22,15 @@ from tests.clients.served import (
 )
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.clients import websocket_connection as sockets
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import Observation, Policy
+from vlafuzz.policies.clients import websocket_connection as sockets
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]

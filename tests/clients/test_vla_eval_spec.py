@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.clients.served import HELLO, STATE
-from vlafuzz.clients.conventions import LAYOUTS, OWN
-from vlafuzz.clients.remote import VlaEvalOptions
-from vlafuzz.clients.vla_eval import Messages
-from vlafuzz.clients.vla_eval_spec import Hello, layout_of, spec_of
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN
+from vlafuzz.policies.clients.remote import VlaEvalOptions
+from vlafuzz.policies.clients.vla_eval import Messages
+from vlafuzz.policies.clients.vla_eval_spec import Hello, layout_of, spec_of
 
 RGB = "rgb_hwc_uint8"
 

@@ -9,12 +9,12 @@ import pytest
 from tests.doubles import failed, manifest, passed
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.compare.certified import certified, certify, known_results, uncertified
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.pipeline import findings_in_order
+from vlafuzz.lab.compare.certified import certified, certify, known_results, uncertified
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import findings_in_order
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from tests.doubles import manifest, scene
-from vlafuzz.compare.comparison import spread
-from vlafuzz.compare.failures import CountedRun, Failure, quality, union
-from vlafuzz.compare.figures import (
+from vlafuzz.lab.compare.comparison import spread
+from vlafuzz.lab.compare.failures import CountedRun, Failure, quality, union
+from vlafuzz.lab.compare.figures import (
     coverage_inverted_distance,
     curves,
     figures,

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import manifest
-from vlafuzz.compare.compare import Job, jobs, stored
 from vlafuzz.errors import UsageError
+from vlafuzz.lab.compare.compare import Job, jobs, stored
 from vlafuzz.store.records import Run
 
 STORE = Path("a.db")

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import pytest
 
-from vlafuzz.compare.figures import Figures
-from vlafuzz.compare.verdicts import Pair, against, corrected
+from vlafuzz.lab.compare.figures import Figures
+from vlafuzz.lab.compare.verdicts import Pair, against, corrected
 
 RUN = Figures(
     run=1, strategy="random", seed=0, rollouts=20, causes=3, triage_rollouts=20, causes_per_100=7.5,

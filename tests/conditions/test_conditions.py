@@ -6,11 +6,11 @@ from dataclasses import fields, replace
 import pytest
 
 from tests.doubles import manifest
-from vlafuzz.conditions.conditions import ASKED, Conditions, Origin, Role
-from vlafuzz.conditions.provenance import described
 from vlafuzz.errors import UsageError
+from vlafuzz.model.conditions import ASKED, Conditions, Origin, Role
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds.provenance import described
 
 BEGUN = Conditions(
     task="pick-up",

@@ -7,12 +7,12 @@ import pytest
 
 from tests.doubles import ClosedForm, scene
 from tests.sim.scenes import CATALOGUE
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Placement
 from vlafuzz.policies.controls import Random
-from vlafuzz.scene import Placement
-from vlafuzz.sim.base import Evaluator
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "closed form": ClosedForm,

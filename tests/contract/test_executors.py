@@ -7,12 +7,12 @@ import pytest
 
 from tests.doubles import Always, ClosedForm, Idle, Raising, passed, scene
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.execute.base import Executor, LocalExecutor
-from vlafuzz.execute.lockstep import LockstepExecutor
-from vlafuzz.execute.processes import ProcessExecutor
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Evaluator
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import Executor, LocalExecutor
+from vlafuzz.rollouts.lockstep import LockstepExecutor
+from vlafuzz.rollouts.processes import ProcessExecutor
+from vlafuzz.worlds.evaluation import Evaluator
 
 
 class Losing(ClosedForm):
@@ -31,7 +31,7 @@ def processes(evaluator: Evaluator) -> ProcessExecutor:
 
 
 def on_ray(evaluator: Evaluator) -> Executor:
-    from vlafuzz.execute.ray import RayExecutor
+    from vlafuzz.rollouts.ray import RayExecutor
 
     return RayExecutor(partial(same, evaluator), workers=1)
 

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.clients.servers import SERVERS, client
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
+from vlafuzz.policies.clients.servers import SERVERS, client
 from vlafuzz.policies.harness import check_chunks
-from vlafuzz.policies.knowledge import Calibration, Privileged
+from vlafuzz.policies.serving.serve import PROTOCOLS, serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
-from vlafuzz.scene import Scene
-from vlafuzz.serving.serve import PROTOCOLS, serving
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.world import SIM_HZ
-from vlafuzz.tasks.tabletop import task
 from vlafuzz.worlds import world_of
+from vlafuzz.worlds.tabletop.experts.knowledge import Calibration, Privileged
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.world import SIM_HZ
+from vlafuzz.worlds.tabletop.tasks import task
 
 SHOWN = [
     pick_up(put("coke_can", -0.05, 0.1)),

@@ -9,13 +9,13 @@ from tests.doubles import TinySpace, scene
 from tests.search.climb import Climb
 from tests.search.worlds import CATALOGUE, space
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import ABLATIONS, STRATEGIES, strategy_factory
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.search.scoring import Score
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SHIPPED = STRATEGIES | ABLATIONS
 MAKERS: dict[str, Callable[[int], Strategy]] = {

@@ -7,10 +7,10 @@ from itertools import count
 import numpy as np
 
 from tests.doubles import failed, passed, scene
-from vlafuzz.diagnostics import Check
-from vlafuzz.diagnostics.wiring import Correction, check_wiring
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.doctor import Check
+from vlafuzz.doctor.wiring import Correction, check_wiring
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 
 CORRECTIONS = [Correction(fault=f"fault {number}", advice="") for number in range(14)]
 Law = Callable[[np.random.Generator], float]  # progress of a rollout; from 1 on it succeeds

@@ -10,11 +10,11 @@ import pytest
 
 from tests.diagnostics.faults import FAULTS, Changed
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.diagnostics import Check
-from vlafuzz.diagnostics.exam import Exam
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.doctor import Check
+from vlafuzz.doctor.exam import Exam
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.watch import SILENT, Watch
 
 Examine = Callable[..., list[Check]]
 

@@ -7,9 +7,9 @@ from tests.clients.served import seen, start
 from tests.clients.test_openpi import scripted
 from tests.diagnostics.planted import SPEC
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.diagnostics import Check
-from vlafuzz.diagnostics.recorder import Moment
-from vlafuzz.diagnostics.two_processes import (
+from vlafuzz.doctor import Check
+from vlafuzz.doctor.recorder import Moment
+from vlafuzz.doctor.two_processes import (
     Rolled,
     check_answers,
     check_simulation,

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, passed
-from vlafuzz.diagnostics import verdicts
-from vlafuzz.diagnostics.probes import Answers, Change
-from vlafuzz.diagnostics.recorder import Break
+from vlafuzz.doctor import verdicts
+from vlafuzz.doctor.probes import Answers, Change
+from vlafuzz.doctor.recorder import Break
 from vlafuzz.errors import PolicyError
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 
 CAMERA = CameraRequest("front", 128, 128)

@@ -8,10 +8,10 @@ import pytest
 
 from tests.diagnostics.simulated import NOTHING, Simulated, skilled, spread
 from tests.doubles import failed, passed, scene
-from vlafuzz.diagnostics.wiring import Corrected, Correction, check_wiring, corrections
-from vlafuzz.outcome import Outcome
+from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
-from vlafuzz.scene import Scene
 
 FIRST, SECOND, THIRD = (
     Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third")

@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 
 
 class Own(Pinhole):

@@ -9,13 +9,13 @@ import pytest
 from tests.doubles import STAGES, ClosedForm, TinySpace, manifest
 from tests.execute.test_processes import TROUBLES, Treacherous, same
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.execute.base import Executor, LocalExecutor
-from vlafuzz.execute.processes import ProcessExecutor
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import Executor, LocalExecutor
+from vlafuzz.rollouts.processes import ProcessExecutor
 from vlafuzz.search.proposals import Random
-from vlafuzz.sim.base import Evaluator
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.evaluation import Evaluator
 
 SPACE = TinySpace()
 FATAL = next(
@@ -39,7 +39,7 @@ def on_processes(evaluator: Evaluator, **options: float) -> Executor:
 
 
 def on_ray(evaluator: Evaluator, **options: float) -> Executor:
-    from vlafuzz.execute.ray import RayExecutor
+    from vlafuzz.rollouts.ray import RayExecutor
 
     return RayExecutor(partial(same, evaluator), 2, **options)  # type: ignore[arg-type]
 

@@ -11,7 +11,7 @@ SCRIPT = """
 import os, time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from vlafuzz.execute import forks
+from vlafuzz.rollouts import forks
 
 if __name__ == "__main__":
     environment = dict(os.environ)

@@ -9,19 +9,19 @@ from tests.doubles import Idle, failed, scene
 from tests.execute.models import Counter
 from tests.search.worlds import sampled
 from tests.sim.scenes import CATALOGUE
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.execute.base import LocalExecutor
-from vlafuzz.execute.lockstep import LockstepExecutor
-from vlafuzz.execute.registry import Place, executor_at
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.pinhole import Pinhole
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.world import World
-from vlafuzz.sim.stepping import Evaluation
+from vlafuzz.rollouts.executor import LocalExecutor
+from vlafuzz.rollouts.lockstep import LockstepExecutor
+from vlafuzz.rollouts.registry import Place, executor_at
+from vlafuzz.worlds.stepping import Evaluation
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.world import World
 
 LONG, SHORT, JUMP, LATE, BROKEN = (scene(light=light) for light in (4.0, 2.0, 1.0, 0.5, 0.25))
 

@@ -12,12 +12,12 @@ import pytest
 
 from tests.doubles import ClosedForm, scene
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.execute import processes
-from vlafuzz.execute.processes import ProcessExecutor
-from vlafuzz.execute.worker_pool import Worker, WorkerPool
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Evaluator
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import processes
+from vlafuzz.rollouts.processes import ProcessExecutor
+from vlafuzz.rollouts.worker_pool import Worker, WorkerPool
+from vlafuzz.worlds.evaluation import Evaluator
 
 DARK, BRIGHT = scene(light=0.25), scene(light=4.0)
 OTHERS = [scene(light=2.0**power) for power in (-3, -1, 0, 1, 2.5, 3)]

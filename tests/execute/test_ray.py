@@ -13,12 +13,12 @@ from tests.doubles import ClosedForm
 from tests.execute.models import Counter
 from tests.execute.test_processes import BRIGHT, DARK, OTHERS, TROUBLES, Treacherous, same
 from vlafuzz.errors import PrerequisiteError, UsageError, install
-from vlafuzz.execute.ray import RayExecutor
-from vlafuzz.execute.registry import Place
-from vlafuzz.execute.shared import share
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
-from vlafuzz.sim.base import Evaluator
+from vlafuzz.rollouts.ray import RayExecutor
+from vlafuzz.rollouts.registry import Place
+from vlafuzz.rollouts.shared import share
+from vlafuzz.worlds.evaluation import Evaluator
 
 pytestmark = pytest.mark.usefixtures("connected")
 MODELS = "python:tests.execute.models"

@@ -15,11 +15,11 @@ import pytest
 from tests.execute.models import Counter, Sleeper, deadly, refused, unmade
 from tests.execute.test_in_simulator import trials
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.execute.shared import PolicyProcess, SharedPolicy, share
-from vlafuzz.execute.worker_pool import Lost
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import is_shared
+from vlafuzz.rollouts.shared import PolicyProcess, SharedPolicy, share
+from vlafuzz.rollouts.worker_pool import Lost
 
 MODELS = "python:tests.execute.models"
 
@@ -167,7 +167,7 @@ def test_nothing_is_left_over_when_the_process_that_shares_is_killed():
     code = """
 import os, signal
 from tests.doubles import make_idle
-from vlafuzz.execute.shared import PolicyProcess
+from vlafuzz.rollouts.shared import PolicyProcess
 print(PolicyProcess("idle", make_idle).address, flush=True)
 os.kill(os.getpid(), signal.SIGKILL)
 """

@@ -9,12 +9,12 @@ from typing import Any
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.formats.vlatest.read import Frame, read_vlatest
-from vlafuzz.formats.vlatest.write import write_vlatest
-from vlafuzz.objects import load_catalogue
-from vlafuzz.rigs.robots import rig
-from vlafuzz.scene import Light, Scene
-from vlafuzz.validity import check_semantic
+from vlafuzz.model.scene import Light, Scene
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.tabletop.fairness import check_semantic
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.vlatest.read import Frame, read_vlatest
+from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
 
 CATALOGUE = load_catalogue()
 UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]

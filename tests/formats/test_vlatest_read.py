@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.formats.vlatest.read import read_vlatest
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Scene
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.vlatest.read import read_vlatest
 
 CATALOGUE = load_catalogue()
 UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vlafuzz.formats.vlatest.read import read_vlatest
-from vlafuzz.formats.vlatest.write import write_vlatest
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.vlatest.read import read_vlatest
+from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
 
 CATALOGUE = load_catalogue()
 IN_FORMAT = ("target-type", "target-position", "target-orientation", "confounder-type", "confounder-position",

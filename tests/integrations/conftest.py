@@ -7,10 +7,10 @@ import pytest
 
 from tests.regression.corpora import case, make_corpus
 from tests.sim.scenes import nominal
-from vlafuzz.outcome import Verdict
-from vlafuzz.plugins import EVERYTHING, trusting
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.common.plugins import EVERYTHING, trusting
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.model.outcome import Verdict
 
 
 @pytest.fixture(scope="session")

@@ -13,17 +13,17 @@ from tests.integrations.test_lerobot import LEROBOT, read_by_lerobot
 from tests.sim.scenes import nominal, pick_up, put
 from tests.triage.test_scene_runner import run
 from vlafuzz.cli import main
-from vlafuzz.clients.profiled import Model
-from vlafuzz.clients.servers import options_of
-from vlafuzz.conditions.provenance import described
-from vlafuzz.formats.scene_lines import load_scenes
-from vlafuzz.integrations.demonstrations import Demonstrations, _key
-from vlafuzz.integrations.expert_runner import ExpertRunner
-from vlafuzz.integrations.selection import around, failures_of_store
+from vlafuzz.exports.demonstrations import Demonstrations, _key
+from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.exports.selection import around, failures_of_store
+from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
-from vlafuzz.scene import Latency, Scene
+from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.servers import options_of
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.provenance import described
 
 CAN, APPLE = nominal(), pick_up(put("apple", 0.02, 0.1))
 INSIDE = pick_up(put("apple", 0.02, 0.1), put("orange", 0.02, 0.1))  # not fair: one in the other

@@ -12,7 +12,7 @@ from vlafuzz.errors import UsageError
 
 
 def test_a_witness_solves_its_scene_and_every_gain_in_progress_is_rewarded(corpus: Path):
-    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    env = gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
     observation, info = env.reset()
     assert (info["case"], observation["instruction"]) == (0, nominal().instruction)
     rewards, ended = 0.0, False
@@ -27,7 +27,7 @@ def test_a_witness_solves_its_scene_and_every_gain_in_progress_is_rewarded(corpu
 
 
 def test_scenes_follow_each_other_or_are_requested(corpus: Path):
-    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    env = gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
     seen = [env.reset()[1]["case"] for _ in range(3)]
     assert [*seen, env.reset(options={"case": 1})[1]["case"]] == [0, 1, 0, 1]
     with pytest.raises(UsageError, match=r"options\['case'\]: 2"):
@@ -38,7 +38,7 @@ def test_scenes_follow_each_other_or_are_requested(corpus: Path):
 
 
 def test_it_is_cut_off_after_sixteen_seconds(corpus: Path):
-    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
+    env = gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus=corpus, size=0)
     env.reset()
     ends = [env.step(np.array([0, 0, 0, 0, 0, 0, 1.0]))[2:4] for _ in range(80)]
     assert ends == [(False, False)] * 79 + [(False, True)]
@@ -48,7 +48,7 @@ def test_it_is_cut_off_after_sixteen_seconds(corpus: Path):
 @pytest.mark.render
 @pytest.mark.filterwarnings("ignore:.*symmetric and normalized:UserWarning")  # metres are metres
 def test_it_is_an_environment_as_gymnasium_wants_it(corpus: Path):
-    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=corpus, size=64)
+    env = gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus=corpus, size=64)
     check_env(env.unwrapped, skip_render_check=True)
     observation, _ = env.reset(options={"case": 0})
     assert observation["image"].shape == (64, 64, 3)

@@ -19,8 +19,8 @@ from PIL import Image
 
 from tests.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.integrations.expert_runner import Demonstration
-from vlafuzz.integrations.packed import packed
+from vlafuzz.exports.expert_runner import Demonstration
+from vlafuzz.exports.packed import packed
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
@@ -71,7 +71,7 @@ def shown(number: int, steps: int) -> Demonstration:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    from vlafuzz.integrations.lerobot import write_dataset
+    from vlafuzz.exports.lerobot import write_dataset
 
     demos = [packed(shown(number, steps)) for number, steps in enumerate(STEPS)]
     assert write_dataset(demos, tmp_path / "shown", 5, "panda", NAMES) == len(STEPS)
@@ -137,7 +137,7 @@ def test_statistics_are_those_of_all_frames(folder: Path):
 
 
 def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from vlafuzz.integrations import lerobot
+    from vlafuzz.exports import lerobot
 
     monkeypatch.setattr(lerobot, "FILE_BYTES", 1)
     lerobot.write_dataset([packed(shown(number, 2)) for number in range(3)], tmp_path, 5, "panda", NAMES)
@@ -182,7 +182,7 @@ def test_flags_that_do_not_go_with_it(
 def test_a_package_that_is_missing(
     corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.delitem(sys.modules, "vlafuzz.integrations.lerobot", raising=False)
+    monkeypatch.delitem(sys.modules, "vlafuzz.exports.lerobot", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     assert main(["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown")]) == 3
     printed = capsys.readouterr().err

@@ -10,11 +10,11 @@ import pytest
 from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
 from tests.sim.meddling import NOMINAL, evaluate, is_lifted, lets_go_at
-from vlafuzz.conditions.provenance import described
-from vlafuzz.integrations.expert_runner import ExpertRunner
-from vlafuzz.outcome import Verdict
+from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionSpec, PolicySpec
-from vlafuzz.regression.folder import read_corpus, write_corpus
+from vlafuzz.worlds.provenance import described
 
 
 @pytest.fixture(scope="module", params=["published", "strict"])
@@ -31,7 +31,7 @@ def folder(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def test_a_corpus_environment_ends_with_the_success_of_its_run(folder: Path):
-    env = gymnasium.make("vlafuzz.integrations.gym:vlafuzz/Corpus-v0", corpus=folder, size=0)
+    env = gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus=folder, size=0)
     env.reset()
     ended = False
     for action in read_corpus(folder).cases[0].witness.actions.astype(np.float64):

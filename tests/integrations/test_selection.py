@@ -8,7 +8,7 @@ import pytest
 from tests.doubles import scene
 from tests.triage.test_scene_runner import run
 from vlafuzz.errors import UsageError
-from vlafuzz.integrations.selection import Failure, around, at_random, split
+from vlafuzz.exports.selection import Failure, around, at_random, split
 
 HERE = Path("a.db")
 

@@ -8,9 +8,9 @@ import pytest
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
-from vlafuzz.regression.folder import read_corpus
+from vlafuzz.failures.corpus.folder import read_corpus
 
-ID = "vlafuzz.integrations.gym:vlafuzz/Corpus-v0"
+ID = "vlafuzz.exports.gym:vlafuzz/Corpus-v0"
 STAY = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]
 UP = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 1.0]
 STEPS = 80  # of an episode that does not succeed

@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 import vla_eval
 
-from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.common.assets import corpus_dir
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.integrations.vla_eval import CorpusBenchmark
-from vlafuzz.objects import load_catalogue
+from vlafuzz.exports.vla_eval import CorpusBenchmark
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.failures.corpus.pairs import probes
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
-from vlafuzz.regression.folder import read_corpus
-from vlafuzz.regression.pairs import probes
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving.serve import serving
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
-NAME = "vlafuzz.integrations.vla_eval:Corpus"  # as users' YAML files have it
+NAME = "vlafuzz.exports.vla_eval:Corpus"  # as users' YAML files have it
 
 
 class Follower:

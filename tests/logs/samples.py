@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vlafuzz.common.text import csv_table
 from vlafuzz.logs.episodes import Episode
-from vlafuzz.text import csv_table
 
 
 def episodes(**outcomes: str) -> list[Episode]:

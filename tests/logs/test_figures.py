@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 
 from tests.logs.samples import episodes
+from vlafuzz.common.statistics import sign_test, wilson
 from vlafuzz.logs.episodes import Episode
 from vlafuzz.logs.figures import rates, recurrence
 from vlafuzz.logs.power import noticeable_loss, power
-from vlafuzz.statistics import sign_test, wilson
 
 
 def test_rates_are_of_all_and_of_each_suite_and_errors_count_for_neither():

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vlafuzz import assets
+from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.objects.catalogue import BUILDER
-from vlafuzz.objects.schema import read_file
-from vlafuzz.objects.textures import paint
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import BUILDER
+from vlafuzz.worlds.tabletop.objects.schema import read_file
+from vlafuzz.worlds.tabletop.objects.textures import paint
 
 GRASPABLE = [
     "pepsi_can",
@@ -161,7 +161,7 @@ def test_a_missing_mesh_is_built_again(tmp_path, monkeypatch):
 
 def test_processes_that_build_at_once_get_the_same_object(tmp_path):
     code = (
-        "from vlafuzz.objects import load_catalogue; model = load_catalogue()['plate'];"
+        "from vlafuzz.worlds.tabletop.objects import load_catalogue; model = load_catalogue()['plate'];"
         "print(model.visual, model.visual.stat().st_size, model.vertices.sum())"
     )
     command = [sys.executable, "-c", code]
@@ -181,7 +181,7 @@ def test_a_cached_catalogue_loads_fast_and_without_mesh_libraries(catalogue):
     assert len(load_catalogue().models) == 20
     assert time.perf_counter() - start < 0.1
     code = (
-        "import sys; from vlafuzz.objects import load_catalogue; load_catalogue().models;"
+        "import sys; from vlafuzz.worlds.tabletop.objects import load_catalogue; load_catalogue().models;"
         "print([name for name in ('trimesh', 'scipy', 'PIL', 'sapien', 'torch') if name in sys.modules])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"

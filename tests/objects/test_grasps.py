@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.objects.grasps import find_grasps
-from vlafuzz.objects.shapes import box
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
+from vlafuzz.worlds.tabletop.objects.shapes import box
 
 CATALOGUE = load_catalogue()
 POSES = [(name, pose.name) for name in CATALOGUE.graspable() for pose in CATALOGUE[name].stable_poses]

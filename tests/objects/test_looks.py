@@ -5,11 +5,11 @@ import pytest
 import sapien
 from PIL import Image
 
-from vlafuzz import assets
-from vlafuzz.objects import load_catalogue
-from vlafuzz.objects.schema import read_file
-from vlafuzz.objects.textures import paint
-from vlafuzz.sim.maniskill.rendering import use_shaders
+from vlafuzz.common import assets
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects.schema import read_file
+from vlafuzz.worlds.tabletop.objects.textures import paint
+from vlafuzz.worlds.tabletop.sim.rendering import use_shaders
 
 pytestmark = pytest.mark.render
 SIDE = 128

@@ -11,13 +11,13 @@ import trimesh
 
 from tests.packs import box, can, tray, write_pack
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.objects import Catalogue, ObjectModel, load_catalogue, open_packs
-from vlafuzz.objects.packs import find_pack, packs_of, spoken
-from vlafuzz.scene import Placement
-from vlafuzz.sim.maniskill.objects import resting_pose
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.validity import check_static
-from vlafuzz.validity.footprint import solid
+from vlafuzz.model.scene import Placement
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.fairness.footprint import solid
+from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs
+from vlafuzz.worlds.tabletop.objects.packs import find_pack, packs_of, spoken
+from vlafuzz.worlds.tabletop.sim.objects import resting_pose
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STICK = box(0.03, 0.03, 0.08)
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"

@@ -5,7 +5,7 @@ import pytest
 import sapien
 from sapien import physx
 
-from vlafuzz.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
 POSES = [(model.name, pose.name) for model in CATALOGUE.models.values() for pose in model.stable_poses]

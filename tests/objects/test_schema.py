@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from vlafuzz import assets
+from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError
-from vlafuzz.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 APPLE = {
     "role": "graspable",

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.policies.expert import ATTEMPTS, GRASPS, Expert
-from vlafuzz.scene import Placement, Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS, GRASPS, Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 RESTS = [
     (name, pose.name)

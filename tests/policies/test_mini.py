@@ -12,20 +12,20 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
 from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
-from vlafuzz.renderer import Renderer
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.tasks.instructions import load_wordings, say
-from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.worlds import default_policy
+from vlafuzz.worlds.tabletop.instructions import load_wordings, say
+from vlafuzz.worlds.tabletop.renderer import Renderer
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
 APPLE, CUBE = put("apple", -0.05, 0.1), put("green_cube", -0.05, -0.12)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.outcome import Verdict
-from vlafuzz.policies.pinhole import Pinhole, _named
-from vlafuzz.scene import Camera, Light, Placement, Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole, _named
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 SCENE = nominal("pick-up")
 
@@ -104,10 +104,10 @@ def test_it_is_told_no_positions():
 @pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.sim.scenes import make_env
-    from vlafuzz.policies.pinhole import OutlineLocalizer
-    from vlafuzz.rigs.camera import camera_pose
-    from vlafuzz.rigs.robots import PANDA
-    from vlafuzz.sim.maniskill.outlines import outlines
+    from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+    from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+    from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer
+    from vlafuzz.worlds.tabletop.sim.outlines import outlines
 
     model = CATALOGUE[name]
     env = make_env()

@@ -7,21 +7,21 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.policies.fitting import Look
-from vlafuzz.policies.knowledge import Calibration
-from vlafuzz.policies.pinhole import Pinhole
-from vlafuzz.policies.seeing import SeeingExpert
-from vlafuzz.rigs.hand import hand_boxes
-from vlafuzz.scene import Camera
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.stored import visible_json
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.manipulation.rigs.hand import hand_boxes
+from vlafuzz.worlds.manipulation.stored import visible_json
+from vlafuzz.worlds.tabletop.experts.fitting import Look
+from vlafuzz.worlds.tabletop.experts.knowledge import Calibration
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 DISPLACED = Camera(distance=0.05, azimuth=90.0, yaw=4.0, roll=-3.0)
 CANS = (put("coke_can", 0.0, 0.2), put("sprite_can", 0.05, -0.2), put("7up_can", -0.18, -0.2))

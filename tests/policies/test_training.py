@@ -11,7 +11,7 @@ import pytest
 from tests.sim.scenes import nominal
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS, Mini
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SCRIPTS = Path(__file__).parents[2] / "scripts"
 pytestmark = [pytest.mark.slow, pytest.mark.render]

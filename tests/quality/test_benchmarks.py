@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vlafuzz.formats.vlatest.write import write_vlatest
-from vlafuzz.objects import load_catalogue
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_strategies.py"
 SAID = ("target-type", "target-position")

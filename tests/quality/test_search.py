@@ -5,8 +5,8 @@ from functools import cache
 import pytest
 
 from tests.search.worlds import EASY, failures, space, toy
+from vlafuzz.lab.toy import Region, Signal, among, band, near
 from vlafuzz.search.registry import STRATEGIES
-from vlafuzz.sim.toy import Region, Signal, among, band, near
 
 REGIONS = {
     "two operators": EASY,

@@ -5,10 +5,10 @@ from base64 import b64decode
 import numpy as np
 
 from tests.doubles import manifest, scene
-from vlafuzz.evidence import Causes, Threshold, Witness
-from vlafuzz.regression.corpus import Case, Control, Corpus, Evidence
-from vlafuzz.scene import Scene
-from vlafuzz.statistics import Share
+from vlafuzz.common.statistics import Share
+from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
+from vlafuzz.model.evidence import Causes, Threshold, Witness
+from vlafuzz.model.scene import Scene
 
 PNG = b64decode(  # one pixel
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="

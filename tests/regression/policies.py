@@ -10,10 +10,10 @@ import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS, Mini
-from vlafuzz.scene import Scene
+from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 STAY = np.array([[0.0] * 6 + [1.0]])
 

@@ -5,12 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tests.doubles import failed, passed, scene
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.pairs import Answer, Group, Probe
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.failures.corpus.pairs import Answer, Group, Probe
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 NO_VERDICT = {
     Verdict.ERROR: Outcome.error("policy: connect"),

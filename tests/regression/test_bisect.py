@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.regression.sides import Planned, flaky, probes
-from vlafuzz.deadline import Deadline
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.outcome import Verdict
-from vlafuzz.regression.bisect import bisect, most_comparisons
-from vlafuzz.regression.breaking import first_broken, likeliest
-from vlafuzz.regression.regress import Recorded
+from vlafuzz.failures.corpus.bisect import bisect, most_comparisons
+from vlafuzz.failures.corpus.breaking import first_broken, likeliest
+from vlafuzz.failures.corpus.regress import Recorded
+from vlafuzz.model.outcome import Verdict
 
 NAMES = [f"step {number}" for number in range(16)]
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.regression.sides import Planned, flaky, probes
-from vlafuzz.outcome import Verdict
-from vlafuzz.regression.regress import Comparison, Recorded, compare
+from vlafuzz.failures.corpus.regress import Comparison, Recorded, compare
+from vlafuzz.model.outcome import Verdict
 
 RECORDED = Recorded("old as recorded")
 CONTROLS, SELECTED = 20, 10  # failing scenes have the numbers 20 to 29, counterparts 30 to 39

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from vlafuzz.regression.e_process import SignTest, wealth
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.failures.corpus.e_process import SignTest, wealth
 
 
 def alarms(worse: float, pairs: int, runs: int, alpha: float = 0.05) -> float:

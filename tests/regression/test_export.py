@@ -10,17 +10,17 @@ from tests.doubles import failed, manifest, passed
 from tests.triage.planted import SPACE
 from tests.triage.runners import PlantedRunner
 from tests.triage.test_pipeline import DARK, TILTED, scenes
+from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.outcome import Outcome
-from vlafuzz.regression.check import FLAKY, UNSOLVED
-from vlafuzz.regression.controls import CONTROL, number_of, record
-from vlafuzz.regression.export import export
-from vlafuzz.scene import Scene
+from vlafuzz.failures.corpus.check import FLAKY, UNSOLVED
+from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
+from vlafuzz.failures.corpus.export import export
+from vlafuzz.failures.triage.path import nominal
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.path import nominal
-from vlafuzz.triage.pipeline import triage
-from vlafuzz.watch import SILENT
 
 
 class CheckingRunner(PlantedRunner):

@@ -16,9 +16,9 @@ from tests.doubles import scene
 from tests.regression.corpora import PNG, case, control, make_corpus
 from tests.test_reading import in_little_memory
 from vlafuzz.errors import CorpusError
-from vlafuzz.formats.scene_lines import load_scenes, write_scenes
-from vlafuzz.regression.corpus import Corpus
-from vlafuzz.regression.folder import is_corpus, read_corpus, thumbnail_path, witness_path, write_corpus
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import is_corpus, read_corpus, thumbnail_path, witness_path, write_corpus
+from vlafuzz.model.scene_lines import load_scenes, write_scenes
 
 
 def plain(corpus: Corpus) -> dict[str, object]:
@@ -167,7 +167,7 @@ def test_nothing_is_left_where_it_cannot_be_written(tmp_path: Path, monkeypatch:
     def full(*_: object) -> None:
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("vlafuzz.regression.folder.write_scenes", full)
+    monkeypatch.setattr("vlafuzz.failures.corpus.folder.write_scenes", full)
     with pytest.raises(CorpusError, match="no space left on device"):
         write_corpus(make_corpus(), tmp_path / "a")
     assert list(tmp_path.iterdir()) == []

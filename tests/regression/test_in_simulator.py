@@ -7,17 +7,17 @@ import pytest
 
 from tests.doubles import manifest
 from tests.regression.corpora import case, make_corpus
-from vlafuzz.assets import corpus_dir
 from vlafuzz.cli import main
-from vlafuzz.conditions.place import here
-from vlafuzz.objects import load_catalogue
-from vlafuzz.regression.controls import draw
-from vlafuzz.regression.corpus import Control
-from vlafuzz.regression.folder import write_corpus
-from vlafuzz.renderer import in_use
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.failures.corpus.controls import draw
+from vlafuzz.failures.corpus.corpus import Control
+from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.stored import operators_json
+from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.place import here
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.renderer import in_use
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 PICK_UP = str(corpus_dir() / "mini-pick-up")
 

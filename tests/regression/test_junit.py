@@ -8,10 +8,10 @@ import pytest
 
 from tests.regression.sides import Planned, probes
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.regression.junit import write_junit
-from vlafuzz.regression.pairs import Answer
-from vlafuzz.regression.regress import Recorded, compare
+from vlafuzz.failures.corpus.junit import write_junit
+from vlafuzz.failures.corpus.pairs import Answer
+from vlafuzz.failures.corpus.regress import Recorded, compare
+from vlafuzz.model.outcome import Outcome, Verdict
 
 
 def compared(rule, bound: int | None = None):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.regression.sides import flaky, probes
-from vlafuzz.regression.power import alarm_probability, power_of
-from vlafuzz.regression.regress import Recorded, compare
+from vlafuzz.failures.corpus.power import alarm_probability, power_of
+from vlafuzz.failures.corpus.regress import Recorded, compare
 
 FIFTH_FAILS = [probe.passed is True for probe in probes(60)]
 

@@ -9,12 +9,12 @@ import pytest
 from tests.doubles import manifest, scene
 from tests.regression.corpora import case, make_corpus
 from tests.regression.sides import Planned, RuleRunner, flaky, probes
-from vlafuzz.outcome import Verdict
-from vlafuzz.regression.controls import CONTROL, REGRESS, number_of
-from vlafuzz.regression.pairs import probes as probes_of
-from vlafuzz.regression.regress import REPEATS, Progress, Recorded, Rerun, compare
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.statistics import wilson
+from vlafuzz.common.statistics import wilson
+from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
+from vlafuzz.failures.corpus.pairs import probes as probes_of
+from vlafuzz.failures.corpus.regress import REPEATS, Progress, Recorded, Rerun, compare
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.worlds.manipulation.jitter import load_jitter
 
 RECORDED = Recorded("old as recorded")
 

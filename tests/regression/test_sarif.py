@@ -7,10 +7,10 @@ from urllib.parse import unquote
 
 from tests.regression.corpora import control, make_corpus
 from tests.regression.sides import Planned
-from vlafuzz.regression.corpus import Control
-from vlafuzz.regression.pairs import probes
-from vlafuzz.regression.regress import Recorded, compare
-from vlafuzz.regression.sarif import write_sarif
+from vlafuzz.failures.corpus.corpus import Control
+from vlafuzz.failures.corpus.pairs import probes
+from vlafuzz.failures.corpus.regress import Recorded, compare
+from vlafuzz.failures.corpus.sarif import write_sarif
 
 HOSTILE = "open [the report](http://gpu/?) of {0} \\\\"
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from vlafuzz.assets import corpus_dir
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
-from vlafuzz.regression.corpus import Corpus
-from vlafuzz.regression.folder import is_corpus, read_corpus
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.validity import check_static
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 RecordProperty = Callable[[str, object], None]
 SAMPLE, HOLD = 6, 4  # failures of each corpus that are run again; scripts/check_corpora.py runs all of them

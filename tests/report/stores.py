@@ -9,15 +9,15 @@ import numpy as np
 from tests.doubles import failed, manifest, passed
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.evidence import Actions
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.evidence import Actions
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Film
-from vlafuzz.space.stored import operators_json
 from vlafuzz.store.records import Manifest, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import triage
+from vlafuzz.worlds.evaluation import Film
+from vlafuzz.worlds.manipulation.stored import operators_json
 
 PLANTED = {name: CONDITIONS[name][0] for name in ("camera-orientation", "light")}
 MANIFEST = manifest(operators=operators_json(SPACE.operators))

@@ -9,7 +9,7 @@ from tests.doubles import failed
 from tests.report.stores import MANIFEST, view
 from tests.triage.planted import SPACE
 from vlafuzz.cli import main
-from vlafuzz.scene import Scene
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause, Trial
 from vlafuzz.store.store import Store
 

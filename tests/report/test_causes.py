@@ -10,15 +10,15 @@ from tests.doubles import failed
 from tests.report.stores import MANIFEST
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.evidence import Rate
-from vlafuzz.probability import Probability
+from vlafuzz.failures.triage.pipeline import cause_findings, triage
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.causes import CauseList, causes_of
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
-from vlafuzz.scene import Scene
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import cause_findings, triage
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)

@@ -9,10 +9,10 @@ import pytest
 from tests.doubles import failed, passed
 from tests.report.stores import MANIFEST
 from tests.triage.planted import SPACE
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.effects import ENOUGH, Effects, effects_of
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Attribution, Manifest, Trial
 from vlafuzz.store.store import Store
 

@@ -7,8 +7,8 @@ import pytest
 
 from tests.report.stores import MANIFEST
 from tests.sim.scenes import nominal
-from vlafuzz.sim.base import FILM_SPEED, Film
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.worlds.evaluation import FILM_SPEED, Film
 
 
 @pytest.mark.render

@@ -10,10 +10,10 @@ from tests.doubles import scene
 from tests.regression.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError, UsageError
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import check_place, render, write_page
 from vlafuzz.report.sources import view_of_corpus
-from vlafuzz.scene import Scene
 from vlafuzz.store.store import Store
 
 HOSTILE = "</script><script>alert('x')</script><b title=\"&amp;\">"

@@ -12,19 +12,19 @@ from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.sim.scenes import nominal
 from tests.triage.planted import SPACE, Condition
 from tests.triage.runners import PlantedRunner
-from vlafuzz.evidence import Causes, Threshold
-from vlafuzz.regression.export import export
-from vlafuzz.regression.folder import read_corpus, write_corpus
+from vlafuzz.failures.corpus.export import export
+from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.model.evidence import Causes, Threshold
+from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.report.deviations import deviations
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import Card, Chart, View
-from vlafuzz.scene import Camera, Light, Placement, Scene
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import triage
-from vlafuzz.triage.summary import summarise
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
 
 
 def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vlafuzz.triage.pipeline.pace", lambda *_: 18.0)
+    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 18.0)
     ((sentence, _),) = view(store(tmp_path / "a.db", triaged=0)).todo
     assert sentence.endswith(
         "names their causes (about 2.1 h; --time bounds it, --limit 1 takes about 21 min):"

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.robots import PANDA, RIGS, rig
-from vlafuzz.scene import Camera
+from vlafuzz.model.scene import Camera
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
 
 NOT_MOVED = Camera()
 NOMINAL = camera_pose(PANDA.view)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from tests.search.worlds import CATALOGUE, space
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.causes.units import Units
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.search.scoring import Score
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")

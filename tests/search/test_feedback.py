@@ -1,10 +1,10 @@
 import numpy as np
 
 from tests.search.worlds import space
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search import feedback
 from vlafuzz.search.feedback import Bandit, Feedback
+from vlafuzz.search.scoring import Score
 
 OPERATORS = ("light", "camera-position", "target-type")
 

@@ -3,10 +3,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search import forest
 from vlafuzz.search.forest import Forest
+from vlafuzz.search.scoring import Score
 
 World = Callable[[np.ndarray], list[Score]]
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")

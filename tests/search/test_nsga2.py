@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.lab.toy import Toy
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import about
 from vlafuzz.search.nsga2 import LARGEST, SMALLEST, TINIEST, Nsga2
-from vlafuzz.sim.toy import Toy
+from vlafuzz.search.scoring import Score
 
 EARLY = Score(Verdict.FAILED, 0.1, 2.0)
 LATE = Score(Verdict.FAILED, 0.6, 2.0)

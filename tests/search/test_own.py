@@ -12,7 +12,7 @@ from tests.search import climb
 from tests.search.worlds import space, toy
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.execute.base import LocalExecutor
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Proposal, about
 from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.store import Store

@@ -8,12 +8,12 @@ from tests.search.test_surrogate import dark
 from tests.search.worlds import sampled, space
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.errors import UsageError
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.search.base import Proposal, Source, about, looks_for_causes
 from vlafuzz.search.pool import Selection
 from vlafuzz.search.registry import STRATEGIES
+from vlafuzz.search.scoring import Score
 
 
 class Wishes:

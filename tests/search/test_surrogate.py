@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.proposals import Random
+from vlafuzz.search.scoring import Score
 from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)

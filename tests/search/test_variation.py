@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, space
-from vlafuzz.scene import Scene
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.variation import Variation
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)

@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Score, score
+from vlafuzz.lab.toy import Region, Signal, Toy, near
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Strategy
-from vlafuzz.sim.toy import Region, Signal, Toy, near
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.search.scoring import Score, score
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 CATALOGUE = load_catalogue()
 EASY = Region((near("light.intensity", -4.3, 8.6), near("camera.yaw", 5.0, 10.0)))

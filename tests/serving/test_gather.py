@@ -14,9 +14,9 @@ from tests.execute.models import Counter
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.batching import Request
+from vlafuzz.policies.serving.serve import PROTOCOLS, serving
+from vlafuzz.policies.serving.sessions import RequestGatherer
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving.serve import PROTOCOLS, serving
-from vlafuzz.serving.sessions import RequestGatherer
 
 CLIENTS, STEPS = 8, 4
 LONG = 60.0  # seconds: whoever waits that long is stuck

@@ -24,20 +24,20 @@ from websockets.sync.client import connect
 from tests.clients.served import STATE, Attentive, black, seen, start
 from tests.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
-from vlafuzz.clients.openvla import decode, encode
-from vlafuzz.clients.servers import guesses
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
+from vlafuzz.policies.clients.openvla import decode, encode
+from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.policies.expert import Expert
 from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.policies.serving import http
+from vlafuzz.policies.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.serving import http
-from vlafuzz.serving.serve import PROTOCOLS, says_of, serving
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, STILL, nominal, put
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
-from vlafuzz.policies.expert import Expert
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.recording import Recording
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 NOMINAL = nominal()
 ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")

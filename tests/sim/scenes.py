@@ -7,11 +7,11 @@ import gymnasium
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Camera, Light, Placement, Scene
-from vlafuzz.sim.maniskill.env import TabletopEnv, gym_id
-from vlafuzz.tasks.base import State
-from vlafuzz.tasks.instructions import default_scene
+from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.worlds.tabletop.instructions import default_scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, gym_id
+from vlafuzz.worlds.tabletop.state import State
 
 CATALOGUE = load_catalogue()
 NOT_MOVED = Camera()

@@ -10,11 +10,11 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.errors import SimulatorError
+from vlafuzz.model.scene import Backdrop, Pattern, Scene, TablePaint, WallPaint
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.scene import Backdrop, Pattern, Scene, TablePaint, WallPaint
-from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
-from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.table import PAINTS, shade
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.table import PAINTS, shade
 
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 TABLE, WALL = (slice(90, 120), slice(40, 90)), (slice(0, 4), slice(None))  # pixels that show nothing else

@@ -24,9 +24,9 @@ from vlafuzz.policies.base import CameraRequest
 CHILD = """
 import json
 from tests.sim.scenes import CATALOGUE, make_env, nominal, states_hash
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.policies.expert import Expert
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.experts.expert import Expert
 evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Expert(), CATALOGUE)
 outcome = evaluator.evaluate([nominal()])[0]
 hashes = [rollout.states_hash for rollout in outcome.rollouts]

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Verdict
-from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator, settled
-from vlafuzz.sim.maniskill.objects import models_of, resting_pose
-from vlafuzz.sim.maniskill.settle import start_poses
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, settled
+from vlafuzz.worlds.tabletop.sim.objects import models_of, resting_pose
+from vlafuzz.worlds.tabletop.sim.settle import start_poses
 
 LEANING = pick_up(put("coke_can", -0.05, 0.0, quaternion=(0.9537, 0.3007, 0.0, 0.0)))  # by 35 degrees
 

@@ -7,13 +7,13 @@ import pytest
 
 from tests.sim.scenes import CROWD, STILL, make_env, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SceneError, SimulatorError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Camera, Light, Placement
-from vlafuzz.sim.maniskill.env import gym_id
-from vlafuzz.sim.maniskill.objects import place
-from vlafuzz.tasks.instructions import default_scene
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.model.scene import Camera, Light, Placement
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.instructions import default_scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.sim.env import gym_id
+from vlafuzz.worlds.tabletop.sim.objects import place
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SHOWN = pick_up(
     put("orange", -0.10, 0.15, 30.0),

@@ -8,15 +8,15 @@ import pytest
 from tests.sim.meddling import ANOTHER, AT_START, NOMINAL, Meddled, evaluate, is_lifted, lets_go_at
 from tests.sim.scenes import STILL, nominal, pick_up, put
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.policies.expert import Expert
-from vlafuzz.policies.pinhole import Pinhole
-from vlafuzz.scene import Placement, Scene
-from vlafuzz.space import load_operators
-from vlafuzz.space.stored import visible_json
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.manipulation.stored import visible_json
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.space import load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 
 def test_the_instruction_changes_once_a_stage_is_reached():

@@ -7,15 +7,15 @@ import pytest
 
 from tests.sim.meddling import ANOTHER, NOMINAL, Meddle, Meddled, evaluate, is_lifted
 from tests.sim.scenes import CATALOGUE, put
-from vlafuzz.clients import wire
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import Cause, PolicyError
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
-from vlafuzz.policies.expert import Expert
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.world import World
-from vlafuzz.sim.recording import Recording
+from vlafuzz.policies.clients import wire
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.world import World
 
 
 @pytest.fixture(scope="module")

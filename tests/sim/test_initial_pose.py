@@ -8,9 +8,9 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.errors import SimulatorError
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import InitialPose, Scene
-from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import InitialPose, Scene
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 
 STILL = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 BENT = InitialPose(j1=3.0, j2=-2.0, j4=1.5, j7=-1.0)

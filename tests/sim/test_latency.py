@@ -8,9 +8,9 @@ import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
 from vlafuzz.errors import SimulatorError
-from vlafuzz.scene import Latency
-from vlafuzz.sim.latency import DelayedCommands
-from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
+from vlafuzz.model.scene import Latency
+from vlafuzz.worlds.latency import DelayedCommands
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 
 FORWARD = np.array([0.03, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.errors import SceneError
-from vlafuzz.scene import Placement, Scene
-from vlafuzz.sim.libero.scenes.casts import cast, extras, recast, swaps
-from vlafuzz.sim.libero.scenes.objects import kind_of, load_objects, mistakable
-from vlafuzz.sim.libero.suites import REST, LiberoTask
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.worlds.libero.scenes.casts import cast, extras, recast, swaps
+from vlafuzz.worlds.libero.scenes.objects import kind_of, load_objects, mistakable
+from vlafuzz.worlds.libero.suites import REST, LiberoTask
 
 BOWL = LiberoTask(
     suite="libero_goal",

@@ -10,8 +10,8 @@ import trimesh
 from mani_skill.agents.robots.panda import Panda
 
 from vlafuzz.errors import CatalogueError
-from vlafuzz.sim.maniskill import meshes
-from vlafuzz.sim.maniskill.meshes import light_robot
+from vlafuzz.worlds.tabletop.sim import meshes
+from vlafuzz.worlds.tabletop.sim.meshes import light_robot
 
 STOCK = Path(Panda.urdf_path)
 MOST_VERTICES = 10_000

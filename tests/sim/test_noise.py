@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Noise
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.scene import Noise
-from vlafuzz.sim.maniskill.env import TabletopEnv, make_env
-from vlafuzz.sim.maniskill.evaluator import TabletopEpisode
-from vlafuzz.sim.noise import SensorNoise
+from vlafuzz.worlds.noise import SensorNoise
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
+from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)
 CAMERA = CameraRequest("third_person", 64, 64)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import pick_up, put
-from vlafuzz.scene import Camera
-from vlafuzz.sim.maniskill.outlines import outlines
+from vlafuzz.model.scene import Camera
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
 
 
 def see(env, *placements, light=1.0, camera=None):

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, pick_up, put
+from vlafuzz.model.scene import Camera, InitialPose
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.rigs import arms
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Camera, InitialPose
-from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.validity.picture import Picture
+from vlafuzz.worlds.manipulation.rigs import arms
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.fairness.picture import Picture
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 
 SIZE = 256
 SCENES = {

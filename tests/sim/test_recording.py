@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 
-from vlafuzz.sim.recording import to_mp4
+from vlafuzz.worlds.recording import to_mp4
 
 
 def test_a_film_is_as_wide_as_its_pictures(tmp_path, capfd):

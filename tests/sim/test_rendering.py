@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SimulatorError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Camera, Light, Scene
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.sim.maniskill.env import TabletopEnv
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.outlines import outlines
-from vlafuzz.sim.maniskill.rendering import SceneLights
-from vlafuzz.sim.recording import Recording
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.rendering import SceneLights
 
 pytestmark = pytest.mark.render
 SIZE = 160

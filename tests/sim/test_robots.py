@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, make_env, play
-from vlafuzz import assets
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.common import assets
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.outcome import Verdict
-from vlafuzz.policies.expert import Expert
-from vlafuzz.rigs.camera import camera_pose
-from vlafuzz.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
-from vlafuzz.scene import Camera, Placement, Scene
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.sim.maniskill.stills import Stills
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.validity import check_static
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.stills import Stills
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 ASSETS = Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "assets"
 EXTERNAL = [WIDOWX.robot, GOOGLE.robot]

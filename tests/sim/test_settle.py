@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.sim.scenes import CATALOGUE, CROWD, nominal, put
-from vlafuzz.scene import Placement
-from vlafuzz.sim.maniskill.objects import models_of
-from vlafuzz.sim.maniskill.settle import settle
-from vlafuzz.tasks.tabletop import MOVE_NEAR, PICK_UP, TASKS, task
+from vlafuzz.model.scene import Placement
+from vlafuzz.worlds.tabletop.sim.objects import models_of
+from vlafuzz.worlds.tabletop.sim.settle import settle
+from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, TASKS, task
 
 
 def rejected(*placements: Placement, task=PICK_UP):

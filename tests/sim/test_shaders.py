@@ -9,10 +9,10 @@ import pytest
 import sapien
 
 from tests.sim.scenes import make_env, pick_up, put
+from vlafuzz.model.scene import Camera, Scene
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.scene import Camera, Scene
-from vlafuzz.sim.maniskill import rendering, table
-from vlafuzz.sim.maniskill.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim import rendering, table
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 
 SIZE = 128
 PLAIN = pick_up(put("green_cube", 0.1, 0.2))

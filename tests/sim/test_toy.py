@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from tests.search.worlds import CATALOGUE, EASY, sampled, space
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.scoring import score
-from vlafuzz.sim.base import Evaluator
-from vlafuzz.sim.toy import Region, Signal, Toy, among, band, near, read
+from vlafuzz.lab.toy import Region, Signal, Toy, among, band, near, read
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.search.scoring import score
+from vlafuzz.worlds.evaluation import Evaluator
 
 NOMINAL = space().nominal()
 DARK = Region((near("light.intensity", -4.0, 8.0),), width=0.25)  # fails below a quarter of the light

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.search.worlds import sampled, space
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=50, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)

@@ -10,15 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import CatalogueError, SceneError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import EXTRAS as PARTS
-from vlafuzz.scene import Backdrop, InitialPose, Latency, Noise, Scene
-from vlafuzz.space import OPERATORS, SearchSpace, load_operators
-from vlafuzz.space.operators import EXTRAS
-from vlafuzz.space.stored import operators_json, stored_operators, visible_json
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import EXTRAS as PARTS
+from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
+from vlafuzz.worlds.manipulation.operators import EXTRAS
+from vlafuzz.worlds.manipulation.stored import operators_json, stored_operators, visible_json
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import OPERATORS, SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)

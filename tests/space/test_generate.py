@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 ranges = pytest.mark.parametrize("ranges", ["tabletop", "paper", "paper-rq1"])
 tasks = pytest.mark.parametrize("task", TASKS)

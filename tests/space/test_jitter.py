@@ -8,10 +8,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import CatalogueError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Camera, Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.jitter import load_jitter
+from vlafuzz.model.scene import Camera, Scene
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SPACE = SearchSpace(load_operators(), load_catalogue(), "put-on")
 SCENE = SPACE.sample(np.random.default_rng(3))

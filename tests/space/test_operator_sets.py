@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from vlafuzz.assets import operators_dir
+from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.space import OPERATORS, load_operators
-from vlafuzz.space.operators import EXTRAS, ConfounderPosition, Light, TargetPosition
+from vlafuzz.worlds.manipulation.operators import EXTRAS, ConfounderPosition, Light, TargetPosition
+from vlafuzz.worlds.tabletop.space import OPERATORS, load_operators
 
 SHIPPED = ("tabletop", "paper", "paper-rq1")
 THE_TEN = set(OPERATORS) - {"wording"} - EXTRAS

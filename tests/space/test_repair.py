@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, sampled, space
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)

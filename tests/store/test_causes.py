@@ -4,7 +4,7 @@ import pytest
 
 from tests.doubles import failed, manifest, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.probability import Probability
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.merge import merge
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store

@@ -6,7 +6,7 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, scene, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
 from vlafuzz.store.records import Solution
 from vlafuzz.store.store import Store

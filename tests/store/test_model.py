@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tests.doubles import failed, manifest, passed, scene, trial
-from vlafuzz.outcome import Outcome
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.store import Store
 
 VERDICTS = {

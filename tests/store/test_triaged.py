@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest, scene, trial
-from vlafuzz.evidence import Causes, Threshold, Witness
+from vlafuzz.model.evidence import Causes, Threshold, Witness
 from vlafuzz.store.merge import merge
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store

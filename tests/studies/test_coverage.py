@@ -7,16 +7,16 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, scene
 from tests.report.stores import MANIFEST
-from vlafuzz.formats.vlatest.read import read_vlatest
-from vlafuzz.formats.vlatest.table import Rectangle
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Light, Placement, Scene
-from vlafuzz.space import load_operators
+from vlafuzz.lab.studies import published
+from vlafuzz.lab.studies.coverage import Covered, covered, place, tracks_of_scenes, tracks_of_store
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.studies import published
-from vlafuzz.studies.coverage import Covered, covered, place, tracks_of_scenes, tracks_of_store
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import load_operators
+from vlafuzz.worlds.tabletop.vlatest.read import read_vlatest
+from vlafuzz.worlds.tabletop.vlatest.table import Rectangle
 
 CATALOGUE, OPERATORS = load_catalogue(), load_operators()
 UNIT = Rectangle(x=(0.0, 1.0), y=(0.0, 1.0))

@@ -7,12 +7,12 @@ import pytest
 
 from tests.doubles import failed, passed
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.studies.mutants import MUTANTS, curve_points, kept, mutants, mutating
-from vlafuzz.studies.runner import Tried, Variant, pooled
+from vlafuzz.lab.studies.mutants import MUTANTS, curve_points, kept, mutants, mutating
+from vlafuzz.lab.studies.runner import Tried, Variant, pooled
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 CATALOGUE = load_catalogue()
 OPERATORS = load_operators("paper-rq1")

@@ -2,9 +2,9 @@
 
 import pytest
 
-from vlafuzz.assets import published_dir
-from vlafuzz.studies import published
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.common.assets import published_dir
+from vlafuzz.lab.studies import published
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 PASSED = {(row.task, row.policy): row.passed for row in published.rows(published.Passed)}
 MUTATED = {(row.study, row.task, row.policy): row for row in published.rows(published.Mutated)}

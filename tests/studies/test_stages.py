@@ -6,16 +6,16 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Placement, Scene
-from vlafuzz.space import SearchSpace, load_operators
+from vlafuzz.lab.studies.runner import COUNTS, Part, operators_of, parts_of, stored
+from vlafuzz.lab.studies.sheet import adjusted
+from vlafuzz.lab.studies.stages import Similarity, StageResult, in_paper, is_similar, similarity, standing
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.store.records import Status, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.studies.runner import COUNTS, Part, operators_of, parts_of, stored
-from vlafuzz.studies.sheet import adjusted
-from vlafuzz.studies.stages import Similarity, StageResult, in_paper, is_similar, similarity, standing
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 CATALOGUE = load_catalogue()
 STAGES = TASKS["pick-up"].stage_names

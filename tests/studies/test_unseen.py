@@ -2,9 +2,9 @@
 
 import pytest
 
-from vlafuzz.statistics import Share
-from vlafuzz.studies.stages import Reached, Standing
-from vlafuzz.studies.unseen import difference, paired_tests, transfers
+from vlafuzz.common.statistics import Share
+from vlafuzz.lab.studies.stages import Reached, Standing
+from vlafuzz.lab.studies.unseen import difference, paired_tests, transfers
 
 
 def standing(*counts: int, of: int = 10, policy: str = "a", task: str = "pick-up") -> Standing:

@@ -4,13 +4,13 @@ import pytest
 
 from tests.doubles import failed, passed, scene
 from vlafuzz.errors import UsageError
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Outcome
-from vlafuzz.studies.runner import Tried
-from vlafuzz.studies.sheet import adjusted
-from vlafuzz.studies.wordings import Prompt, compared, prompts, reworded, two_steps, variants
-from vlafuzz.tasks.instructions import load_wordings
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.lab.studies.runner import Tried
+from vlafuzz.lab.studies.sheet import adjusted
+from vlafuzz.lab.studies.wordings import Prompt, compared, prompts, reworded, two_steps, variants
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.worlds.tabletop.instructions import load_wordings
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 CATALOGUE = load_catalogue()
 

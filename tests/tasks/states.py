@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.tasks.base import HAND, TABLE, State, StateMonitor
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.state import HAND, TABLE, State, StateMonitor
 
 CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (

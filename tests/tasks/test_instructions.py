@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.errors import CatalogueError
-from vlafuzz.tasks.instructions import load_wordings, say
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.instructions import load_wordings, say
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 GOOD = "pick-up: ['take {a}']\nmove-near: ['{a} to {b}']\nput-on: ['{a} on {b}']\nput-in: ['{a} in {b}']\n"
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.tasks.states import BASKET, CUBE, HELD, PLATE, REST, SPONGE, state, watch
-from vlafuzz.tasks.base import ARM, HAND, TABLE, State, StateMonitor
-from vlafuzz.tasks.tabletop import PUT_IN, PUT_ON
+from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, State, StateMonitor
+from vlafuzz.worlds.tabletop.tasks import PUT_IN, PUT_ON
 
 
 class TestPutOn:

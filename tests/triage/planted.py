@@ -5,19 +5,19 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.jitter import Jitter
-from vlafuzz.space.operators import EXTRAS, OPERATORS
-from vlafuzz.space.table import GROUPS
+from vlafuzz.failures.triage.certify import Shrunk, certify
+from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.failures.triage.reference import Reference
+from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Judged
-from vlafuzz.triage.certify import Shrunk, certify
-from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.reference import Reference
-from vlafuzz.triage.shrink import shrink
-from vlafuzz.validity import check_static
+from vlafuzz.worlds.manipulation.jitter import Jitter
+from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
+from vlafuzz.worlds.manipulation.space import GROUPS
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STAGES = ("grasp", "lift", "success")
 CATALOGUE = load_catalogue()

@@ -6,8 +6,8 @@ import numpy as np
 
 from tests.doubles import ClosedForm, failed, passed
 from tests.triage.planted import SPACE, STAGES, Condition, Planted
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 
 
 class PlantedRunner:

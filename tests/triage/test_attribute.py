@@ -3,14 +3,14 @@ from itertools import combinations
 import pytest
 
 from tests.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
-from vlafuzz.evidence import Causes, Rate
-from vlafuzz.outcome import Verdict
-from vlafuzz.phrasing import describe
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.directions import directed
+from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.model.evidence import Causes, Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.phrasing import describe
 from vlafuzz.store.records import Judged
-from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import Shrunk
-from vlafuzz.triage.directions import directed
-from vlafuzz.triage.oracle import Oracle
 
 
 def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:

@@ -3,13 +3,13 @@
 from collections.abc import Sequence
 
 from tests.triage.planted import CONDITIONS, SPACE, STAGES, Planted
-from vlafuzz.evidence import Rate
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.oracle import Answer, Oracle
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Judged
-from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import Shrunk
-from vlafuzz.triage.oracle import Answer, Oracle
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 FAILED, PASSED = Judged(Verdict.FAILED, "grasp", 1), Judged(Verdict.PASSED, None, 1)

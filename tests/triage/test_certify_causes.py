@@ -9,11 +9,11 @@ import pytest
 from tests.doubles import failed, manifest, passed
 from tests.triage.planted import CONDITIONS, SPACE, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.pipeline import certify_causes, triage
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause, Triaged, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import certify_causes, triage
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
 SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))

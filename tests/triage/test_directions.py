@@ -3,8 +3,8 @@ from dataclasses import replace
 import pytest
 
 from tests.triage.planted import SPACE, WITH_EXTRAS
-from vlafuzz.scene import Backdrop, Camera, Light, Noise, Scene
-from vlafuzz.triage.directions import directed
+from vlafuzz.failures.triage.directions import directed
+from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
 
 NOMINAL = SPACE.nominal()
 TARGET = NOMINAL.targets[0]

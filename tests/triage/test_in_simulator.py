@@ -8,22 +8,22 @@ import pytest
 from tests.triage.planted import CATALOGUE, CONDITIONS, EDGES, SPACE, STAGES, Planted
 from tests.triage.test_shrink import CASES
 from vlafuzz.cli import main
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.outcome import Verdict
-from vlafuzz.phrasing import describe
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import certify
+from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.failures.triage.reference import Reference
+from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.witness import Player
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.phrasing import describe
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionChunk
-from vlafuzz.policies.expert import Expert
-from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
-from vlafuzz.space.jitter import load_jitter
 from vlafuzz.store.records import Judged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import certify
-from vlafuzz.triage.oracle import Oracle
-from vlafuzz.triage.reference import Reference
-from vlafuzz.triage.shrink import shrink
-from vlafuzz.triage.witness import Player
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 STAY = ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]]))
 

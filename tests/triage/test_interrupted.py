@@ -7,12 +7,12 @@ import pytest
 
 from tests.triage.runners import PlantedRunner
 from tests.triage.triaging import DARK, TILTED, fill, scenes
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage import pipeline
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage import pipeline
-from vlafuzz.triage.pipeline import triage
 
 
 class Interrupted(PlantedRunner):

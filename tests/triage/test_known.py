@@ -9,11 +9,11 @@ import pytest
 from tests.triage.planted import SPACE
 from tests.triage.runners import PlantedRunner
 from tests.triage.triaging import DARK, TILTED, fill, scenes
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.jobs import WAVE
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.triage.jobs import WAVE
-from vlafuzz.triage.pipeline import triage
 
 
 def results(path: Path, failing: Sequence[Scene], runner: PlantedRunner, **options: bool) -> list[Triaged]:

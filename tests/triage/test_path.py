@@ -5,9 +5,9 @@ import pytest
 
 from tests.triage.planted import SPACE
 from vlafuzz.errors import SceneError
-from vlafuzz.scene import Camera, Light, Scene
-from vlafuzz.space.table import GROUPS
-from vlafuzz.triage.path import Path, deviating, free_genes
+from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.manipulation.space import GROUPS
 
 NOMINAL = SPACE.nominal()
 

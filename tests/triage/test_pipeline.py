@@ -9,14 +9,14 @@ from tests.doubles import failed, passed, rollout
 from tests.triage.planted import SPACE
 from tests.triage.runners import PlantedRunner
 from tests.triage.triaging import DARK, TILTED, fill, scenes, triaged
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.phrasing import describe
-from vlafuzz.policies.expert import ATTEMPTS
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.phrasing import describe
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import triage
-from vlafuzz.triage.summary import summarise
+from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS
 
 
 @pytest.fixture

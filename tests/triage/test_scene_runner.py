@@ -4,15 +4,15 @@ import pytest
 
 from tests.doubles import manifest
 from tests.sim.scenes import CATALOGUE, nominal
-from vlafuzz.outcome import Verdict
-from vlafuzz.plugins import EVERYTHING, trusting
+from vlafuzz.common.plugins import EVERYTHING, trusting
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup
-from vlafuzz.space import SearchSpace, load_operators
-from vlafuzz.space.stored import operators_json
 from vlafuzz.store.records import Manifest
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SEEDS: list[int] = []
 BATCHES: list[int] = []

@@ -7,10 +7,10 @@ import pytest
 
 from tests.sim.scenes import nominal
 from tests.triage.test_scene_runner import BATCHES, SEEDS, run
-from vlafuzz.outcome import Verdict
-from vlafuzz.plugins import EVERYTHING, trusting
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.triage.shared_runner import SharedRunner
+from vlafuzz.common.plugins import EVERYTHING, trusting
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.failures.triage.shared_runner import SharedRunner
+from vlafuzz.model.outcome import Verdict
 
 
 @pytest.fixture

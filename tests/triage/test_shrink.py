@@ -9,14 +9,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.triage.planted import CONDITIONS, SPACE, STAGES, Planted, fair
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Camera
-from vlafuzz.space.table import GROUPS
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import certify
+from vlafuzz.failures.triage.reference import Reference
+from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera
 from vlafuzz.store.records import Judged
-from vlafuzz.triage.attribute import attribute
-from vlafuzz.triage.certify import certify
-from vlafuzz.triage.reference import Reference
-from vlafuzz.triage.shrink import shrink
+from vlafuzz.worlds.manipulation.space import GROUPS
 
 SINGLES = [((name,), (condition,)) for name, several in CONDITIONS.items() for condition in several]
 PAIRS = [

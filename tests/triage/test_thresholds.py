@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tests.triage.planted import EDGES, SPACE
-from vlafuzz.evidence import Rate
-from vlafuzz.scene import Camera, Scene
-from vlafuzz.space.jitter import load_jitter
-from vlafuzz.triage.oracle import Jitter
-from vlafuzz.triage.path import Path, free_genes
-from vlafuzz.triage.thresholds import Located, locate
+from vlafuzz.failures.triage.oracle import Jitter
+from vlafuzz.failures.triage.path import Path, free_genes
+from vlafuzz.failures.triage.thresholds import Located, locate
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.scene import Camera, Scene
+from vlafuzz.worlds.manipulation.jitter import load_jitter
 
 NOMINAL = SPACE.nominal()
 YAW = "camera.yaw"

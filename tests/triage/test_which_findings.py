@@ -8,14 +8,14 @@ import pytest
 
 from tests.triage.runners import PlantedRunner
 from tests.triage.triaging import TILTED, fill, scenes, triaged
-from vlafuzz.deadline import Deadline
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SimulatorError
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.jobs import Allowance
+from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
-from vlafuzz.triage.jobs import Allowance
-from vlafuzz.triage.pipeline import Progress, cause_findings, triage
 
 
 @pytest.fixture

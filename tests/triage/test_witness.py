@@ -5,12 +5,12 @@ import pytest
 
 from tests.doubles import STAGES, failed, passed, rollout, scene
 from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Outcome, Verdict
+from vlafuzz.failures.triage.witness import SEEING_TRIES, TRIES, Player, find_witness, prove
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Latency
 from vlafuzz.policies.base import Observation
-from vlafuzz.policies.expert import Expert
-from vlafuzz.scene import Latency
-from vlafuzz.triage.witness import SEEING_TRIES, TRIES, Player, find_witness, prove
+from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 
 def test_the_first_solution_that_can_be_played_again_is_the_witness():
@@ -100,8 +100,8 @@ def test_a_player_executes_its_actions_and_then_stays():
 @pytest.mark.parametrize("delay", [0, 3])
 @pytest.mark.parametrize("task", ["pick-up", "put-on"])
 def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
-    from vlafuzz.conditions.conditions import Conditions
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.model.conditions import Conditions
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     expert = Expert()
     player = Player(expert.spec)
@@ -124,7 +124,7 @@ def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
 
 
 def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
-    from vlafuzz.sim.maniskill.evaluator import ManiSkillEvaluator
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     expert = Expert()
     evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), expert, CATALOGUE)

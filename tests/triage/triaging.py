@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from tests.doubles import failed, manifest
 from tests.triage.planted import CONDITIONS, SPACE, Condition, Planted
 from tests.triage.runners import PlantedRunner
-from vlafuzz.scene import Scene
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Triaged, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.triage.pipeline import triage
 
 TILTED, DARK = CONDITIONS["camera-orientation"][0], CONDITIONS["light"][0]
 

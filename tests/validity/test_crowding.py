@@ -1,8 +1,8 @@
 import pytest
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Placement, Scene
-from vlafuzz.validity.footprint import crowding, share_closer, share_overlapping
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.worlds.tabletop.fairness.footprint import crowding, share_closer, share_overlapping
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Placement
-from vlafuzz.validity.footprint import apart, extents, footprint, solid
+from vlafuzz.model.scene import Placement
+from vlafuzz.worlds.tabletop.fairness.footprint import apart, extents, footprint, solid
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
 quickly = settings(max_examples=60, derandomize=True, deadline=None, database=None)

@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import pytest
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.rigs.robots import PANDA
-from vlafuzz.scene import Camera, Placement, Scene
-from vlafuzz.validity import check_geometry, check_static
+from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.fairness import check_geometry, check_static
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
 NOMINAL = Camera()

@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import pytest
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.outcome import Rejection
-from vlafuzz.scene import Backdrop, Light, Placement, Scene
-from vlafuzz.validity import check_semantic
-from vlafuzz.validity.checks import ambiguous
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Backdrop, Light, Placement, Scene
+from vlafuzz.worlds.tabletop.fairness import check_semantic
+from vlafuzz.worlds.tabletop.fairness.checks import ambiguous
+from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
 

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
-from vlafuzz.objects import load_catalogue
-from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
-from vlafuzz.space import load_operators
-from vlafuzz.validity import check_static
-from vlafuzz.validity.visible import unseen
+from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.fairness.visible import unseen
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import load_operators
 
 CATALOGUE = load_catalogue()
 BOUNDS = load_operators().visible

@@ -6,11 +6,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from vlafuzz.campaign.tally import Tally
-from vlafuzz.outcome import Verdict
-from vlafuzz.probability import Probability
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Measure
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
+from vlafuzz.search.probability import Probability
+from vlafuzz.search.scoring import Measure
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 

@@ -11,26 +11,25 @@ from typing import Any
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
 from vlafuzz.campaign.results import Embed
-from vlafuzz.clients.servers import names_its_model
-from vlafuzz.conditions import provenance
-from vlafuzz.conditions.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
-from vlafuzz.conditions.model import check_label
+from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.execute.lockstep import lanes_for
-from vlafuzz.execute.registry import Place, default_workers, policy_at
-from vlafuzz.formats.scene_lines import is_document, load_scenes
+from vlafuzz.model.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.model.label import check_label
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import is_document, load_scenes
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
-from vlafuzz.plugins import OBJECT
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.servers import names_its_model
+from vlafuzz.rollouts.lockstep import lanes_for
 from vlafuzz.rollouts.policies import check_policy_name, is_shared
+from vlafuzz.rollouts.registry import Place, default_workers, policy_at
 from vlafuzz.rollouts.setup import here
-from vlafuzz.scene import Scene
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
 from vlafuzz.search.registry import Factory, strategy_factory
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds import default_task, world_of
+from vlafuzz.worlds import default_task, provenance, world_of
 from vlafuzz.worlds.base import Wanted
 
 BUDGET = 100  # rollouts

@@ -6,15 +6,15 @@ import math
 from dataclasses import dataclass, field, replace
 
 from vlafuzz.campaign.config import Plan
-from vlafuzz.clients.servers import is_remote
-from vlafuzz.deadline import Deadline
-from vlafuzz.execute.lockstep import lanes_for
-from vlafuzz.execute.registry import lanes_at
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.text import duration, plural
+from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable
 from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.clients.servers import is_remote
+from vlafuzz.rollouts.lockstep import lanes_for
 from vlafuzz.rollouts.policies import is_shared
+from vlafuzz.rollouts.registry import lanes_at
 from vlafuzz.store.records import Manifest
-from vlafuzz.text import duration, plural
-from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable
 from vlafuzz.worlds import world_of
 
 # Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.

@@ -12,13 +12,13 @@ from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.past import Past
 from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
-from vlafuzz.deadline import TimeOverError
+from vlafuzz.common.deadline import TimeOverError
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.execute.base import Executor
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Measure, Objective, cell, score
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes, overlaps
+from vlafuzz.search.scoring import Measure, Objective, cell, score
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 

@@ -12,17 +12,17 @@ from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import FIRST, Forecast, Speed, usual_speed
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.conditions.place import by_place, elsewhere
-from vlafuzz.deadline import Deadline
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.text import duration, plural
+from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.execute.base import Executor
-from vlafuzz.execute.registry import executor_at
-from vlafuzz.execute.until import Until
+from vlafuzz.rollouts.executor import Executor
+from vlafuzz.rollouts.registry import executor_at
 from vlafuzz.rollouts.setup import make_evaluator
+from vlafuzz.rollouts.until import Until
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
-from vlafuzz.text import duration, plural
-from vlafuzz.watch import Watch
+from vlafuzz.worlds.place import by_place, elsewhere
 
 SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 SpeedOf = Callable[[Plan], Speed | None]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vlafuzz.errors import StoreError
-from vlafuzz.scene import Scene
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Proposal
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store

@@ -8,22 +8,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vlafuzz.conditions import place
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.conditions.model import Model
+from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.formats.scene_lines import is_store, load_scenes
-from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.plugins import check_trusted
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.label import Model
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import is_store, load_scenes
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy, world_of
+from vlafuzz.worlds import default_policy, place, world_of
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.worlds.recording import Recording
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.formats.scene_lines import load_verdicts
-from vlafuzz.scene import Scene
-from vlafuzz.statistics import newcombe
+from vlafuzz.common.statistics import newcombe
+from vlafuzz.common.text import plural
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import load_verdicts
 from vlafuzz.store.store import Store
-from vlafuzz.text import plural
 
 # Two scenes that differ in one operator only are at most 1 apart. Nudging every gene by 2 % of its range
 # moves a scene by less than 0.1, another object in one slot by 0.5 or more; and of 180,000 pairs of random

@@ -20,13 +20,13 @@ from vlafuzz.campaign.config import (
 )
 from vlafuzz.campaign.past import AFRESH
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.conditions.place import elsewhere
+from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
-from vlafuzz.plugins import check_trusted
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import UNFINISHED, Manifest, Run, Spent
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, world_of
+from vlafuzz.worlds.place import elsewhere
 
 _ANEW = ("scenes", "pool", "workers", "executor", "address")  # not stored: every command says them anew
 

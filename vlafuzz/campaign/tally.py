@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.common.text import plural
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest, Spent, Trial
-from vlafuzz.text import plural
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,8 +16,8 @@ from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
 from vlafuzz.cli.help import epilog, grouped
 from vlafuzz.cli.trust import named
+from vlafuzz.common.plugins import trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
-from vlafuzz.plugins import trust, trusting
 
 BUG = 70  # the exit code of a traceback
 

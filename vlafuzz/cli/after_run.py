@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from vlafuzz.cli.output import Bar, print_rows, stdout
-from vlafuzz.plugins import trust_flag
-from vlafuzz.text import duration, plural
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import duration, plural
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.results import Again, Beside
     from vlafuzz.campaign.tally import Summary
+    from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.report.causes import CauseList
     from vlafuzz.report.effects import Effects
-    from vlafuzz.triage.jobs import Allowance
 
 
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
@@ -65,8 +65,8 @@ def _hint_at_replay(summary: Summary, found: CauseList | None) -> None:
 
 def hint_at_triage(summary: Summary) -> None:
     if summary.findings:
+        from vlafuzz.failures.triage.pipeline import hours
         from vlafuzz.store.store import Store
-        from vlafuzz.triage.pipeline import hours
 
         with Store.open(Path(summary.store)) as store:
             takes = hours(store, summary.findings)
@@ -78,8 +78,8 @@ def hint_at_triage(summary: Summary) -> None:
 
 def hint_at_rest(plan: Plan, found: CauseList | None) -> None:
     """How to certify as many causes as are missing after an interruption, or when the time is over."""
+    from vlafuzz.failures.triage.pipeline import affordable, hours
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import affordable, hours
 
     missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
     if missing > 0:
@@ -104,8 +104,8 @@ def triage_run(
         forecast: that of the run, which is corrected by the time that its rollouts took.
     """
     from vlafuzz.cli.triage import triage_store
+    from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
 
     found = None if everything else causes(summary)
     if found and found.found:

@@ -9,12 +9,12 @@ import typer
 
 from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
-from vlafuzz.deadline import deadline
+from vlafuzz.common.deadline import deadline
+from vlafuzz.common.text import percent
 from vlafuzz.errors import UsageError, check_number
-from vlafuzz.text import percent
 
 if TYPE_CHECKING:
-    from vlafuzz.regression.bisect import Bisection
+    from vlafuzz.failures.corpus.bisect import Bisection
 
 NOT_KEPT = "with --answers FILE outcomes are kept, and the same command goes on"
 
@@ -67,10 +67,10 @@ def command(
     _check(names, policy, baseline, alpha, error, comparisons)
     until = deadline("--time", time)
     in_turn = "{}" not in policy
-    from vlafuzz.conditions.model import Model
-    from vlafuzz.regression.folder import read_corpus
-    from vlafuzz.regression.policies import bisect_checkpoints
-    from vlafuzz.regression.tables import bisection_document
+    from vlafuzz.failures.corpus.folder import read_corpus
+    from vlafuzz.failures.corpus.policies import bisect_checkpoints
+    from vlafuzz.failures.corpus.tables import bisection_document
+    from vlafuzz.model.label import Model
 
     exported = read_corpus(corpus)
     kept = f"the outcomes are kept in {answers}: the same command goes on" if answers else NOT_KEPT
@@ -105,8 +105,8 @@ def _check(
     comparisons: int | None,
 ) -> None:
     """Check the flags before anything is run."""
-    from vlafuzz.conditions.model import check_label
-    from vlafuzz.regression.bisect import check_checkpoints
+    from vlafuzz.failures.corpus.bisect import check_checkpoints
+    from vlafuzz.model.label import check_label
     from vlafuzz.rollouts.policies import check_policy_name, is_built_in
 
     check_checkpoints(names)

@@ -24,7 +24,7 @@ from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_rows,
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.compare.comparison import Comparison
+    from vlafuzz.lab.compare.comparison import Comparison
 
 _CONTINUES = "the same command continues"
 _ONE = 200  # rollouts that triage of one failure takes at most, about
@@ -70,9 +70,9 @@ def command(
     --repeats, --strategies or --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import RunConfig, default_store
-    from vlafuzz.compare.compare import compare
-    from vlafuzz.compare.page import write_folder
-    from vlafuzz.diagnostics.before_run import speed_of
+    from vlafuzz.doctor.before_run import speed_of
+    from vlafuzz.lab.compare.compare import compare
+    from vlafuzz.lab.compare.page import write_folder
     from vlafuzz.worlds import default_policy
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
@@ -131,7 +131,7 @@ def _check(names: list[str], repeats: int, seed: int, limit: int, formats: int) 
 
 
 def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:
-    from vlafuzz.compare import page
+    from vlafuzz.lab.compare import page
 
     if json:
         print_json(asdict(compared))
@@ -145,7 +145,7 @@ def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> No
 
 def print_comparison(compared: Comparison) -> None:
     """Print the tables of a comparison, and what its tests say."""
-    from vlafuzz.compare import page
+    from vlafuzz.lab.compare import page
 
     lines = page.sentences(compared)
     for table in page.tables(compared):

@@ -25,8 +25,8 @@ def flags_in(path: Path, known: set[str]) -> dict[str, Any]:
     Raises:
         UsageError: the file has no flags, others than the known ones, or names code that is not trusted.
     """
-    from vlafuzz.plugins import check_trusted
-    from vlafuzz.reading import read_yaml
+    from vlafuzz.common.plugins import check_trusted
+    from vlafuzz.common.reading import read_yaml
 
     content = read_yaml(path, UsageError, _HINT)
     if not isinstance(content, dict):

@@ -54,8 +54,8 @@ def command(
         raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
     for name in filter(None, (policy_a, policy_b)):
         check_policy_name(name)
-    from vlafuzz.regression.policies import diff_policies
-    from vlafuzz.regression.tables import difference_document, difference_rows
+    from vlafuzz.failures.corpus.policies import diff_policies
+    from vlafuzz.failures.corpus.tables import difference_document, difference_rows
 
     with Bar() as bar:
         result = diff_policies(

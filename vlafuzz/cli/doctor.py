@@ -8,9 +8,9 @@ import typer
 
 from vlafuzz.cli.flags import OperatorsFlag, PackFlag, TimeFlag, opened
 from vlafuzz.cli.output import Bar, print_row, print_rows
-from vlafuzz.deadline import Deadline, deadline
-from vlafuzz.diagnostics import Check
-from vlafuzz.diagnostics.machine import machine
+from vlafuzz.common.deadline import Deadline, deadline
+from vlafuzz.doctor import Check
+from vlafuzz.doctor.machine import machine
 from vlafuzz.errors import UsageError, check_number
 
 MOST = 1000
@@ -64,7 +64,7 @@ def _examine(
 ) -> Iterator[Check]:
     check_number("--n", n, 1, MOST)
     from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.diagnostics.before_run import examine
+    from vlafuzz.doctor.before_run import examine
 
     run = RunConfig(policy=policy, **flags)  # type: ignore[arg-type]
     return examine(run, 10 if n is None else n, bar, until)

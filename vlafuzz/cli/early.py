@@ -3,8 +3,8 @@
 
 def begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
     """Begin what the usual world needs, and loading the simulator for workers, if the flags need them."""
-    from vlafuzz.execute import forks
-    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.rollouts import forks
+    from vlafuzz.rollouts.capacity import most_workers
     from vlafuzz.worlds import known_worlds
 
     next(iter(known_worlds().values())).begin_early(policy)

@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn, TextIO
 
-from vlafuzz.files import reason
+from vlafuzz.common.files import reason
 
 CLOSED = 141  # exit code of a program whose reader is gone, as shells have it
 INTERRUPTED = 130

@@ -12,11 +12,11 @@ import typer
 
 from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, stderr
+from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
-from vlafuzz.text import plural
 
 if TYPE_CHECKING:
-    from vlafuzz.regression.corpus import Corpus
+    from vlafuzz.failures.corpus.corpus import Corpus
 
 
 class Wanted(StrEnum):
@@ -152,8 +152,8 @@ def export(
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(store, out, run, scenes, demos, demos_per_scene, hold_out, workers)
         return
-    from vlafuzz.formats.vlatest.original import as_original
-    from vlafuzz.integrations.export import SCENE_FILES, scenes_of, write_file
+    from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
+    from vlafuzz.worlds.tabletop.vlatest.original import as_original
 
     chosen = scenes_of(store, run, verdict.value)
     exported = write_file(out, chosen, format_.value)
@@ -184,8 +184,8 @@ def _export_demonstrations(
         raise UsageError(problem, hint="give one of them")
     if hold_out is not None and not 0 <= hold_out < 1:
         raise UsageError(f"--hold-out {hold_out:g}: not a share from 0 to below 1", hint="--hold-out 0.2")
-    from vlafuzz.execute.capacity import most_workers
-    from vlafuzz.integrations.training import write_demonstrations
+    from vlafuzz.exports.training import write_demonstrations
+    from vlafuzz.rollouts.capacity import most_workers
 
     with Bar() as bar:
         written = write_demonstrations(
@@ -211,12 +211,12 @@ def _export_corpus(
 ) -> None:
     """Check the minimal failures once more and write those that hold: a corpus, or one for each task."""
     from vlafuzz.cli.triage import note_alone
-    from vlafuzz.regression.controls import CONTROLS
-    from vlafuzz.regression.export import export as export_corpus
-    from vlafuzz.regression.export import tasks_of
-    from vlafuzz.regression.folder import check_new, write_corpus
+    from vlafuzz.failures.corpus.controls import CONTROLS
+    from vlafuzz.failures.corpus.export import export as export_corpus
+    from vlafuzz.failures.corpus.export import tasks_of
+    from vlafuzz.failures.corpus.folder import check_new, write_corpus
+    from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.scene_runner import runner_of_run
 
     check_new(out)
     note_alone(store)

@@ -9,10 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from vlafuzz.cli.output import print_json, print_list, stdout
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import plural
 from vlafuzz.errors import UsageError
-from vlafuzz.plugins import trust_flag
 from vlafuzz.report.view import BUCKETS, Card, View
-from vlafuzz.text import plural
 
 FEW = 3  # operators of an untriaged finding that are shown with their values
 _DIGITS = 12
@@ -36,8 +36,8 @@ def command(
     if limit < 0:
         raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
     from vlafuzz.cli.report import view_of
-    from vlafuzz.regression.controls import CONTROLS
-    from vlafuzz.regression.export import forecast
+    from vlafuzz.failures.corpus.controls import CONTROLS
+    from vlafuzz.failures.corpus.export import forecast
     from vlafuzz.store.store import Store
 
     view = view_of(source)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz import assets
 from vlafuzz.cli.output import Bar, progress
+from vlafuzz.common import assets
 
 if TYPE_CHECKING:
-    from vlafuzz.objects import Pack
+    from vlafuzz.worlds.tabletop.objects import Pack
 
 
 def listed(names: str | None) -> tuple[str, ...] | None:
@@ -28,7 +28,7 @@ def label_option(flag: str, text: str, default: str = "") -> Any:
     """An option that takes a label, and refuses what does not fit into a line of text."""
 
     def checked(label: str | None) -> str | None:
-        from vlafuzz.conditions.model import check_label
+        from vlafuzz.model.label import check_label
 
         check_label(flag, label)
         return label
@@ -121,7 +121,7 @@ def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
     if not folders:
         return ()
     # Imported late: `vlafuzz doctor` has to start anywhere.
-    from vlafuzz.objects import load_catalogue, open_packs
+    from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 
     assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
     packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))

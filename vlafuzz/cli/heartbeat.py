@@ -4,8 +4,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from vlafuzz.deadline import Deadline
-from vlafuzz.text import duration
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.text import duration
 
 EVERY = 30.0  # seconds
 

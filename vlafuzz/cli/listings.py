@@ -7,14 +7,14 @@ import typer
 
 from vlafuzz.cli.flags import OperatorsFlag, PackFlag, RobotFlag, opened
 from vlafuzz.cli.output import print_rows
-from vlafuzz.objects.catalogue import load_catalogue
-from vlafuzz.objects.model import ObjectModel
-from vlafuzz.rigs.robots import PANDA, rig
-from vlafuzz.space.operator_set import load_operators
-from vlafuzz.space.table import check_names
-from vlafuzz.tasks.tabletop import task as task_named
 from vlafuzz.worlds import known_worlds, world_of
 from vlafuzz.worlds.base import Wanted
+from vlafuzz.worlds.manipulation.operator_set import load_operators
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
+from vlafuzz.worlds.manipulation.space import check_names
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
 def operators(

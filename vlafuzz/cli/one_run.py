@@ -11,14 +11,14 @@ import typer
 
 from vlafuzz.cli import after_run
 from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible
+from vlafuzz.common.plugins import trust_flag
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.plugins import trust_flag
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.forecast import Forecast, Speed
     from vlafuzz.campaign.tally import Summary
-    from vlafuzz.deadline import Deadline
+    from vlafuzz.common.deadline import Deadline
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,7 @@ class Done(NamedTuple):
 
 def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
     """Say which defaults follow from this machine, where the user would want to know."""
-    from vlafuzz.execute.capacity import most_workers
+    from vlafuzz.rollouts.capacity import most_workers
     from vlafuzz.worlds import draws_pictures, world_of
 
     usual = next(iter(world_of(plan.task.name).robots))
@@ -77,8 +77,8 @@ def run_plan(
     from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.launch import SEARCH
     from vlafuzz.cli.summary import print_summary
+    from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.search.base import about, looks_for_causes
-    from vlafuzz.triage.jobs import Allowance
 
     certifying = looks_for_causes(plan.strategy) if asked.certify is None else asked.certify
     search = until.after(SEARCH) if asked.triage or certifying else until

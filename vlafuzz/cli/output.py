@@ -15,9 +15,9 @@ from rich.text import Text
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.cli.ending import Checked, heard
 from vlafuzz.cli.heartbeat import Heartbeat
+from vlafuzz.common.text import csv_table
+from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError, printable
-from vlafuzz.text import csv_table
-from vlafuzz.watch import Watch
 
 _data: list[Checked] = []  # the stdout of the command that runs
 

@@ -18,8 +18,8 @@ def policies(
     csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
 ) -> None:
     """List the policies that can be tested."""
-    from vlafuzz.clients.profiles import known_profiles
-    from vlafuzz.clients.servers import client
+    from vlafuzz.policies.clients.profiles import known_profiles
+    from vlafuzz.policies.clients.servers import client
     from vlafuzz.rollouts.policies import known_policies
 
     rows = [{"policy": name, "is": says} for name, says in known_policies().items()]
@@ -62,8 +62,8 @@ def serve(
     The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of
     several clients are batched into one call of the policy, up to its max_batch.
     """
+    from vlafuzz.policies.serving.serve import says_of, serving
     from vlafuzz.rollouts.policies import make_policy
-    from vlafuzz.serving.serve import says_of, serving
 
     check_number("--port", port, 0, 65535)
     with (

@@ -10,12 +10,12 @@ import typer
 
 from vlafuzz.cli.flags import LabelFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
-from vlafuzz.deadline import deadline
+from vlafuzz.common.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.regression.corpus import Corpus
-    from vlafuzz.regression.regress import Comparison
+    from vlafuzz.failures.corpus.corpus import Corpus
+    from vlafuzz.failures.corpus.regress import Comparison
 
 
 def command(
@@ -54,12 +54,12 @@ def command(
     places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
     _check(policy, baseline, alpha, max_rollouts, places)
     until = deadline("--time", time)
-    from vlafuzz.regression.folder import read_corpus
-    from vlafuzz.regression.junit import write_junit
-    from vlafuzz.regression.markdown import write_summary
-    from vlafuzz.regression.policies import compare_policies, still
-    from vlafuzz.regression.sarif import write_sarif
-    from vlafuzz.regression.tables import document
+    from vlafuzz.failures.corpus.folder import read_corpus
+    from vlafuzz.failures.corpus.junit import write_junit
+    from vlafuzz.failures.corpus.markdown import write_summary
+    from vlafuzz.failures.corpus.policies import compare_policies, still
+    from vlafuzz.failures.corpus.sarif import write_sarif
+    from vlafuzz.failures.corpus.tables import document
 
     exported = read_corpus(corpus)
     with Bar() as bar:
@@ -120,7 +120,7 @@ def _check(
 
 
 def _print(compared: Comparison, corpus: Corpus) -> None:
-    from vlafuzz.regression.tables import difference, tables
+    from vlafuzz.failures.corpus.tables import difference, tables
 
     for title, rows in tables(compared, corpus).items():
         print_rows(rows, title=title)

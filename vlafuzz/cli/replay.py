@@ -10,14 +10,14 @@ import typer
 
 from vlafuzz.cli.flags import PackFlag, TrustFlag, label_option, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
+from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
-from vlafuzz.files import write_whole, writing
-from vlafuzz.formats.scene_lines import is_store
-from vlafuzz.renderer import check_renderer, probe
+from vlafuzz.model.scene_lines import is_store
+from vlafuzz.worlds.tabletop.renderer import check_renderer, probe
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.replay import Replayed
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.worlds.recording import Recording
 
 
 def command(
@@ -73,7 +73,7 @@ def command(
     filmed = video is not None or picture is not None
     if filmed:
         check_renderer()
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.worlds.recording import Recording
 
     recording = Recording(480 if filmed else 0)
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
@@ -100,7 +100,7 @@ def _write(
     trace: Path | None,
 ) -> None:
     """Write what is asked for, and say where it is."""
-    from vlafuzz.sim.recording import write_picture
+    from vlafuzz.worlds.recording import write_picture
 
     if lost := replayed.outcome.lost_stage:
         recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")

@@ -12,8 +12,8 @@ import typer
 
 from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import Bar, interruptible
+from vlafuzz.common.text import size
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.text import size
 
 if TYPE_CHECKING:
     from vlafuzz.report.view import View
@@ -53,7 +53,7 @@ def command(
 
 def view_of(source: Path) -> View:
     """The view of a store or corpus; UsageError if there is none."""
-    from vlafuzz.regression.folder import locate, read_corpus
+    from vlafuzz.failures.corpus.folder import locate, read_corpus
     from vlafuzz.report.sources import view_of_corpus, view_of_store
     from vlafuzz.store.store import Store
 
@@ -68,8 +68,8 @@ def view_of(source: Path) -> View:
 
 def _with_films(source: Path, view: View, limit: int) -> View:
     """The view with films, or with a note why there are none."""
-    from vlafuzz.renderer import probe
     from vlafuzz.report.films import RunFilms, filmed
+    from vlafuzz.worlds.tabletop.renderer import probe
 
     renderer = probe()
     if not renderer.works:

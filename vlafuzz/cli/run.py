@@ -132,7 +132,7 @@ def command(
     policy, for example, is not run. With --time, half of it is for the run and what is left is for triage, if
     any; all of it is for the run where what is left would probably certify nothing. Several tasks share it.
     """
-    from vlafuzz.deadline import deadline
+    from vlafuzz.common.deadline import deadline
 
     until = deadline("--time", time)
     begin_early(policy, workers, executor)
@@ -140,7 +140,7 @@ def command(
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.several import check_table, print_several, run_tasks, write_table
-    from vlafuzz.diagnostics.before_run import checked_plan
+    from vlafuzz.doctor.before_run import checked_plan
     from vlafuzz.worlds import task_of, tasks_named
 
     if table:

@@ -13,20 +13,20 @@ import typer
 from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
 from vlafuzz.cli.suites import lint_suites, named_suites, refuse
-from vlafuzz.conditions.conditions import PLACEMENTS, check_choice
-from vlafuzz.diagnostics.lint import CLOSER, SHIFTED, Verdicts
-from vlafuzz.diagnostics.lint import lint as lint_file
+from vlafuzz.common.files import writing
+from vlafuzz.common.text import percent
 from vlafuzz.errors import SceneError, UsageError, check_number, sentence
-from vlafuzz.files import writing
-from vlafuzz.formats.scene_lines import is_document, is_store, write_scenes
-from vlafuzz.formats.vlatest.files import read_scene_file
-from vlafuzz.formats.vlatest.read import Imported, read_vlatest
-from vlafuzz.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.sim.audit import Scope
-from vlafuzz.space import OperatorSet, load_operators
+from vlafuzz.lab.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
+from vlafuzz.model.conditions import PLACEMENTS, check_choice
+from vlafuzz.model.scene_lines import is_document, is_store, write_scenes
 from vlafuzz.store.store import Store
-from vlafuzz.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
-from vlafuzz.text import percent
+from vlafuzz.worlds.audit import Scope
+from vlafuzz.worlds.tabletop.lint import CLOSER, SHIFTED, Verdicts
+from vlafuzz.worlds.tabletop.lint import lint as lint_file
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
+from vlafuzz.worlds.tabletop.vlatest.files import read_scene_file
+from vlafuzz.worlds.tabletop.vlatest.read import Imported, read_vlatest
 
 app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 

@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING, Any
 
 from vlafuzz.cli.one_run import Asked, Done, note_defaults, run_plan
 from vlafuzz.cli.output import Bar, print_json, print_rows
+from vlafuzz.common.files import write_whole
+from vlafuzz.common.text import csv_table, markdown_table
 from vlafuzz.errors import UsageError
-from vlafuzz.files import write_whole
-from vlafuzz.text import csv_table, markdown_table
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.tally import Summary
-    from vlafuzz.deadline import Deadline
-    from vlafuzz.diagnostics.before_run import Checked
+    from vlafuzz.common.deadline import Deadline
+    from vlafuzz.doctor.before_run import Checked
     from vlafuzz.report.standings import Standing
 
 
@@ -71,8 +71,8 @@ def run_tasks(
 def _config(tasks: Sequence[str], flags: Mapping[str, Any]) -> RunConfig:
     """What all tasks have in common; with a store and a policy."""
     from vlafuzz.campaign.config import RunConfig, default_store
-    from vlafuzz.tasks.tabletop import TASKS
     from vlafuzz.worlds import default_policy
+    from vlafuzz.worlds.tabletop.tasks import TASKS
 
     policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
     name = "all" if set(tasks) == set(TASKS) else "-".join(tasks)
@@ -101,7 +101,7 @@ def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
 
 def _checked(plan: Plan, before: Checked | None, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
     """The plan after the check of its policy, which is made once for all tasks."""
-    from vlafuzz.diagnostics.before_run import checked_plan
+    from vlafuzz.doctor.before_run import checked_plan
 
     if before is None:
         note_defaults(plan, flags)

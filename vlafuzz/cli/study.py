@@ -12,10 +12,10 @@ import typer
 from vlafuzz.cli.flags import PackFlag, RobotFlag, WorkersFlag, opened
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
-from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 if TYPE_CHECKING:
-    from vlafuzz.studies.sheet import StudyResult
+    from vlafuzz.lab.studies.sheet import StudyResult
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 ALPHAS = ("linear", "log")
@@ -99,10 +99,10 @@ def command(
         raise UsageError(f"{flags[0]} and --from: nothing is run", hint="leave one of the two out")
 
     from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.diagnostics.before_run import speed_of
-    from vlafuzz.rigs.robots import PANDA, rig
-    from vlafuzz.studies.study import StudyRequest, study_of
-    from vlafuzz.studies.study import study as run_study
+    from vlafuzz.doctor.before_run import speed_of
+    from vlafuzz.lab.studies.study import StudyRequest, study_of
+    from vlafuzz.lab.studies.study import study as run_study
+    from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 
     if stores:
         _print(study_of(stores), out, json)
@@ -129,7 +129,7 @@ def command(
 
 
 def _print(result: StudyResult, out: Path, json: bool) -> None:
-    from vlafuzz.studies.study import write
+    from vlafuzz.lab.studies.study import write
 
     document, sheet = write(result, out)
     if json:

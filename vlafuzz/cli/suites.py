@@ -8,9 +8,9 @@ from typing import Any
 import typer
 
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
-from vlafuzz.diagnostics.suites import audit_suite, is_suite
+from vlafuzz.doctor.suites import audit_suite, is_suite
 from vlafuzz.errors import UsageError, sentence
-from vlafuzz.sim.audit import CHECKS, AuditedSuite, AuditedTask, Scope
+from vlafuzz.worlds.audit import CHECKS, AuditedSuite, AuditedTask, Scope
 
 
 def named_suites(names: list[Path], of_files: Mapping[str, object]) -> list[str]:

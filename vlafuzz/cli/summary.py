@@ -20,13 +20,13 @@ from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.heartbeat import Heartbeat
 from vlafuzz.cli.output import Bar, stderr, stdout
-from vlafuzz.deadline import Deadline
-from vlafuzz.outcome import Verdict
-from vlafuzz.probability import Probability
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import duration, interval, percent, plural, points
+from vlafuzz.failures.triage.pipeline import SOON
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import POOL, RANDOM
-from vlafuzz.statistics import Share
-from vlafuzz.text import duration, interval, percent, plural, points
-from vlafuzz.triage.pipeline import SOON
+from vlafuzz.search.probability import Probability
 
 
 class RunBar:

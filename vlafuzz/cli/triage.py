@@ -13,15 +13,15 @@ import typer
 
 from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import UsageError, check_number
-from vlafuzz.plugins import trust_flag
-from vlafuzz.text import duration, plural
 
 if TYPE_CHECKING:
+    from vlafuzz.failures.triage.jobs import Allowance
+    from vlafuzz.failures.triage.summary import TriageSummary
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.jobs import Allowance
-    from vlafuzz.triage.summary import TriageSummary
 
 
 def command(
@@ -62,7 +62,7 @@ def command(
     first, so that --limit, --rollouts and --time leave out what matters least; the next triage goes on.
     A finding that a cause certified before explains is certified with the values that it was found with.
     """
-    from vlafuzz.deadline import deadline
+    from vlafuzz.common.deadline import deadline
 
     numbers = {"--max-rollouts": max_rollouts, "--limit": limit, "--rollouts": rollouts, "--workers": workers}
     for name, value in numbers.items():
@@ -70,9 +70,9 @@ def command(
     until = deadline("--time", time)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
+    from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.report.causes import all_causes
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.jobs import Allowance
 
     note_alone(store)
     allowance = Allowance(rollouts, until)
@@ -115,8 +115,8 @@ def triage_store(
         causes_of: a run: only the findings that show its commonest causes.
         thorough: see ``pipeline.triage``.
     """
+    from vlafuzz.failures.triage.pipeline import hours
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import hours
 
     with Store.open(store) as opened:
         trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
@@ -152,10 +152,10 @@ def _triage(
     bar: Bar,
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
+    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage, usual_workers
+    from vlafuzz.failures.triage.scene_runner import runner_of_run
+    from vlafuzz.failures.triage.summary import summarise
     from vlafuzz.store.store import Store
-    from vlafuzz.triage.pipeline import Progress, certify_causes, triage, usual_workers
-    from vlafuzz.triage.scene_runner import runner_of_run
-    from vlafuzz.triage.summary import summarise
 
     noun = "findings" if causes_of is None else "causes"
 
@@ -190,7 +190,7 @@ def _triage(
 def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance | None) -> None:
     """Say how long triage will take, unless nobody will have to wait."""
     from vlafuzz.campaign.forecast import NOBODY_WAITS
-    from vlafuzz.triage.pipeline import PER_FINDING, expected
+    from vlafuzz.failures.triage.pipeline import PER_FINDING, expected
 
     done = {triaged.key for triaged in store.triaged()}
     left = [finding for finding in store.findings() if finding.key not in done][:limit]

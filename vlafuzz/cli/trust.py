@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from vlafuzz.plugins import EVERYTHING
+from vlafuzz.common.plugins import EVERYTHING
 
 _NAMES = ("policy", "policy_a", "policy_b", "baseline", "strategy")
 _LISTS = ("strategies",)  # names that are separated by commas

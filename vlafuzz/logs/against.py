@@ -3,11 +3,11 @@
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
 
+from vlafuzz.common.statistics import Interval, Share, fisher, holm, newcombe, paired_difference, sign_test
+from vlafuzz.common.text import named
 from vlafuzz.logs.episodes import CONTROL, Episode, judged
 from vlafuzz.logs.figures import grouped, share, starts
 from vlafuzz.logs.power import noticeable_loss
-from vlafuzz.statistics import Interval, Share, fisher, holm, newcombe, paired_difference, sign_test
-from vlafuzz.text import named
 
 ALL = "all"
 

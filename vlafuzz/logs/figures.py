@@ -4,8 +4,8 @@ from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
+from vlafuzz.common.statistics import Share
 from vlafuzz.logs.episodes import CONTROL, Episode, judged
-from vlafuzz.statistics import Share
 
 Key = TypeVar("Key", bound=Hashable)
 

@@ -8,11 +8,11 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from vlafuzz.common.reading import parse_json, read_text, validated
+from vlafuzz.common.text import shortened
 from vlafuzz.errors import UsageError
 from vlafuzz.logs.csv_table import read_table
 from vlafuzz.logs.episodes import Episode, judged
-from vlafuzz.reading import parse_json, read_text, validated
-from vlafuzz.text import shortened
 
 _OPTIONAL: TypeAdapter[bool | None] = TypeAdapter(bool | None)
 _MOST = 500  # suites or conditions, each with a row; larger numbers are those of episodes

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.statistics import binomial
+from vlafuzz.common.statistics import binomial
 
 POWER = 0.9
 _MOST = 4000  # pairs that are computed: the effort grows with the square of their number

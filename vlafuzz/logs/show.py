@@ -5,13 +5,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.files import write_whole, writing
+from vlafuzz.common.files import write_whole, writing
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import Row, markdown_table, percent, plural, points
 from vlafuzz.logs.against import ALL, Comparison, changed, compare, tests
 from vlafuzz.logs.episodes import CONTROL, Episode, judged
 from vlafuzz.logs.figures import Rate, Recurrence, rates, recurrence, starts
 from vlafuzz.logs.power import noticeable_loss
-from vlafuzz.statistics import Share
-from vlafuzz.text import Row, markdown_table, percent, plural, points
 
 _MOST = 5  # tasks in a table
 
@@ -218,7 +218,7 @@ def write_junit(reading: Reading, path: Path) -> None:
     """
     from xml.etree import ElementTree as Xml
 
-    from vlafuzz.regression.junit import clean, counts
+    from vlafuzz.failures.corpus.junit import clean, counts
 
     compared = reading.against
     worse = {one.suite for one in compared.worse} if compared else set()

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.model.scene import Scene, in_words
 from vlafuzz.model.task import Task
-from vlafuzz.scene import Scene, in_words
 
 Values = dict[str, float]  # by path in a scene; a category by its index
 Vector = NDArray[np.float64]

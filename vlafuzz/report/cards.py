@@ -4,18 +4,18 @@ import shlex
 from contextlib import suppress
 from pathlib import Path
 
+from vlafuzz.common.text import interval
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Causes, Rate
+from vlafuzz.failures.corpus.corpus import Case, Corpus
+from vlafuzz.failures.corpus.folder import SCENES
+from vlafuzz.failures.triage.path import deviating
+from vlafuzz.model.evidence import Causes, Rate
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.regression.corpus import Case, Corpus
-from vlafuzz.regression.folder import SCENES
 from vlafuzz.report.deviations import deviations
 from vlafuzz.report.view import Card
 from vlafuzz.rollouts.setup import stored_space
-from vlafuzz.scene import Scene
 from vlafuzz.store.records import Finding, Manifest, Triaged
-from vlafuzz.text import interval
-from vlafuzz.triage.path import deviating
 
 _DIGITS = 12  # of a digest, in a command
 

@@ -7,17 +7,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from vlafuzz.evidence import Rate, Solver
-from vlafuzz.outcome import Verdict
-from vlafuzz.plugins import trust_flag
-from vlafuzz.probability import Probability
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import count_of, interval, percent, plural
+from vlafuzz.failures.triage.oracle import ONE_HALF
+from vlafuzz.failures.triage.pipeline import hours
+from vlafuzz.model.evidence import Rate, Solver
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
 from vlafuzz.report.view import Card, Table, title_of
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.text import count_of, interval, percent, plural
-from vlafuzz.triage.oracle import ONE_HALF
-from vlafuzz.triage.pipeline import hours
 
 # Buckets in words, those of causes that are not confirmed last.
 EVIDENCE: Mapping[str, str] = {

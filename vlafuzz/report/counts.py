@@ -3,10 +3,10 @@
 from collections import Counter
 from dataclasses import dataclass, field
 
-from vlafuzz.outcome import Verdict
+from vlafuzz.common.statistics import Share
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.view import Chart, Measure, RunRow
 from vlafuzz.search.base import RANDOM
-from vlafuzz.statistics import Share
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of

@@ -2,15 +2,15 @@
 
 import pathlib
 
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SceneError
-from vlafuzz.evidence import Causes
+from vlafuzz.failures.triage.path import Path, free_genes
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Causes
+from vlafuzz.model.phrasing import failing_range
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS, Space
-from vlafuzz.phrasing import failing_range
 from vlafuzz.report.view import Deviation
 from vlafuzz.rollouts.setup import stored_space
-from vlafuzz.scene import Scene
-from vlafuzz.triage.path import Path, free_genes
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
 

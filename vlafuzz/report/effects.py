@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vlafuzz.common.statistics import Share, holm
+from vlafuzz.common.text import plural
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene, amount
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.outcome import Verdict
 from vlafuzz.report.view import Table
-from vlafuzz.scene import Scene, amount
-from vlafuzz.statistics import Share, holm
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.text import plural
 
 ENOUGH = 40  # random scenes, ten in each quarter of a range
 QUARTERS = 4

@@ -4,13 +4,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from vlafuzz.evidence import Actions
+from vlafuzz.common.text import plural
+from vlafuzz.failures.triage import scene_runner
+from vlafuzz.model.evidence import Actions
+from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Card, View
-from vlafuzz.scene import Scene
-from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest
-from vlafuzz.text import plural
-from vlafuzz.triage import scene_runner
+from vlafuzz.worlds.evaluation import Film
 
 # Makes a film of the run's policy in a scene, or of the given actions; None if that raised an error.
 Films = Callable[[Manifest, Scene, Actions | None], Film | None]

@@ -10,15 +10,15 @@ from http import HTTPStatus
 from pathlib import Path
 from queue import SimpleQueue
 
+from vlafuzz.common.files import reason
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.files import reason
+from vlafuzz.failures.triage import scene_runner
+from vlafuzz.policies.serving.http import BoundedHandler, BoundedServer
 from vlafuzz.report.live import Live
 from vlafuzz.report.page import render
-from vlafuzz.serving.http import BoundedHandler, BoundedServer
-from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Manifest, Trial
-from vlafuzz.triage import scene_runner
 from vlafuzz.worlds import draws_pictures
+from vlafuzz.worlds.evaluation import Film
 
 HOST = "127.0.0.1"
 _NAMES = (HOST, "localhost")  # other names are those of pages elsewhere that resolve to this machine

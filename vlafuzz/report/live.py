@@ -6,16 +6,16 @@ from collections.abc import Iterator
 from dataclasses import replace
 from datetime import datetime
 
-from vlafuzz.outcome import Verdict
+from vlafuzz.common.text import count_of, duration, interval, percent
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.cards import Spaces, card_of_finding
 from vlafuzz.report.causes import causes_of
 from vlafuzz.report.counts import Counts, funnels, run_row, verdict_chart
 from vlafuzz.report.view import Card, Table, View, title_of
 from vlafuzz.search.base import POOL, RANDOM
-from vlafuzz.sim.base import Film
 from vlafuzz.store.records import Finding, Run, Trial
 from vlafuzz.store.store import Store
-from vlafuzz.text import count_of, duration, interval, percent
+from vlafuzz.worlds.evaluation import Film
 
 AWAITED = 256  # proposals that may still be added before the last one: more than any batch
 EVERYTHING = 1 << 62

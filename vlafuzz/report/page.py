@@ -8,12 +8,12 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from vlafuzz import __version__
+from vlafuzz.common.files import is_stream, write_whole, writing
+from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
-from vlafuzz.files import is_stream, write_whole, writing
 from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import BUCKETS, SOLVERS, View
-from vlafuzz.sim.base import FILM_SPEED
-from vlafuzz.text import interval, percent
+from vlafuzz.worlds.evaluation import FILM_SPEED
 
 
 def render(view: View, *, refresh: int | None = None) -> str:

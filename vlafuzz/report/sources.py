@@ -7,10 +7,13 @@ from dataclasses import replace
 from math import inf
 from pathlib import Path
 
-from vlafuzz.conditions.place import by_place, in_words
-from vlafuzz.outcome import Verdict
-from vlafuzz.plugins import trust_flag
-from vlafuzz.regression.corpus import Corpus
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import duration, interval, named, percent, plural
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.triage.pipeline import hours
+from vlafuzz.failures.triage.summary import TriageSummary, summarise
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.alike import alike_as_one
 from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
 from vlafuzz.report.causes import CauseList, all_causes
@@ -30,13 +33,10 @@ from vlafuzz.report.view import (
     title_of,
 )
 from vlafuzz.search.base import RANDOM
-from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.text import duration, interval, named, percent, plural
-from vlafuzz.triage.pipeline import hours
-from vlafuzz.triage.summary import TriageSummary, summarise
 from vlafuzz.worlds import world_of
+from vlafuzz.worlds.place import by_place, in_words
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 

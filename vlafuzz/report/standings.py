@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vlafuzz.probability import Probability
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import interval, percent
 from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count
-from vlafuzz.statistics import Share
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.text import interval, percent
 
 
 @dataclass(frozen=True, kw_only=True)

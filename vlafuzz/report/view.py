@@ -4,13 +4,13 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from vlafuzz.evidence import Causes, Rate, Solver, Witness
-from vlafuzz.scene import Scene
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import interval, named
+from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import RANDOM
-from vlafuzz.sim.base import Film
-from vlafuzz.statistics import Share
 from vlafuzz.store.records import Manifest
-from vlafuzz.text import interval, named
+from vlafuzz.worlds.evaluation import Film
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {

@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
-from vlafuzz.clients.servers import SERVERS, address_of, client, client_of
+from vlafuzz.common.plugins import OBJECT, is_reference, load_factory, make_of
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.plugins import OBJECT, is_reference, load_factory, make_of
 from vlafuzz.policies.base import Policy, PolicySpec
+from vlafuzz.policies.clients.servers import SERVERS, address_of, client, client_of
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.worlds import known_worlds
 

@@ -6,16 +6,15 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vlafuzz.conditions import provenance
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.space import Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.worlds import world_of
+from vlafuzz.worlds import provenance, world_of
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.worlds.recording import Recording
 
 
 def make_evaluator(

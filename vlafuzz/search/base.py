@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.model.genes import Gene
-from vlafuzz.probability import Probability
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Measure, Score
+from vlafuzz.model.scene import Scene
+from vlafuzz.search.probability import Probability
+from vlafuzz.search.scoring import Measure, Score
 
 Genome = NDArray[np.float64]
 BATCH = 16  # proposals

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import TRIES, OneByOne
+from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
 MOST_SEEDS = 500  # beyond this, the seed of the place reached most often is dropped

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 from sklearn.ensemble import ExtraTreesRegressor
 
-from vlafuzz.scoring import Score
+from vlafuzz.search.scoring import Score
 
 Numbers = NDArray[np.float64]
 

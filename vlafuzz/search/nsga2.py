@@ -15,9 +15,9 @@ from pymoo.core.problem import Problem
 from pymoo.core.repair import Repair
 from pymoo.core.termination import NoTermination
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import Archive, ProposalFactory
+from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
 GENERATIONS, FEWEST = 15, 10  # in a run: at least, and at least with a small budget

@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from vlafuzz.scene import Scene
-from vlafuzz.scoring import Measure, Score
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Genome, Proposal, Source, about, looks_for_causes
 from vlafuzz.search.proposals import UNLIMITED
 from vlafuzz.search.registry import Factory
+from vlafuzz.search.scoring import Measure, Score
 
 
 class Pool:

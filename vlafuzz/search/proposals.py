@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
+from vlafuzz.search.scoring import Score
 
 REDRAWS = 20  # draws of known scenes before one is proposed again: tiny spaces run out
 UNLIMITED = 64  # outstanding proposals of a strategy that learns nothing: it could do with any number

@@ -6,13 +6,13 @@ from typing import Any, cast
 
 import numpy as np
 
+from vlafuzz.common.plugins import is_reference, load_factory, users_code
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.plugins import is_reference, load_factory, users_code
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
 from vlafuzz.search.baselines.mcts import Mcts
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.proposals import Random
+from vlafuzz.search.scoring import Score
 
 Factory = Callable[[Source, int, int | None], Strategy]
 """``(space, seed, budget)`` to a strategy: what ``python:pkg.mod:factory`` has to name.

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.forest import VOTES, Forest, Numbers
 from vlafuzz.search.proposals import ProposalFactory
+from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
 SUPPLY = 6  # candidates made for each proposal

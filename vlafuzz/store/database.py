@@ -12,8 +12,8 @@ from urllib.parse import quote
 
 from pydantic import ValidationError
 
+from vlafuzz.common.reading import first_problem
 from vlafuzz.errors import StoreError, VlafuzzError
-from vlafuzz.reading import first_problem
 from vlafuzz.store.migrations import MIGRATIONS, migrate, shape_at, shape_of
 
 APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show

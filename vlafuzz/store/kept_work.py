@@ -2,8 +2,8 @@
 
 import sqlite3
 
-from vlafuzz.outcome import Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store.database import intact
 from vlafuzz.store.records import Judged, Repeats, Solution
 from vlafuzz.store.rows import Row, check_counts, pack, unpack

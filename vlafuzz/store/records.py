@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from vlafuzz.conditions.conditions import Conditions, Origin, Role, condition
-from vlafuzz.evidence import Actions, Causes, Rate, Witness
-from vlafuzz.outcome import Outcome, Verdict
-from vlafuzz.probability import Probability
-from vlafuzz.scene import Scene
+from vlafuzz.model.conditions import Conditions, Origin, Role, condition
+from vlafuzz.model.evidence import Actions, Causes, Rate, Witness
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Genome
+from vlafuzz.search.probability import Probability
 
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running

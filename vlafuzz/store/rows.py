@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
-from vlafuzz.conditions.checked import check_operators, check_read
-from vlafuzz.evidence import Causes, Rate, Solver, Witness
-from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.probability import Probability
-from vlafuzz.reading import MIB, inflated, parse_json
-from vlafuzz.scene import Scene
+from vlafuzz.common.reading import MIB, inflated, parse_json
+from vlafuzz.model.checked import check_operators, check_read
+from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import (
     Attribution,
     Finding,

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Literal, Self
 
 from vlafuzz.errors import StoreError
-from vlafuzz.outcome import Outcome, Rollout, Verdict
-from vlafuzz.scene import Scene
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.store import rows
 from vlafuzz.store.database import (
     WriterLock,

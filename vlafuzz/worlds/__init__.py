@@ -5,21 +5,26 @@ from __future__ import annotations
 import pkgutil
 from functools import cache
 from importlib import import_module, metadata
+from pathlib import Path
 
+from vlafuzz.common.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.worlds.base import World
 
 GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
-_HERE = ("base", "values")  # modules that are no world
 
 
 @cache
 def known_worlds() -> dict[str, World]:
-    """The worlds that come with vlafuzz, by the names of their modules; the usual one first."""
-    names = [module.name for module in pkgutil.iter_modules(__path__) if module.name not in _HERE]
-    worlds: dict[str, World] = {name: import_module(f"{__name__}.{name}").WORLD for name in names}
+    """The worlds that come with vlafuzz: the folders here with a module ``world``; the usual one first."""
+    modules = {module.name: f"{__name__}.{module.name}.world" for module in pkgutil.iter_modules(__path__)}
+    found = {name: module for name, module in modules.items() if _is_world(name)}
+    worlds: dict[str, World] = {name: import_module(module).WORLD for name, module in found.items()}
     return dict(sorted(worlds.items(), key=lambda item: not item[1].usual))
+
+
+def _is_world(name: str) -> bool:
+    return any((Path(folder) / name / "world.py").is_file() for folder in __path__)
 
 
 def world_named(name: str) -> World:

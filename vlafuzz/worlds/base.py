@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.evidence import Solver
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Solver
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
-from vlafuzz.scene import Scene
-from vlafuzz.sim.audit import AuditedSuite, Scope
-from vlafuzz.sim.evaluator import SceneEvaluator
+from vlafuzz.worlds.audit import AuditedSuite, Scope
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.clients.interface import Interface, Written
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.policies.clients.interface import Interface, Written
+    from vlafuzz.worlds.recording import Recording
 
 
 class TryingPolicy(Policy, Protocol):

@@ -24,22 +24,22 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
-from vlafuzz.evidence import Solver
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Solver
 from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space, Values
 from vlafuzz.model.task import Monitor, Stage, Task
-from vlafuzz.outcome import Rejection
 from vlafuzz.policies.base import Observation, Policy
-from vlafuzz.scene import Scene
-from vlafuzz.sim.episode import Episode
-from vlafuzz.sim.evaluator import SceneEvaluator
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
+from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.clients.interface import Interface
-    from vlafuzz.sim.recording import Recording
+    from vlafuzz.policies.clients.interface import Interface
+    from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one

@@ -2,11 +2,11 @@ import numpy as np
 
 from tests.search.test_surrogate import dark
 from tests.search.worlds import space
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Genome
 from vlafuzz.search.baselines.art_rf import ArtRf
 from vlafuzz.search.proposals import Random
+from vlafuzz.search.scoring import Score
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 

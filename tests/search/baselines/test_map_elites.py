@@ -1,8 +1,8 @@
 from tests.search.worlds import space
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.baselines.map_elites import GUIDED, MapElites
+from vlafuzz.search.scoring import Score
 
 EARLY = Score(Verdict.FAILED, 0.1, 1.0, cell="grasp|light|x0y0")
 LATE = Score(Verdict.FAILED, 0.6, 1.0, cell="grasp|light|x0y0")

@@ -3,11 +3,11 @@ import pytest
 
 from tests.search.test_surrogate import FAILED, PASSED
 from tests.search.worlds import space
-from vlafuzz.outcome import Verdict
-from vlafuzz.scoring import Score
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.baselines import mcts
 from vlafuzz.search.baselines.mcts import EXTENTS, Mcts, _perturbed
+from vlafuzz.search.scoring import Score
 
 NARROW = space("pick-up", "light", "camera-orientation")
 

@@ -2,8 +2,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.suites import find_task
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.suites import find_task
 
 
 @pytest.fixture(scope="session")

@@ -6,28 +6,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.evidence import Causes
-from vlafuzz.outcome import Verdict
+from vlafuzz.failures.triage.directions import directed
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Causes
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Placement, Scene, Start
 from vlafuzz.report.deviations import deviations
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Placement, Scene, Start
-from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.environments import Environments
-from vlafuzz.sim.libero.evaluator import LiberoEvaluator
-from vlafuzz.sim.libero.expert.policy import LiberoExpert
-from vlafuzz.sim.libero.pictures import SAVINGS
-from vlafuzz.sim.libero.scenes.casts import pool
-from vlafuzz.sim.libero.scenes.fairness import Fairness
-from vlafuzz.sim.libero.scenes.room import room_of
-from vlafuzz.sim.libero.scenes.setting import Setting
-from vlafuzz.sim.libero.scenes.space import LiberoSpace
-from vlafuzz.sim.libero.suites import REST, SETTLING
-from vlafuzz.space import OperatorSet, load_operators
-from vlafuzz.space.operators import OPERATORS, ConfounderType
-from vlafuzz.space.table import check_varied
-from vlafuzz.triage.directions import directed
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.environments import Environments
+from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
+from vlafuzz.worlds.libero.expert.policy import LiberoExpert
+from vlafuzz.worlds.libero.pictures import SAVINGS
+from vlafuzz.worlds.libero.scenes.casts import pool
+from vlafuzz.worlds.libero.scenes.fairness import Fairness
+from vlafuzz.worlds.libero.scenes.room import room_of
+from vlafuzz.worlds.libero.scenes.setting import Setting
+from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.suites import REST, SETTLING
+from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderType
+from vlafuzz.worlds.manipulation.space import check_varied
+from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 
 pytestmark = pytest.mark.libero
 SOUP = "libero_object/0"  # the basket's

@@ -3,11 +3,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from vlafuzz.sim.audit import Scope
-from vlafuzz.sim.libero.audit import audit, defects
-from vlafuzz.sim.libero.audit.premise import broken_premises
-from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.suites import find_task
+from vlafuzz.worlds.audit import Scope
+from vlafuzz.worlds.libero.audit import audit, defects
+from vlafuzz.worlds.libero.audit.premise import broken_premises
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.suites import find_task
 
 pytestmark = pytest.mark.libero
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.integrations.test_demonstrations import of_policy
-from vlafuzz.integrations.expert_runner import ExpertRunner
-from vlafuzz.scene import Light
-from vlafuzz.sim.libero.scenes.space import nominal_scene
+from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.model.scene import Light
+from vlafuzz.worlds.libero.scenes.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from vlafuzz.errors import SimulatorError, UsageError
-from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.packages import load, quiet
-from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
-from vlafuzz.sim.libero.stages import Moment, find_stages, monitor_of
-from vlafuzz.sim.libero.suites import find_task
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.packages import load, quiet
+from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.worlds.libero.stages import Moment, find_stages, monitor_of
+from vlafuzz.worlds.libero.suites import find_task
 
 pytestmark = pytest.mark.libero
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (8, 7))

@@ -3,11 +3,11 @@ from itertools import islice, repeat
 import numpy as np
 import pytest
 
-from vlafuzz.sim.libero.env import STILL, LiberoEnv
-from vlafuzz.sim.libero.expert import Expert, can_solve
-from vlafuzz.sim.libero.expert.grasps import find_grasps
-from vlafuzz.sim.libero.stages import Moment, monitor_of
-from vlafuzz.sim.libero.suites import SETTLING, find_task
+from vlafuzz.worlds.libero.env import STILL, LiberoEnv
+from vlafuzz.worlds.libero.expert import Expert, can_solve
+from vlafuzz.worlds.libero.expert.grasps import find_grasps
+from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.suites import SETTLING, find_task
 
 pytestmark = pytest.mark.libero
 

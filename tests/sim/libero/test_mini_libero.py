@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vlafuzz.conditions.conditions import Conditions
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.sim.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.scenes.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 SCRIPTS = Path(__file__).parents[3] / "scripts"

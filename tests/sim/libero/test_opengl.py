@@ -3,10 +3,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from vlafuzz.conditions.place import here, in_words
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.rollouts import setup
 from vlafuzz.worlds import known_worlds
+from vlafuzz.worlds.place import here, in_words
 
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
 

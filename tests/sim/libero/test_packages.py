@@ -1,8 +1,8 @@
 import pytest
 
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.sim.libero import packages
-from vlafuzz.sim.libero.suites import find_task, find_tasks, initial_states
+from vlafuzz.worlds.libero import packages
+from vlafuzz.worlds.libero.suites import find_task, find_tasks, initial_states
 
 
 def test_without_the_extra_one_sentence_says_what_to_install(monkeypatch):

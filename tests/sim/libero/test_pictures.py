@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vlafuzz.scene import Camera, Light
-from vlafuzz.sim.libero.env import LiberoEnv
-from vlafuzz.sim.libero.pictures import CAMERAS, SAVINGS
-from vlafuzz.sim.libero.scenes.setting import Setting
-from vlafuzz.sim.libero.scenes.space import nominal_scene
-from vlafuzz.sim.libero.suites import find_task
-from vlafuzz.sim.similarity import similarity
+from vlafuzz.model.scene import Camera, Light
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.worlds.libero.scenes.setting import Setting
+from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.suites import find_task
+from vlafuzz.worlds.similarity import similarity
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"

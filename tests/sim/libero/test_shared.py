@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from vlafuzz.conditions.conditions import Conditions
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Scene
-from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.sim.libero import shared
-from vlafuzz.sim.libero.scenes.space import nominal_scene
-from vlafuzz.sim.stepping import drive, proceed
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.libero import shared
+from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.stepping import drive, proceed
 
 pytestmark = pytest.mark.libero
 TASK = "libero_object/0"
@@ -42,8 +42,8 @@ def scene() -> Scene:
 
 def test_a_process_ends_without_a_word_after_it_has_drawn():
     code = (
-        "from vlafuzz.sim.libero.evaluator import LiberoStills\n"
-        "from vlafuzz.sim.libero.scenes.space import nominal_scene\n"
+        "from vlafuzz.worlds.libero.evaluator import LiberoStills\n"
+        "from vlafuzz.worlds.libero.scenes.space import nominal_scene\n"
         f"LiberoStills({TASK!r}, 64).png(nominal_scene({TASK!r}, 'libero'))"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

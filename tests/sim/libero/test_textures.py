@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from vlafuzz.sim.libero.packages import load
-from vlafuzz.sim.libero.pictures.textures import MOST, discard, shrink
+from vlafuzz.worlds.libero.packages import load
+from vlafuzz.worlds.libero.pictures.textures import MOST, discard, shrink
 
 pytestmark = pytest.mark.libero
 CHECKER = """<mujoco><asset>

@@ -7,29 +7,29 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vlafuzz.clients.openpi import OpenPi
-from vlafuzz.clients.profiled import Model
-from vlafuzz.clients.remote import parse
-from vlafuzz.clients.vla_eval import Messages, VlaEval
-from vlafuzz.clients.vla_eval_spec import Hello, Parameters, spec_of
-from vlafuzz.conditions.conditions import Conditions
 from vlafuzz.errors import UsageError
-from vlafuzz.outcome import Verdict
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.policies.base import Observation, PolicySpec
+from vlafuzz.policies.clients.openpi import OpenPi
+from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.remote import parse
+from vlafuzz.policies.clients.vla_eval import Messages, VlaEval
+from vlafuzz.policies.clients.vla_eval_spec import Hello, Parameters, spec_of
 from vlafuzz.policies.controls import Frozen
-from vlafuzz.policies.pinhole import Pinhole
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
-from vlafuzz.sim.evaluator import SceneEvaluator
-from vlafuzz.sim.libero.env import LiberoEnv, LiberoObservation
-from vlafuzz.sim.libero.expert.policy import LiberoExpert
-from vlafuzz.sim.libero.scenes.room import room_of
-from vlafuzz.sim.libero.scenes.setting import Setting
-from vlafuzz.sim.libero.scenes.space import LiberoSpace
-from vlafuzz.sim.libero.suites import SETTLING, find_task
-from vlafuzz.space import OperatorSet, load_operators
-from vlafuzz.space.operators import OPERATORS
-from vlafuzz.space.table import check_varied
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.libero.env import LiberoEnv, LiberoObservation
+from vlafuzz.worlds.libero.expert.policy import LiberoExpert
+from vlafuzz.worlds.libero.scenes.room import room_of
+from vlafuzz.worlds.libero.scenes.setting import Setting
+from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.suites import SETTLING, find_task
+from vlafuzz.worlds.manipulation.operators import OPERATORS
+from vlafuzz.worlds.manipulation.space import check_varied
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"  # the environment of the fixture ``bowls``: a bowl belongs on a plate

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 
+from vlafuzz.common.reading import MIB, read_bytes, read_json, validated
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import (
     ActionChunk,
@@ -27,7 +28,6 @@ from vlafuzz.policies.base import (
     PolicySpec,
 )
 from vlafuzz.policies.mini.words import KNOWN, encode
-from vlafuzz.reading import MIB, read_bytes, read_json, validated
 
 if TYPE_CHECKING:
     from vlafuzz.policies.mini.model import Network, Told

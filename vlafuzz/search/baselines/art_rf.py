@@ -6,9 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from sklearn.ensemble import RandomForestClassifier
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import Archive, OneByOne, Points, Rng
+from vlafuzz.search.scoring import Score
 
 CANDIDATES = 10  # per proposal, the usual number for FSCS
 FARTHEST = 5  # candidates, by distance, among which the forest chooses

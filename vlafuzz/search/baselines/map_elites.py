@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from ribs.archives import GridArchive
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import OneByOne
+from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
 STAGES, SQUARES = 8, 16  # lost stages, at most; squares of the workspace for the target

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from vlafuzz.model.genes import Gene
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import OneByOne
+from vlafuzz.search.scoring import Score
 
 EXTENTS = ("nominal", "near", "far")  # an operator's perturbation: none, up to half of its range, more
 CURIOSITY = 0.7  # weight of exploration in UCB1

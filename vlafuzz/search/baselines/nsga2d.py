@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Proposal, Source
 from vlafuzz.search.nsga2 import MOST_SEVERE, Nsga2
+from vlafuzz.search.scoring import Score
 
 LEAVES = 0.5  # share of the population replaced by random scenes when it stalls
 

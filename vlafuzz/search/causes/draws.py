@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.probability import Draw, Probability, failure_probability
+from vlafuzz.common.statistics import wilson
 from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.units import Levels, Numbers, Units
+from vlafuzz.search.probability import Draw, Probability, failure_probability
 from vlafuzz.search.proposals import ProposalFactory
-from vlafuzz.statistics import wilson
 
 SUPPLY = 8  # candidates for a severe scene
 STRETCHED = 0.5  # largest share of draws that are made severe: fewer where failures are frequent

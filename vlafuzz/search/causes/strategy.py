@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vlafuzz.probability import Probability
-from vlafuzz.scoring import Score
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import Attribution
 from vlafuzz.search.causes.draws import STRETCHED, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
+from vlafuzz.search.probability import Probability
 from vlafuzz.search.proposals import ProposalFactory
+from vlafuzz.search.scoring import Score
 
 LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to four workers busy
 ROUNDS = 75  # of outcomes to learn from: the more are outstanding, the later it learns

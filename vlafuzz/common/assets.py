@@ -1,0 +1,135 @@
+"""Locates data: what comes with vlafuzz, the cache of what is built once, and the user's folders.
+
+The latter hold files that may not be shipped, such as robots and photos.
+"""
+
+import errno
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from importlib.resources import files
+from pathlib import Path
+
+from platformdirs import user_cache_path
+
+from vlafuzz.common.files import reason
+from vlafuzz.errors import PrerequisiteError
+
+_PACKAGE = Path(str(files("vlafuzz")))
+FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
+_ABANDONED = 86400.0  # seconds after which nobody fills a draft any more
+_UNWRITABLE = (
+    errno.EACCES,
+    errno.EPERM,
+    errno.EROFS,
+    errno.ENOSPC,
+    errno.EDQUOT,
+    errno.ENOTDIR,
+    errno.EEXIST,
+)
+
+
+def add_folders(folders: Iterable[Path]) -> None:
+    """Search these folders first, in this process and in its children."""
+    added = [str(folder.resolve()) for folder in folders]
+    if added:
+        os.environ[FOLDERS] = os.pathsep.join(added + [folder for folder in listed() if folder not in added])
+
+
+def listed() -> list[str]:
+    return [folder for folder in os.environ.get(FOLDERS, "").split(os.pathsep) if folder]
+
+
+def find(path: str) -> Path | None:
+    """The first match of a relative path, such as ``robots/widowx/wx250s.urdf``; None without any."""
+    places = (Path(folder) / path for folder in listed())
+    return next((place for place in places if place.exists()), None)
+
+
+def need(path: str, what: str) -> Path:
+    """As ``find``; ``what`` needs the file, for the message.
+
+    Raises:
+        PrerequisiteError: the file is in none of the folders.
+    """
+    place = find(path)
+    if place is None:
+        folders = ", ".join(listed())
+        raise PrerequisiteError(
+            f"{what}: needs {path}, which {'is not in ' + folders if folders else 'no folder was named for'}",
+            hint=f"name the folder that holds {path.split('/')[0]}/ in {FOLDERS}, or run with --pack",
+        )
+    return place
+
+
+def _folder(name: str) -> Path:
+    """A data folder: inside the package in a wheel, beside it in a checkout."""
+    packed = _PACKAGE / "_shipped" / name
+    return packed if packed.is_dir() else _PACKAGE.parent / name
+
+
+def operators_dir() -> Path:
+    """The folder of operator ranges, instruction templates and object catalogues."""
+    return _folder("operators")
+
+
+def corpus_dir() -> Path:
+    return _folder("corpus")
+
+
+def published_dir() -> Path:
+    """The folder with the VLATest paper's findings."""
+    return _folder("published")
+
+
+def cache_dir() -> Path:
+    """The cache folder: ``$VLAFUZZ_CACHE``, or the platform's default such as ``~/.cache/vlafuzz``."""
+    return Path(os.environ.get("VLAFUZZ_CACHE") or user_cache_path("vlafuzz", appauthor=False))
+
+
+def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> Path:
+    """A folder of the cache, which is created by ``fill`` unless it exists and ``is_complete``.
+
+    The folder appears complete or not at all, also when several processes create it at the same time.
+    """
+    folder = cache_dir() / name
+    if is_complete(folder):
+        return folder
+    with _explained(folder):
+        _make(folder, fill, is_complete)
+    return folder
+
+
+@contextmanager
+def _explained(folder: Path) -> Iterator[None]:
+    """A PrerequisiteError where the system does not let us write to the cache."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _UNWRITABLE:
+            raise
+        hint = "make room there, or name another folder in VLAFUZZ_CACHE"
+        raise PrerequisiteError(
+            f"the cache {folder.parent} cannot be written: {reason(error)}", hint
+        ) from None
+
+
+def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    for draft in folder.parent.glob(".*"):  # of processes that were killed
+        with suppress(FileNotFoundError):  # another process removes it, too
+            if time.time() - draft.stat().st_mtime > _ABANDONED:
+                shutil.rmtree(draft, ignore_errors=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent, ignore_cleanup_errors=True) as space:
+        draft = Path(space) / "draft"
+        draft.mkdir()
+        fill(draft)
+        try:
+            draft.rename(folder)
+        except OSError:
+            if not is_complete(folder):  # damaged; otherwise another process was faster
+                shutil.rmtree(folder, ignore_errors=True)
+                draft.rename(folder)

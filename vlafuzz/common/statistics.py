@@ -1,0 +1,380 @@
+"""Intervals of shares and ratios, and tests of whether two samples differ."""
+
+import math
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import count
+from statistics import NormalDist
+from typing import NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.text import interval, percent
+
+_EXACT = 20_000  # permutations of two samples, up to which all are counted
+_STAKE = 0.7  # share of the wealth that is on a rate near 1
+_TINY = 1e-9
+
+
+class Interval(NamedTuple):
+    """Both ends included."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Share:
+    """``count`` of ``of`` cases, and the 95% confidence interval of their share, ``low`` to ``high``."""
+
+    count: int
+    of: int
+    low: float
+    high: float
+
+    @classmethod
+    def of_counts(cls, count: int, of: int) -> Self:
+        """Of independent cases: Wilson's interval."""
+        return cls(count, of, *wilson(count, of))
+
+    @classmethod
+    def grouped(cls, cases: Sequence[tuple[Hashable, bool]]) -> Self:
+        """Of cases with their group; those of one group may be alike, see ``share_interval``."""
+        return cls(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
+
+    @classmethod
+    def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
+        """As ``grouped``, of the counts of each group: how many cases are positive, of how many."""
+        return cls(sum(count for count, _ in groups), sum(of for _, of in groups), *_of_groups(groups))
+
+    @property
+    def share(self) -> float:
+        """In [0, 1]; 0 where there are no cases."""
+        return self.count / self.of if self.of else 0.0
+
+    def __str__(self) -> str:
+        return f"{percent(self.share)} ({interval(self.low, self.high)})" if self.of else "–"
+
+
+def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
+    """Wilson's score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
+
+    SciPy's takes integers only, ``share_interval`` needs effective counts.
+    """
+    if n == 0:
+        return Interval(0.0, 1.0)
+    z = NormalDist().inv_cdf((1 + confidence) / 2)
+    centre = (k + z**2 / 2) / (n + z**2)
+    half = z * math.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
+    return Interval(0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
+
+
+def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
+    """Lower and upper bound of a rate, each with confidence 1 - alpha, wherever a sequential test stopped.
+
+    The lower bound is the smallest rate p0 that a bet against "at most p0" does not refute: the wealth of a
+    mixture of bets on larger rates stays below 1 / alpha with probability 1 - alpha by Ville's inequality
+    (Robbins 1970, <https://doi.org/10.1214/aoms/1177696786>; Ramdas et al. 2023,
+    <https://doi.org/10.1214/23-STS894>). Five of five put it above one half.
+
+    Raises:
+        ValueError: ``k`` is not among 0 to ``n``.
+    """
+    if not 0 <= k <= n:
+        raise ValueError(f"{k} of {n} cases")
+    return Interval(_sequential_low(k, n, alpha), 1.0 - _sequential_low(n - k, n, alpha))
+
+
+@cache
+def _sequential_low(k: int, n: int, alpha: float) -> float:
+    from scipy.optimize import brentq
+
+    if k == 0:
+        return 0.0
+
+    def surplus(p0: float) -> float:
+        return _log_wealth(p0, k, n) + math.log(alpha)
+
+    return 0.0 if surplus(_TINY) < 0 else float(brentq(surplus, _TINY, k / n - _TINY * (k == n)))
+
+
+def _log_wealth(p0: float, k: int, n: int) -> float:
+    """Logarithm of the wealth of betting against "the rate is at most p0" after k of n.
+
+    Most of the wealth is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread
+    evenly over [p0, 1].
+    """
+    from scipy.special import betaln
+    from scipy.stats import beta
+
+    null = k * math.log(p0) + (n - k) * math.log1p(-p0)
+    nearly = 1 - (1 - p0) / 10
+    peak = k * math.log(nearly) + (n - k) * math.log1p(-nearly) - null
+    spread = betaln(k + 1, n - k + 1) + beta.logsf(p0, k + 1, n - k + 1) - math.log1p(-p0) - null
+    return float(np.logaddexp(math.log(_STAKE) + peak, math.log(1 - _STAKE) + spread))
+
+
+def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:
+    """95 % interval of ``k / n - other_k / other_n``, from the two shares' own intervals.
+
+    Newcombe 1998, method 10 <https://doi.org/10.1002/(SICI)1097-0258(19980430)17:8%3C873::AID-SIM779%3E3.0.CO;2-I>;
+    SciPy does not have it.
+    """
+    share, other = k / n, other_k / other_n
+    mine, others = wilson(k, n), wilson(other_k, other_n)
+    return Interval(
+        share - other - math.hypot(share - mine.low, others.high - other),
+        share - other + math.hypot(mine.high - share, other - others.low),
+    )
+
+
+def a12(ours: Sequence[float], theirs: Sequence[float]) -> float:
+    """Probability that a value of ours is larger than one of theirs; a tie counts half.
+
+    Vargha, Delaney 2000 <https://doi.org/10.3102/10769986025002101>.
+    """
+    from scipy.stats import mannwhitneyu
+
+    u = mannwhitneyu(ours, theirs, method="asymptotic").statistic
+    return float(u) / (len(ours) * len(theirs))
+
+
+def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
+    """Two-sided p-value of Mann and Whitney's U test.
+
+    For small samples all permutations are counted, so that it is exact even with ties.
+    """
+    from scipy.stats import PermutationMethod, mannwhitneyu
+
+    if len({*ours, *theirs}) == 1 or min(len(ours), len(theirs)) < 2:
+        return 1.0
+    few = math.comb(len(ours) + len(theirs), len(ours)) <= _EXACT
+    method = PermutationMethod(n_resamples=_EXACT) if few else "asymptotic"
+    return min(1.0, float(mannwhitneyu(ours, theirs, alternative="two-sided", method=method).pvalue))
+
+
+@dataclass(frozen=True)
+class SignedRank:
+    """Wilcoxon's signed-rank test of paired values.
+
+    Attributes:
+        more, fewer: numbers of pairs in which ours is larger, or smaller.
+        effect: rank-biserial correlation, in [-1, 1]: the ranks of the pairs in which ours is larger minus
+            those of the others, as a share of all ranks.
+        p: two-sided.
+    """
+
+    more: int
+    fewer: int
+    effect: float
+    p: float
+
+
+def signed_rank(ours: Sequence[float], theirs: Sequence[float]) -> SignedRank:
+    """Test whether paired values differ; equal ones take the lowest ranks and count for neither (Pratt 1959).
+
+    All changes of signs are counted, by their sums of ranks, so that it is exact. SciPy's ``wilcoxon`` is so
+    with ties up to 13 pairs only, and does not say which way they differ.
+    """
+    from scipy.stats import rankdata
+
+    # Two runs without a figure are equal, although infinity minus infinity is no number.
+    differences = np.array([a - b if a != b else 0.0 for a, b in zip(ours, theirs, strict=True)])
+    ranks = np.rint(2 * rankdata(np.abs(differences))).astype(int)  # doubled: those of ties end in a half
+    chances = np.ones(1)  # of the sums of ranks that are positive
+    for rank in ranks[differences != 0]:
+        chances = (np.pad(chances, (0, rank)) + np.pad(chances, (rank, 0))) / 2
+    won, lost = (int(ranks[chosen].sum()) for chosen in (differences > 0, differences < 0))
+    return SignedRank(
+        more=int((differences > 0).sum()),
+        fewer=int((differences < 0).sum()),
+        effect=(won - lost) / max(won + lost, 1),
+        p=min(1.0, 2 * float(chances[: min(won, lost) + 1].sum())),
+    )
+
+
+def smallest_p(pairs: int) -> float:
+    """The smallest p-value of ``signed_rank`` for so many pairs: ours is larger in all of them."""
+    return min(1.0, 2.0 ** (1 - pairs))
+
+
+def pairs_needed(tests: int, alpha: float) -> int:
+    """Pairs for the smallest possible p-value to pass Holm's correction for so many tests."""
+    return next(pairs for pairs in count(2) if tests * smallest_p(pairs) <= alpha)
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """P-values corrected for multiple testing: Holm 1979 <https://www.jstor.org/stable/4615733>."""
+    adjusted = [0.0] * len(p_values)
+    largest = 0.0
+    for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
+        adjusted[index] = largest
+    return adjusted
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """An estimate and its 95 % confidence interval; without bounds where the runs give none."""
+
+    value: float
+    low: float | None = None
+    high: float | None = None
+
+    def __str__(self) -> str:
+        bounds = "no bound" if self.low is None else f"{self.low:.3g} to {self.high:.3g}"
+        return f"{self.value:.3g} ({bounds})"
+
+
+def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
+    """Ratio of the means of paired values, none of them negative; None if it is not finite.
+
+    The interval is Student's for the jackknifed logarithm: Miller 1974
+    <https://doi.org/10.1093/biomet/61.1.1>. It has no bounds where all pairs have the same ratio, or where a
+    mean would be 0 without one of them. ``scripts/bench_intervals.py`` measures how often it is right.
+    """
+    mine, other = np.asarray(ours, float), np.asarray(theirs, float)
+    if not (np.isfinite([mine, other]).all() and other.sum() > 0):
+        return None
+    value = float(mine.sum() / other.sum())
+    without = np.stack([mine.sum() - mine, other.sum() - other])  # the sums without one of the pairs
+    ratios = without[0] / without[1] if (without > 0).all() else np.zeros(1)
+    if np.ptp(ratios) <= _TINY * value:
+        return Estimate(value)
+    factor = math.exp((len(mine) - 1) * _half_width(np.log(ratios)))
+    return Estimate(value, value / factor, value * factor)
+
+
+def mean_estimate(values: Sequence[float]) -> Estimate | None:
+    """Mean of values, none of them negative, with the interval of ``mean_ratio``."""
+    return mean_ratio(values, [1.0] * len(values))
+
+
+def mean_difference(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
+    """Mean difference of paired values, with Student's interval; None if it is not finite."""
+    if not np.isfinite([ours, theirs]).all():
+        return None
+    differences = np.subtract(ours, theirs)
+    value = float(differences.mean())
+    if np.ptp(differences) == 0:
+        return Estimate(value)
+    half = _half_width(differences)
+    return Estimate(value, value - half, value + half)
+
+
+def _half_width(values: NDArray[np.float64]) -> float:
+    """Half the width of Student's 95 % interval of the mean."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
+
+
+def share_interval(cases: Sequence[tuple[Hashable, bool]], confidence: float = 0.95) -> Interval:
+    """Confidence interval of the share of positive cases that come from several runs.
+
+    Cases of one run resemble each other, so they carry less information than as many independent ones. This
+    is Wilson's interval for the effective number of cases: the number of independent cases that would vary
+    as the runs do, reduced further when there are few runs (Korn, Graubard 1998; Franco, Little, Louis, Slud
+    2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>). A bootstrap over 3 or 5 runs is too narrow.
+    With one run, or where all or no cases are positive, the runs show no variation: it is then Wilson's
+    interval of all cases, which may be too narrow.
+
+    Args:
+        cases: the run of each case, and whether the case is positive.
+    """
+    groups: dict[Hashable, list[bool]] = {}
+    for of, positive in cases:
+        groups.setdefault(of, []).append(positive)
+    return _of_groups([(sum(group), len(group)) for group in groups.values()], confidence)
+
+
+def _of_groups(groups: Sequence[tuple[int, int]], confidence: float = 0.95) -> Interval:
+    hits, number = (sum(count) for count in zip(*groups, strict=True)) if groups else (0, 0)
+    alone = hits in (0, number)
+    counts = [(size, positive, positive) for positive, size in groups]
+    effective = number if alone else _effective(counts, (1 + confidence) / 2)
+    return wilson(hits / max(number, 1) * effective, effective, confidence)
+
+
+def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float = 0.95) -> Interval:
+    """Confidence interval of the mean of paired differences of -1, 0 or 1, such as of success.
+
+    Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs where
+    several belong to one group, as in ``share_interval``.
+
+    Args:
+        cases: the group of each pair, and its difference.
+    """
+    number, tail = len(cases), (1 + confidence) / 2
+    groups: dict[Hashable, list[int]] = {}
+    for of, difference in cases:
+        groups.setdefault(of, []).append(difference)
+    counts = [(len(group), sum(group), sum(map(abs, group))) for group in groups.values()]
+    pairs = number if len(groups) == number else _effective(counts, tail)
+    more, fewer = (
+        (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2)
+        for sign in (1, -1)
+    )
+    half = NormalDist().inv_cdf(tail) * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
+    return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))
+
+
+def _effective(groups: Sequence[tuple[int, int, int]], tail: float) -> float:
+    """The number of independent cases whose mean would vary as that of cases in groups does.
+
+    Args:
+        groups: number of cases, their sum, and the sum of their squares.
+    """
+    number, total, squares = (sum(count) for count in zip(*groups, strict=True))
+    mean = total / number
+    # The variance of a ratio of totals, by linearisation.
+    apart = sum((of - mean * size) ** 2 for size, of, _ in groups)
+    if len(groups) < 2 or not apart:
+        return float(number)
+    from scipy.special import stdtrit
+
+    variance = apart / number**2 * len(groups) / (len(groups) - 1)
+    few = (NormalDist().inv_cdf(tail) / float(stdtrit(len(groups) - 1, tail))) ** 2
+    return float(min(number, few * (squares / number - mean**2) / variance))
+
+
+def sign_test(worse: int, better: int) -> float:
+    """Two-sided p-value of the exact sign test, which is McNemar's for pairs of yes and no."""
+    return min(1.0, 2 * float(binomial(worse + better, 0.5)[: min(worse, better) + 1].sum()))
+
+
+def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
+    """Two-sided p-value of Fisher's exact test of two shares; SciPy's takes a second to import."""
+    hits = k + other_k
+    least, most = max(0, hits - other_n), min(n, hits)
+    ways = _log_ways(n)[least : most + 1] + _log_ways(other_n)[hits - most : hits - least + 1][::-1]
+    chances = np.exp(ways - ways.max())
+    return float(chances[chances <= chances[k - least] * (1 + _TINY)].sum() / chances.sum())
+
+
+def binomial(number: int, share: float) -> NDArray[np.float64]:
+    """Probabilities of 0 to ``number`` cases."""
+    if not 0 < share < 1:
+        certain = np.zeros(number + 1)
+        certain[number if share else 0] = 1.0
+        return certain
+    counts = np.arange(number + 1)
+    chances: NDArray[np.float64] = np.exp(
+        _log_ways(number) + counts * math.log(share) + counts[::-1] * math.log1p(-share)
+    )
+    return chances
+
+
+def _log_ways(number: int) -> NDArray[np.float64]:
+    """Logarithms of the ways to choose 0 to ``number`` of so many."""
+    factorials = _log_factorials(number.bit_length())[: number + 1]
+    ways: NDArray[np.float64] = factorials[number] - factorials - factorials[::-1]
+    return ways
+
+
+@cache
+def _log_factorials(bits: int) -> NDArray[np.float64]:
+    """Of all numbers with so many bits."""
+    return np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 1 << bits)))])

@@ -1,0 +1,214 @@
+"""Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from itertools import chain, count, cycle, islice
+from pathlib import Path
+from statistics import fmean, median
+
+import numpy as np
+
+from vlafuzz.campaign.forecast import Speed
+from vlafuzz.common.deadline import Deadline, TimeOverError
+from vlafuzz.common.text import duration, plural
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.doctor import Check, until_refused, verdicts
+from vlafuzz.doctor.probes import Interview, moved, reworded, seconds_at_once, sights, spread
+from vlafuzz.doctor.recorder import Break, Moment, Recorder
+from vlafuzz.doctor.wiring import (
+    Corrected,
+    Correction,
+    check_wiring,
+    corrections,
+    is_suspected,
+    most_rollouts,
+)
+from vlafuzz.errors import PolicyError, SimulatorError
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
+from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts.executor import evaluate_safely
+from vlafuzz.rollouts.setup import make_evaluator, stored_space
+from vlafuzz.store.records import Manifest
+
+TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
+CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
+SCENES, ANSWERS = 3, 8  # scenes in which the policy is observed, and answers in each
+UNFAIR = 10  # scenes drawn per fair one, at most
+MORE = 3  # times as many nominal rollouts, at most, until there is a second failure
+BROKEN = 2  # broken rollouts after which the remaining ones are skipped
+
+
+class Exam:
+    """One policy in the task of a planned run. Loading the simulator takes seconds; the policy stays open.
+
+    ``watch`` is told of every rollout to the end. After the deadline none is begun but the first.
+    """
+
+    def __init__(
+        self, manifest: Manifest, policy: Policy, watch: Watch = SILENT, deadline: Deadline | None = None
+    ) -> None:
+        self._watch, self._done, self._most = watch, 0, 0
+        self._deadline = deadline or Deadline()
+        self._policy, self._spec = policy, policy.spec
+        self._corrected = Corrected(policy)
+        self._recorder = Recorder(self._corrected)
+        once = replace(manifest, repeats=1, stop_early=True)
+        self._evaluator = make_evaluator(once, self._recorder)
+        self._manifest = manifest
+        self._space = self._space_of(TARGETS)
+        self._nominal = self._drawn(TARGETS)
+        self._outcomes: list[tuple[Scene, Outcome]] = []  # of complete rollouts in nominal scenes
+        self._rewordings: dict[str, str] = {}  # instructions that name another object on the table
+
+    def close(self) -> None:
+        self._evaluator.close()
+
+    def moments(self) -> list[Moment]:
+        """A few of those that were recorded."""
+        return spread(self._recorder.moments, SCENES)
+
+    def looks(self) -> Iterator[Check]:
+        """Only what the other checks begin with: some answers in a few scenes."""
+        return self._guarded(self._observe() for _ in range(1))
+
+    def quick(self) -> Iterator[Check]:
+        """The checks that take seconds, up to the first refusal."""
+        return until_refused(self._guarded(self._probed(quick=True)))
+
+    def speed(self, at_once: int) -> Speed:
+        """As it was measured in the checks, and with so many observations at once."""
+        recorder, most = self._recorder, min(at_once, self._spec.max_batch)
+        answer, batched = median(recorder.seconds[1:] or recorder.seconds), 0.0
+        words = f"measured: an answer takes {answer:.2g} s"
+        moments = list(islice(cycle(recorder.moments), most))
+        if most > 1:
+            batched = seconds_at_once(self._policy, moments)
+            words += f", {most} at once {batched:.2g} s"
+        return Speed(
+            answer=answer,
+            simulator=median(recorder.between or [0.0]),
+            actions=len(recorder.moments[0].executed),
+            batch=most,
+            batched=batched,
+            words=words,
+        )
+
+    def thorough(self, n: int) -> Iterator[Check]:
+        """All checks up to the first refusal, with ``n`` nominal rollouts, and more where they fail.
+
+        A policy that cannot do the task is still checked for wiring, which may be the reason.
+        """
+        checks = chain(self._guarded(self._probed(quick=False)), self._lasting(n))
+        verdict = "ok"
+        for check in until_refused(checks):
+            verdict = check.verdict
+            yield check
+        if verdict != "refuse":
+            yield verdicts.on_nominal([outcome for _, outcome in self._outcomes])
+            yield self._wired()
+
+    def _wired(self) -> Check:
+        candidates = corrections(self._spec, self._recorder.longest)
+        outcomes = [outcome for _, outcome in self._outcomes]
+        self._done, self._most = 0, most_rollouts(candidates)
+        if is_suspected(outcomes):
+            seconds = [rollout.seconds for outcome in outcomes for rollout in outcome.rollouts]
+            takes = duration(self._most * fmean(seconds))
+            what = f"up to {self._most} rollouts with corrections, about {takes}"
+            self._watch.note(f"some nominal scenes fail: {what}, mostly fewer")
+        try:
+            return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
+        except TimeOverError:
+            tried = plural(self._done, "rollout")
+            found = f"unknown: --time was over after {tried} with corrections"
+            return Check("wiring", found, "warn", "a longer --time finds out")
+
+    def _probed(self, *, quick: bool) -> Iterator[Check]:
+        spec, recorder = self._spec, self._recorder
+        yield verdicts.on_spec(spec)
+        yield self._observe()
+        yield verdicts.on_actions(spec, np.concatenate([moment.executed for moment in recorder.moments]))
+        interview = Interview(self._policy, recorder.moments)
+        yield verdicts.on_determinism(spec, interview.answers)
+        yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
+        hearing = None if spec.privileged or spec.calibrated else interview.change(reworded(self._rewordings))
+        yield verdicts.on_hearing(hearing)
+        if not quick:
+            yield verdicts.on_proprioception(interview.change(moved) if spec.state else None)
+            together = interview.together() if spec.max_batch > 1 else None
+            yield verdicts.on_batch(spec, interview.answers, together)
+            yield verdicts.on_speed(spec, recorder.seconds, len(recorder.moments[0].executed))
+
+    def _lasting(self, n: int) -> Iterator[Check]:
+        self._outcomes += self._rolled(n)
+        yield verdicts.on_rollouts([outcome for _, outcome in self._outcomes], self._recorder.breaks)
+
+    def _guarded(self, checks: Iterator[Check]) -> Iterator[Check]:
+        """The checks; when the policy breaks during a probe, that becomes a check, too."""
+        try:
+            yield from checks
+        except PolicyError as error:
+            yield verdicts.on_break(Break("when it was asked again about moments", error), first=False)
+
+    def _observe(self) -> Check:
+        """Record the beginnings of some rollouts in cluttered scenes."""
+        recorder, seen = self._recorder, 0
+        recorder.most = ANSWERS
+        for scene in islice(self._drawn(TARGETS + CLUTTER), SCENES * UNFAIR):
+            if other := self._space.misnamed(scene):
+                self._rewordings[scene.instruction] = other
+            outcome = self._roll(scene)
+            if recorder.broken:
+                return verdicts.on_break(recorder.broken, first=not recorder.moments)
+            if outcome.detail.startswith("simulator"):
+                raise SimulatorError(outcome.detail, hint="`vlafuzz doctor` checks this machine")
+            seen += outcome.verdict is not Verdict.INVALID
+            if seen == SCENES:
+                break
+        recorder.most = None
+        if not recorder.moments:
+            hint = "ranges that leave room: --operators"
+            raise SimulatorError(f"no fair scene: {outcome.detail}", hint)
+        return Check("connects", f"{len(recorder.moments)} answers in {seen} scenes", "ok")
+
+    def _rolled(self, n: int) -> Iterator[tuple[Scene, Outcome]]:
+        """Roll out ``n`` fair scenes; fewer when the policy keeps breaking, or has failed in most of them.
+
+        After a single failure among successes there are more, to see whether there is another.
+        """
+        rolled = broken = failed = 0
+        self._watch.progress("nominal rollouts", 0, n)
+        for scene in islice(self._nominal, MORE * n * UNFAIR):
+            outcome = self._roll(scene)
+            if outcome.verdict is Verdict.INVALID:
+                continue
+            yield scene, outcome
+            rolled, broken = rolled + 1, broken + (outcome.verdict is Verdict.ERROR)
+            failed += outcome.verdict is Verdict.FAILED
+            self._watch.progress("nominal rollouts", rolled, max(n, rolled))
+            enough = rolled >= (MORE * n if failed == 1 < rolled else n)
+            if enough or broken == BROKEN or 2 * failed > n or self._deadline.passed:
+                return
+
+    def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
+        """An endless series of scenes in which these operators vary."""
+        manifest = self._manifest
+        space = self._space_of(vary)
+        return (space.sample(np.random.default_rng([manifest.seed, number])) for number in count())
+
+    def _space_of(self, vary: Sequence[str]) -> Space:
+        return stored_space(Path("the run"), self._manifest, vary)
+
+    def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
+        """A rollout to find out what is the wrong way round."""
+        if self._deadline.passed:
+            raise TimeOverError
+        self._watch.progress("rollouts with corrections", self._done, self._most)
+        self._done += 1
+        return self._roll(scene, correction)
+
+    def _roll(self, scene: Scene, correction: Correction | None = None) -> Outcome:
+        self._corrected.correction = correction
+        return evaluate_safely(self._evaluator, [scene])[0]

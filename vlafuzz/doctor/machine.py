@@ -1,0 +1,159 @@
+"""Checks of this machine: what is installed, and what follows from it."""
+
+import importlib.metadata
+import json as json_format
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from vlafuzz import __version__
+from vlafuzz.common import assets
+from vlafuzz.common.text import plural
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.doctor import Check, Rating
+from vlafuzz.rollouts.capacity import most_workers, usable_cores
+from vlafuzz.worlds.tabletop import renderer
+
+PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
+PACKAGES = {
+    "mani_skill": "no scene can be simulated",
+    "sapien": "no scene can be simulated",
+    "torch": "ManiSkill cannot be loaded",
+}
+LITTLE_DISK = 1e9  # bytes: some thousand videos
+# Run in a separate process, as an incompatible native library may crash.
+_IMPORT = """
+import importlib, json, sys
+for name in sys.argv[1:]:
+    try:
+        importlib.import_module(name)
+        problem = None
+    except Exception as error:
+        problem = f"{type(error).__name__}: {error}"
+    print("imported", json.dumps([name, problem]), flush=True)
+"""
+
+
+def machine(watch: Watch = SILENT) -> Iterator[Check]:
+    """All checks; they take some seconds, mostly for loading ManiSkill three times."""
+    watch.note("some twenty seconds, mostly for rolling out and drawing a scene in two processes")
+    yield check_python()
+    yield check_vlafuzz()
+    packages = list(check_packages())
+    yield from packages
+    yield check_cores()
+    probed = renderer.probe()
+    yield check_renderer(probed)
+    cache = check_cache(assets.cache_dir())
+    yield cache
+    yield check_disk(Path.cwd())
+    if all(check.verdict != "refuse" for check in [*packages, cache]):
+        yield from check_sameness(pictures=probed.works)
+
+
+def check_python() -> Check:
+    fits = PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]
+    hint = "" if fits else "hint: use Python 3.11 or 3.12"
+    return Check("python", platform.python_version(), "ok" if fits else "warn", hint)
+
+
+def check_vlafuzz() -> Check:
+    """The version, and the commit where this is a checkout."""
+    top = Path(assets.__file__).resolve().parents[2]
+    commit = _git(top, "rev-parse", "--short", "HEAD") if (top / ".git").exists() else None
+    if commit is None:
+        return Check("vlafuzz", __version__, "ok")
+    version = f"{__version__}, commit {commit}"
+    if _git(top, "status", "--porcelain") == "":
+        return Check("vlafuzz", version, "ok")
+    return Check("vlafuzz", f"{version}, changed", "warn", "results cannot be traced to this commit alone")
+
+
+def check_packages() -> Iterator[Check]:
+    problems = _import_problems(list(PACKAGES))
+    for name, follows in PACKAGES.items():
+        try:
+            version = importlib.metadata.version(name)
+        except importlib.metadata.PackageNotFoundError:
+            version = "not installed"
+        problem = problems[name]
+        if problem is None:
+            yield Check(name, version, "ok")
+        else:
+            yield Check(name, f"{version}: {problem}", "refuse", f"{follows}; hint: run scripts/setup")
+
+
+def check_cores() -> Check:
+    workers = plural(most_workers(), "worker")
+    return Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
+
+
+def check_renderer(probed: renderer.Renderer) -> Check:
+    if probed.works:
+        software = "llvmpipe" in (probed.device or "")
+        speed = "in software: pictures cost more than physics" if software else ""
+        return Check("renderer", probed.name, "ok", speed)
+    follows = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
+    return Check("renderer", probed.problem or "", "warn", f"{follows}; hint: {renderer.HINT}")
+
+
+def check_cache(folder: Path) -> Check:
+    built = sum(not path.name.startswith(".") for path in folder.glob("objects/*"))
+    contents = f"{folder}, {built} objects built"
+    if os.access(_existing(folder), os.W_OK | os.X_OK):
+        return Check("cache", contents, "ok", "" if built else "objects are built when they are first used")
+    verdict: Rating = "warn" if built else "refuse"
+    follows = "no further object can be built; hint: set VLAFUZZ_CACHE to a folder that you may write"
+    return Check("cache", f"{contents}, not writable", verdict, follows)
+
+
+def check_disk(folder: Path) -> Check:
+    free = shutil.disk_usage(_existing(folder)).free
+    enough = free >= LITTLE_DISK
+    follows = "" if enough else "stores and videos may not fit; hint: make room or work in another folder"
+    return Check("disk", f"{free / 1e9:.1f} GB free here", "ok" if enough else "warn", follows)
+
+
+def check_sameness(*, pictures: bool) -> Iterator[Check]:
+    """Whether a scene of the default task is the same in two processes."""
+    from vlafuzz.campaign.config import RunConfig, plan
+    from vlafuzz.doctor.two_processes import check_simulation
+    from vlafuzz.policies.base import CameraRequest
+
+    manifest = plan(RunConfig(policy="expert")).manifest
+    yield from check_simulation(manifest, [CameraRequest("front", 224, 224)] if pictures else [])
+
+
+def _import_problems(names: list[str]) -> dict[str, str | None]:
+    """By package, the error that importing it raises; None where it works."""
+    command = [sys.executable, "-c", _IMPORT, *names]
+    problems: dict[str, str | None] = dict.fromkeys(names, "the import crashed")
+    try:
+        child = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
+    except subprocess.TimeoutExpired:
+        return dict.fromkeys(names, "no import within 180 s")
+    for line in child.stdout.splitlines():
+        if line.startswith("imported "):
+            name, problem = json_format.loads(line.removeprefix("imported "))
+            problems[name] = problem
+    return problems
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """The output of a git command; None where it fails."""
+    try:
+        child = subprocess.run(
+            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return None
+    return child.stdout.strip() if child.returncode == 0 else None
+
+
+def _existing(folder: Path) -> Path:
+    """The folder, or its nearest existing parent."""
+    return next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())

@@ -1,0 +1,234 @@
+"""Probes: show a policy recorded moments of its rollouts with one thing changed, and compare its answers."""
+
+import itertools
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.doctor.recorder import Moment
+from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
+from vlafuzz.policies.clients.wire import with_retries
+from vlafuzz.policies.harness import blamed_on, check_chunks
+
+Array = NDArray[np.float64]
+MOVED = 0.05  # metres along each axis, in proprioception
+HARDLY = 0.02  # relative size below which a change does not count
+ALPHA = 0.01  # significance level; low, since there are several probes
+TIMED = 3  # calls in which a policy is timed
+FEW, MANY = 6, 24  # moments for a deterministic policy, and for a stochastic one
+
+# The moment to show in place of the first one; the second one is of another scene.
+Probe = Callable[[Moment, Moment], Moment]
+_numbers = itertools.count()
+
+
+class Change(NamedTuple):
+    """The effect of a probe on the answers.
+
+    ``size``: relative to the mean distance between the answers to different moments. ``clear``: it is large
+    enough, and statistically significant.
+    """
+
+    size: float
+    clear: bool
+
+
+class Answers:
+    """Two answers to each of some moments, from which the policy's own noise is known.
+
+    ``noise``: the distance between the two answers to each moment, see ``apart``.
+    """
+
+    def __init__(self, spec: PolicySpec, first: Sequence[Array], second: Sequence[Array]) -> None:
+        self._spec, self._first = spec, first
+        self.noise = self._distances(second)
+        pairs = [apart(spec, a, b) for a, b in itertools.combinations(first, 2)]
+        self._spread = float(np.mean(pairs)) if pairs else 0.0
+
+    def change(self, probed: Sequence[Array]) -> Change:
+        """The change to the probed answers, beyond the noise, which moves both answers alike."""
+        moved = self._distances(probed)
+        size = self.relative(max(float(np.mean(moved - self.noise)), 0.0))
+        return Change(size, size >= HARDLY and (not self.noise.any() or _greater(moved - self.noise)))
+
+    def relative(self, distance: float) -> float:
+        """A distance relative to the mean distance between the answers to different moments."""
+        return distance / self._spread if self._spread else float(distance > 0)
+
+    def crossed(self, probed: Sequence[Array]) -> bool:
+        """Whether the probed answers would fit the moments much better in another order."""
+        from scipy.optimize import linear_sum_assignment
+
+        costs = np.array([[apart(self._spec, a, b) for b in self._first] for a in probed])
+        rows, columns = linear_sum_assignment(costs)
+        return bool(costs[rows, columns].sum() < costs.trace() / 2)
+
+    def _distances(self, others: Sequence[Array]) -> Array:
+        pairs = zip(self._first, others, strict=True)
+        return np.array([apart(self._spec, a, b) for a, b in pairs])
+
+
+def apart(spec: PolicySpec, a: Array, b: Array) -> float:
+    """Root mean square distance of two chunks; 1 cm, 0.1 rad and half the gripper's range count as 1 each."""
+    action, steps = spec.action, min(len(a), len(b))
+    gripper = 2.0 if action.gripper.endswith("01") else 1.0
+    units = np.array([action.position_scale / 0.01] * 3 + [action.rotation_scale / 0.1] * 3 + [gripper])
+    return float(np.sqrt(np.mean(((a[:steps] - b[:steps]) * units) ** 2)))
+
+
+def _greater(differences: Array) -> bool:
+    """Whether the differences are significantly positive, by Wilcoxon's signed-rank test."""
+    from scipy.stats import wilcoxon
+
+    return bool(differences.any() and wilcoxon(differences, alternative="greater").pvalue <= ALPHA)
+
+
+class Interview:
+    """Asks a policy again about moments of several scenes, each as a rollout of its own.
+
+    ``answers``: to the unchanged moments. All methods raise PolicyError when the policy breaks.
+    """
+
+    def __init__(self, policy: Policy, recorded: Sequence[Moment]) -> None:
+        self._policy, self._recorded = policy, recorded
+        for number in (FEW, MANY):
+            self._moments = spread(recorded, number)
+            self.answers = Answers(policy.spec, self._ask(same), self._ask(same))
+            if not self.answers.noise.any():
+                break
+
+    def change(self, probe: Probe) -> Change:
+        """The effect of a probe on the answers."""
+        return self.answers.change(self._ask(probe))
+
+    def together(self) -> list[Array]:
+        """The answers in batches of the maximal size."""
+        most = self._policy.spec.max_batch
+        groups = (self._moments[first : first + most] for first in range(0, len(self._moments), most))
+        return [answer for group in groups for answer in ask(self._policy, group)]
+
+    def _ask(self, probe: Probe) -> list[Array]:
+        return [ask(self._policy, [probe(moment, self._other(moment))])[0] for moment in self._moments]
+
+    def _other(self, moment: Moment) -> Moment:
+        """The moment of another scene at the most similar step."""
+
+        def unlike(other: Moment) -> tuple[bool, int]:
+            return other.start.episode == moment.start.episode, abs(other.seen.step - moment.seen.step)
+
+        return min(self._recorded, key=unlike)
+
+
+def spread(moments: Sequence[Moment], number: int) -> list[Moment]:
+    """At most ``number`` moments, evenly spread from the first to the last."""
+    chosen = np.linspace(0, len(moments) - 1, min(number, len(moments))).round().astype(int)
+    return [moments[index] for index in chosen]
+
+
+def same(moment: Moment, _: Moment) -> Moment:
+    return moment
+
+
+def black(moment: Moment, _: Moment) -> Moment:
+    """No light: black pictures, no outlines."""
+    images = {name: np.zeros_like(picture) for name, picture in moment.seen.images.items()}
+    outlines = moment.seen.outlines and Outlines((), None, moment.seen.outlines.table)
+    return _shown(moment, images=images, outlines=outlines)
+
+
+def noise(moment: Moment, _: Moment) -> Moment:
+    """Pictures of noise, reproducible for the moment."""
+    rng = np.random.default_rng([moment.start.seed, moment.seen.step])
+    shapes = {name: picture.shape for name, picture in moment.seen.images.items()}
+    images = {name: rng.integers(0, 256, shape, np.uint8) for name, shape in shapes.items()}
+    return _shown(moment, images=images)
+
+
+def elsewhere(moment: Moment, other: Moment) -> Moment:
+    """The view of another scene."""
+    seen = other.seen
+    return _shown(moment, images=seen.images, outlines=seen.outlines, privileged=seen.privileged)
+
+
+def reworded(rewordings: Mapping[str, str]) -> Probe:
+    """Another instruction: from ``rewordings``, else that of the other scene."""
+
+    def probe(moment: Moment, other: Moment) -> Moment:
+        text = rewordings.get(moment.start.instruction, other.start.instruction)
+        start, seen = replace(moment.start, instruction=text), replace(moment.seen, instruction=text)
+        return replace(moment, start=start, seen=seen)
+
+    return probe
+
+
+def moved(moment: Moment, _: Moment) -> Moment:
+    """Proprioception of a displaced hand, closed where it was open and the reverse."""
+    if moment.seen.state is None:
+        return moment
+    state = moment.seen.state.copy()
+    state[:3] += MOVED
+    state[6] = 1 - state[6]
+    return _shown(moment, state=state)
+
+
+def sights(spec: PolicySpec) -> Mapping[str, Probe]:
+    """The visual probes for a policy, by name; the last one shows another scene. Empty for a blind spec."""
+    if spec.cameras:
+        return {"black pictures": black, "noise": noise, "another scene's picture": elsewhere}
+    if spec.silhouettes:
+        return {"an empty table": black, "another scene's outlines": elsewhere}
+    return {"another scene's state": elsewhere} if spec.privileged else {}
+
+
+def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
+    """The policy's answers in one call, with a rollout of its own for each moment.
+
+    A broken connection is retried before its PolicyError is raised.
+    """
+    return with_retries(lambda: _ask(policy, moments))
+
+
+def seconds_at_once(policy: Policy, moments: Sequence[Moment]) -> float:
+    """The least time of an answer to all moments in one call, of a few calls in the same rollouts.
+
+    The first call takes longer, and a server may not know yet how many rollouts there are.
+    """
+    return with_retries(lambda: min(_timed(policy, moments)))
+
+
+def _timed(policy: Policy, moments: Sequence[Moment]) -> list[float]:
+    with _rollouts(policy, moments) as shown:
+        times = [time.perf_counter()]
+        for step in range(TIMED):
+            answers = policy.act([replace(seen, step=step) for seen in shown])
+            check_chunks(answers, len(shown), policy.spec.name)
+            times.append(time.perf_counter())
+    return np.diff(times).tolist()
+
+
+def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
+    with _rollouts(policy, moments) as shown:
+        return check_chunks(policy.act(shown), len(shown), policy.spec.name)
+
+
+@contextmanager
+def _rollouts(policy: Policy, moments: Sequence[Moment]) -> Iterator[list[Observation]]:
+    """A rollout of its own for each moment, and its observation there."""
+    begun = [replace(moment.start, episode=f"checkup-{next(_numbers)}") for moment in moments]
+    pairs = zip(moments, begun, strict=True)
+    try:
+        with blamed_on(policy.spec.name):
+            policy.reset(begun)
+            yield [replace(moment.seen, episode=start.episode, step=0) for moment, start in pairs]
+    finally:
+        if isinstance(policy, Finishing):
+            policy.finish(begun)
+
+
+def _shown(moment: Moment, **changes: Any) -> Moment:
+    return replace(moment, seen=replace(moment.seen, **changes))

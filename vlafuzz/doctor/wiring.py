@@ -1,0 +1,299 @@
+"""Wiring: whether a swapped or inverted convention makes a policy fail; then one correction lets it succeed.
+
+A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So
+it must add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen
+among all corrections. One that adds less is at most suspicious, if the policy nearly always succeeds with it.
+
+In the test, a bet against "it adds at most ``bound`` on average" multiplies the bettor's wealth by
+``1 + stake (gain - bound)`` after every scene, which is no expected gain as long as that holds, and never
+goes below 0. By Ville's inequality (1939), the wealth then ever reaches ``1 / ALPHA`` with probability at
+most ``ALPHA``, whatever the distribution of the gains (Waudby-Smith and Ramdas 2024,
+<https://doi.org/10.1093/jrsssb/qkad009>).
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import cycle
+from statistics import fmean
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.doctor import Check
+from vlafuzz.doctor.recorder import Lent
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Matrix = Sequence[Sequence[int]]
+_SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+FEWEST = 2  # failures among successes from which on a fault of wiring is looked for
+SCREENED = 2  # failed scenes in which every correction is tried
+CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
+SHIFT = 0.3  # mean gain in progress that a correctly wired policy may have, too
+RELIABLY = 0.8  # share of scenes in which a policy succeeds with a correction that is worth a warning
+ALPHA = 0.05  # significance level: probability of naming a correction that adds at most SHIFT
+KEPT = 3  # solved scenes in which the correction must do no harm
+MOST = 50  # further scenes for the best correction
+HOPELESS = 0.1  # wealth below which it is not tried any further
+# Stakes, as shares of the largest with which the wealth cannot go below 0, and how the wealth is split.
+_STAKES = np.array([0.5, 0.95])
+_SPLIT = np.array([1, 2]) / 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Correction:
+    """A transformation of pictures on their way to the policy, or of actions on their way back.
+
+    ``fault``: what is wrong if it helps. ``advice``: what the user should change. ``actions``: transforms a
+    chunk ``(steps, 7)`` in the units of the spec.
+    """
+
+    fault: str
+    advice: str
+    actions: Callable[[Array, PolicySpec], Array] | None = None
+    picture: Callable[[Picture], Picture] | None = None
+
+
+class Corrected(Lent):
+    """A policy with an exchangeable correction; None for the policy as it is."""
+
+    correction: Correction | None = None
+
+    def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
+        correction = self.correction
+        if correction is None:
+            return super().act(observations)
+        if correction.picture is not None:
+            observations = [_pictured(seen, correction.picture) for seen in observations]
+        chunks = super().act(observations)
+        if correction.actions is None:
+            return chunks
+        return [ActionChunk(correction.actions(np.array(chunk.actions), self.spec)) for chunk in chunks]
+
+
+def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
+    """The corrections that apply to a policy whose longest chunk has ``longest`` actions.
+
+    Scales come last, since shorter moves make up for many other faults, above all for delayed actions.
+    """
+    late = (_late(number) for number in range(1, min(longest, 3)))
+    return [*_ACTIONS, *late, *(_PICTURES if spec.cameras else ()), *_LENGTHS]
+
+
+def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observation:
+    images = {name: np.ascontiguousarray(change(picture)) for name, picture in seen.images.items()}
+    return replace(seen, images=images)
+
+
+def _axes(fault: str, moves: Matrix = _SAME, turns: Matrix = _SAME) -> Correction:
+    """Translations and rotations in another frame, by ``(3, 3)`` matrices."""
+
+    def actions(chunk: Array, _: PolicySpec) -> Array:
+        chunk[:, :3] = chunk[:, :3] @ np.transpose(moves)
+        chunk[:, 3:6] = chunk[:, 3:6] @ np.transpose(turns)
+        return chunk
+
+    advice = "give moves and turns in the frame of the robot's base"
+    return Correction(fault=fault, advice=advice, actions=actions)
+
+
+def _scaled(factor: float) -> Correction:
+
+    def actions(chunk: Array, _: PolicySpec) -> Array:
+        chunk[:, :3] *= factor
+        return chunk
+
+    scale = f"{factor:g} times" if factor > 1 else f"1/{1 / factor:g} of"
+    advice = f"make position_scale about {scale} its present value"
+    return Correction(fault="its moves have the wrong length", advice=advice, actions=actions)
+
+
+def _late(number: int) -> Correction:
+    steps = f"{number} step{'s' * (number > 1)}"
+    return Correction(
+        fault=f"its chunks begin {steps} too early",
+        advice=f"begin chunks with the action for the current step: the first {steps} are in the past",
+        actions=lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
+    )
+
+
+def _grip(chunk: Array, spec: PolicySpec) -> Array:
+    chunk[:, 6] = (1.0 if spec.action.gripper.endswith("01") else 0.0) - chunk[:, 6]
+    return chunk
+
+
+_QUARTER = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
+_BACK = ((0, 1, 0), (-1, 0, 0), (0, 0, 1))
+_HALF = ((-1, 0, 0), (0, -1, 0), (0, 0, 1))
+_ACTIONS = (
+    _axes("x and y of its moves are swapped", ((0, 1, 0), (1, 0, 0), (0, 0, 1))),
+    _axes("x of its moves has the wrong sign", ((-1, 0, 0), (0, 1, 0), (0, 0, 1))),
+    _axes("y of its moves has the wrong sign", ((1, 0, 0), (0, -1, 0), (0, 0, 1))),
+    _axes("z of its moves has the wrong sign", ((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+    _axes("its frame is turned by a quarter about z", _QUARTER, _QUARTER),
+    _axes("its frame is turned by a quarter about z", _BACK, _BACK),
+    _axes("its frame is turned by half about z", _HALF, _HALF),
+    replace(
+        _axes("its yaw has the wrong sign", turns=((1, 0, 0), (0, 1, 0), (0, 0, -1))),
+        advice="turn it the other way: a negative rotation_scale, if the other turns are wrong, too",
+    ),
+    Correction(
+        fault="its gripper opens where it should close",
+        advice="give the other convention of gripper=",
+        actions=_grip,
+    ),
+)
+_LENGTHS = tuple(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20))
+_PICTURES = (
+    Correction(
+        fault="it gets red and blue exchanged",
+        advice="its model was trained on BGR pictures: exchange the channels before the model sees them",
+        picture=lambda picture: picture[..., ::-1],
+    ),
+    Correction(
+        fault="it gets its pictures upside down",
+        advice="flip them before the model sees them",
+        picture=lambda picture: picture[::-1],
+    ),
+    Correction(
+        fault="it gets its pictures mirrored",
+        advice="mirror them before the model sees them",
+        picture=lambda picture: picture[:, ::-1],
+    ),
+    Correction(
+        fault="it gets its pictures turned by half",
+        advice="turn them by 180 degrees before the model sees them, as LIBERO requires",
+        picture=lambda picture: picture[::-1, ::-1],
+    ),
+)
+
+
+Roll = Callable[[Scene, Correction | None], Outcome]
+
+
+@dataclass
+class Trial:
+    """One correction in further scenes.
+
+    ``gains``: in progress. ``without``, ``corrected``: progress, summed. ``solved``: scenes, with it.
+    """
+
+    gains: list[float] = field(default_factory=list)
+    without: float = 0.0
+    corrected: float = 0.0
+    solved: int = 0
+
+    def see(self, without: Outcome, corrected: Outcome) -> None:
+        """Add a scene; it does not count if a rollout was invalid or broke."""
+        if min(without.verdict, corrected.verdict) < Verdict.PASSED:
+            return
+        self.gains.append(corrected.progress - without.progress)
+        self.without += without.progress
+        self.corrected += corrected.progress
+        self.solved += corrected.verdict is Verdict.PASSED
+
+    def wealth(self, bound: float, more: int = 0) -> float:
+        """Wealth of the bettor, from 1, after these and ``more`` of the largest possible gains."""
+        gains = np.array([*self.gains, *[1.0] * more])
+        return float(_SPLIT @ (1 + np.outer(_STAKES / (1 + bound), gains - bound)).prod(axis=1))
+
+    def adds(self, bound: float) -> bool:
+        """Whether the correction significantly adds more than ``bound`` of progress."""
+        return self.wealth(bound) >= 1 / ALPHA
+
+
+def check_wiring(
+    outcomes: Sequence[tuple[Scene, Outcome]],
+    fresh: Iterable[Scene],
+    candidates: Sequence[Correction],
+    roll: Roll,
+) -> Check:
+    """Try all corrections where the policy failed, then the best of them in similar scenes.
+
+    ``outcomes``: of nominal scenes, without a correction. ``fresh``: further nominal scenes.
+    """
+    failed = [(scene, outcome) for scene, outcome in outcomes if outcome.verdict is Verdict.FAILED][:SCREENED]
+    if not failed:
+        return Check("wiring", "it succeeds as it is: nothing to correct", "ok")
+    if not is_suspected([outcome for _, outcome in outcomes]):
+        few = f"{len(failed)} failure in {len(outcomes)} nominal scenes: too few to look for a fault"
+        return Check("wiring", few, "ok", "a larger --n tells more")
+
+    best, gain = _best(failed, candidates, roll)
+    if gain > CLEARLY:
+        trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
+        pairs = len(trial.gains)
+        miswired = trial.adds(SHIFT)
+        suspicious = trial.adds(CLEARLY) and trial.solved >= RELIABLY * pairs
+        if (miswired or suspicious) and _keeps(best, outcomes, roll):
+            rise = f"raises its progress from {trial.without / pairs:.2f} to {trial.corrected / pairs:.2f}"
+            detail = f"{best.fault}: correcting this {rise} in {pairs} scenes like those that failed"
+            if miswired:
+                return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
+            reasons = "suspicious: a gain this small may have other reasons"
+            return Check("wiring", detail, "warn", f"{reasons}; if it is the fault, {best.advice}")
+    return Check("wiring", f"none of {len(candidates)} corrections clearly raises its progress", "ok")
+
+
+def is_suspected(outcomes: Sequence[Outcome]) -> bool:
+    """Whether a fault of wiring is looked for: a policy fails more than once, or never succeeds."""
+    verdicts = [outcome.verdict for outcome in outcomes]
+    failed = verdicts.count(Verdict.FAILED)
+    return failed >= FEWEST or (failed > 0 and Verdict.PASSED not in verdicts)
+
+
+def most_rollouts(candidates: Sequence[Correction]) -> int:
+    """The most that ``check_wiring`` takes; mostly it ends sooner."""
+    return SCREENED * len(candidates) + 2 * MOST + KEPT
+
+
+def _best(
+    failed: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
+) -> tuple[Correction, float]:
+    """The correction with the largest mean gain; the search stops when all scenes pass with one.
+
+    Beyond the first scene only those are tried that raised the progress there, or all if none did.
+    """
+    gains: dict[Correction, list[float]] = {}
+
+    def passes(correction: Correction, scene: Scene, before: Outcome) -> bool:
+        after = roll(scene, correction)
+        gains.setdefault(correction, []).append(after.progress - before.progress)
+        return after.verdict is Verdict.PASSED
+
+    for correction in candidates:
+        if all(passes(correction, *pair) for pair in failed):
+            return correction, fmean(gains[correction])
+    raised = [correction for correction in candidates if gains[correction][0] > 0] or candidates
+    for correction in raised:
+        for pair in failed[len(gains[correction]) :]:
+            passes(correction, *pair)
+    best = max(raised, key=lambda correction: fmean(gains[correction]))
+    return best, fmean(gains[best])
+
+
+def _keeps(correction: Correction, outcomes: Sequence[tuple[Scene, Outcome]], roll: Roll) -> bool:
+    """Whether at least half of the scenes solved without the correction are solved with it."""
+    solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
+    return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in solved) >= len(solved)
+
+
+def _alike(failed: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
+    """Scenes with the same objects and orientations in fresh places: a fault may affect few objects only."""
+    for scene, other in zip(cycle(failed), fresh, strict=False):
+        pairs = zip(scene.targets, other.targets, strict=True)
+        yield replace(scene, targets=tuple(replace(target, x=place.x, y=place.y) for target, place in pairs))
+
+
+def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
+    """Roll out scenes until the correction adds more than ``SHIFT``, or hardly can within ``MOST`` scenes."""
+    trial = Trial()
+    for number, scene in enumerate(scenes):
+        hopeless = trial.wealth(SHIFT) < HOPELESS or trial.wealth(SHIFT, MOST - number) < 1 / ALPHA
+        if hopeless or trial.adds(SHIFT):
+            break
+        trial.see(roll(scene, None), roll(scene, correction))
+    return trial

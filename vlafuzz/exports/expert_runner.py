@@ -1,0 +1,140 @@
+"""ExpertRunner: expert and simulator under the conditions of a run, which show how its policy should act."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.failures.triage.witness import Player
+from vlafuzz.model.evidence import Actions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.clients.interface import Interface, Written, interface_of
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.executor import evaluate_safely
+from vlafuzz.rollouts.setup import make_evaluator, stored_space
+from vlafuzz.store.records import Manifest, Solution
+from vlafuzz.worlds import world_of
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.evaluator import SceneEvaluator
+
+UNFAIR = "its scene is not fair"
+BROKEN = "the simulator broke"
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """A solution from the start to success, with one item per control step.
+
+    Attributes:
+        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action.
+        states: float32 ``(steps, m)``, in the policy's layout.
+        actions: ``(steps, n)``, as it writes them.
+        finding: digest of the failing scene that it is for; empty for a random scene.
+    """
+
+    scene: Scene
+    images: Mapping[str, NDArray[np.uint8]]
+    states: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    finding: str = ""
+
+
+class ExpertRunner:
+    """Solves scenes as the policy of a run would have to, and records what it would see meanwhile."""
+
+    def __init__(self, run: Manifest) -> None:
+        self._run = replace(run, repeats=1, stop_early=True)
+        self.interface: Interface = interface_of(run.policy, run.spec)
+        self._space = stored_space(Path("the run"), run)
+        self._demonstrator = world_of(run.task).demonstrator(self.interface)
+        self._solving: SceneEvaluator | None = None
+        self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
+
+    def solve(self, scene: Scene, first: int = 0) -> Solution | str:
+        """The expert's solution, beginning with its ``first`` attempt; or why there is nothing to be solved.
+
+        It acts without latency, as it corrects itself at every step; a replay then has the scene's.
+        """
+        if self._solving is None:
+            self._solving = make_evaluator(self._run, self._demonstrator, space=self._space)
+        prompt = replace(scene, latency=Latency())
+        tries = self._demonstrator.tries
+        for attempt in ((first + number) % tries for number in range(tries)):
+            self._demonstrator.attempt = attempt
+            (outcome,) = evaluate_safely(self._solving, [prompt])
+            if outcome.verdict < Verdict.PASSED:
+                return UNFAIR if outcome.verdict is Verdict.INVALID else BROKEN
+            if outcome.verdict is Verdict.PASSED:
+                actions = np.stack(self._demonstrator.written)
+                if prompt == scene or self._played(scene, actions, pictures=False) is not None:
+                    return Solution(attempt, actions)
+        return Solution(None, np.zeros((0, len(self.interface.action_names)), np.float32))
+
+    def record(self, scene: Scene, actions: Actions, finding: str = "") -> Demonstration | None:
+        """What the policy would see and do; None if the actions do not solve the scene.
+
+        Raises:
+            PrerequisiteError: rendering does not work here.
+        """
+        steps = self._played(scene, actions, pictures=True)
+        if steps is None:
+            return None
+        names = self.interface.pictures.items()
+        return Demonstration(
+            scene,
+            {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names},
+            np.stack([self.interface.state(seen) for seen, _ in steps]),
+            np.stack([written for _, written in steps]),
+            finding,
+        )
+
+    def close(self) -> None:
+        for evaluator in (self._solving, *self._playing.values()):
+            if evaluator is not None:
+                evaluator.close()
+        self._solving, self._playing = None, {}
+
+    def _played(
+        self, scene: Scene, actions: Actions, *, pictures: bool
+    ) -> list[tuple[Observation, Written]] | None:
+        """Observations with the actions that follow them, up to success; None without it."""
+        episode = self._player(pictures=pictures).begin(scene, int(scene.digest[:6], 16))
+        harness = Harness(Player(self.interface.spec), episode.start)
+        steps: list[tuple[Observation, Written]] = []
+        for number in range(len(actions) + scene.latency.delay):
+            if episode.over:
+                break
+            seen = episode.observe()
+            hand = _hand(seen)
+            written = actions[number] if number < len(actions) else self._still(hand, actions[-1])
+            steps.append((seen, written))
+            harness.accept(ActionChunk(self.interface.answer(written, hand)[None]))
+            episode.advance(harness.next_action())
+        return steps if episode.success else None
+
+    def _still(self, hand: Written, last: Written) -> Written:
+        """An action that only waits for late ones to arrive, with the gripper of the last one."""
+        still = self.interface.written(np.zeros(7), hand)
+        still[-1] = last[-1]
+        return still
+
+    def _player(self, *, pictures: bool) -> SceneEvaluator:
+        if pictures not in self._playing:
+            player, spec = Player(self.interface.spec), self.interface.spec
+            cameras = spec.cameras if pictures else ()
+            player.spec = replace(spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
+            self._playing[pictures] = make_evaluator(self._run, player, space=self._space, checked=False)
+        return self._playing[pictures]
+
+
+def _hand(seen: Observation) -> Written:
+    assert seen.state is not None, "the spec asks for it"
+    return seen.state

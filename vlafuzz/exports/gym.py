@@ -1,0 +1,147 @@
+"""A corpus as a gymnasium environment: its failing scenes one after the other.
+
+``gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by
+side: ``gymnasium.make_vec("vlafuzz.exports.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
+"""
+
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
+from numpy.typing import NDArray
+
+from vlafuzz.errors import UsageError
+from vlafuzz.failures.corpus.corpus import Case
+from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.rollouts.forks import single_threaded
+from vlafuzz.worlds.tabletop.objects.stored import stored_catalogue
+from vlafuzz.worlds.tabletop.sim.env import make_env
+from vlafuzz.worlds.tabletop.sim.evaluator import proprioception
+from vlafuzz.worlds.tabletop.state import State
+
+HZ = 5
+ID = "vlafuzz/Corpus-v0"
+MOST = (0.25, 0.25, 0.25, np.pi, np.pi, np.pi)  # metres and radians per step: more than the robot can do
+# Bounds of the hand pose and the opening
+STATE = ((-2, 2), (-2, 2), (-1, 2), *[(-3.15, 3.15)] * 3, (-0.1, 1.1))
+Seen = dict[str, Any]
+
+
+class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
+    """Every reset builds the next failing scene of a corpus, or a requested one.
+
+    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, absent for ``size`` 0; ``state``
+    (7,) float32: hand's position (metres), rotation vector (radians), opening in [0, 1]; ``instruction``.
+    Actions: (7,): dx dy dz (metres) and rotation vector (radians) relative to the hand, gripper (1 open,
+    -1 closed). Five steps per second, for 16 s. The reward is the gain in progress; success terminates.
+
+    Args:
+        corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
+        size: of an image, pixels; 0 for no images, which needs no renderer.
+        first: number of the first case; every ``every``-th case follows, in a circle.
+
+    Raises:
+        CorpusError: the folder is not a corpus, or is damaged.
+        UsageError: an object pack of the corpus is missing.
+        PrerequisiteError: images are requested, and rendering does not work here.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": HZ}  # noqa: RUF012 - gymnasium's convention
+    render_mode = "rgb_array"
+
+    def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
+        exported = read_corpus(Path(corpus))
+        self.cases, self._runs = exported.cases, exported.runs
+        self._camera = CameraRequest("image", size, size) if size else None
+        cameras = (self._camera,) if self._camera else ()
+        catalogue, robot = stored_catalogue(*exported.runs), self.cases[0].scene.robot
+        self._env = make_env(exported.task, catalogue, cameras, HZ, robot, exported.runs[0].placement)
+        instructions = [case.scene.instruction for case in self.cases]
+        seen: dict[str, spaces.Space[Any]] = {
+            "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
+            "instruction": spaces.Text(max(map(len, instructions)), charset=frozenset("".join(instructions))),
+        }
+        if self._camera:
+            seen["image"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
+        self.observation_space = spaces.Dict(seen)
+        reach = np.array([*MOST, 1.0])
+        self.action_space = spaces.Box(-reach, reach, (7,), np.float64)
+        self._next = self._first = first % len(self.cases)
+        self._every = every
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Build case ``options["case"]``, or the next one; with a seed, the first one."""
+        super().reset(seed=seed)
+        number = (options or {}).get("case", self._next if seed is None else self._first)
+        if not (isinstance(number, int) and 0 <= number < len(self.cases)):
+            raise UsageError(f"options['case']: {number!r}", hint=f"0 to {len(self.cases) - 1}")
+        self._next = (number + self._every) % len(self.cases)
+        self._case: Case = self.cases[number]
+        state = self._env.begin(self._case.scene)
+        self._steps = 0
+        about = {"case": number, "digest": self._case.scene.digest, "signature": self._case.signature}
+        return self._observation(state), about | {"lost_stage": self._case.lost_stage}
+
+    def step(self, action: NDArray[np.float64]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        metric = np.asarray(action, dtype=np.float64)
+        if metric.shape != (7,) or not np.all(np.isfinite(metric)):
+            raise UsageError(f"action: {action!r}", hint="expected 7 finite numbers")
+        monitor = self._env.monitor
+        before = monitor.progress
+        state = self._env.advance(metric, "current")
+        self._steps += 1
+        info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
+        published = self._runs[self._case.run].criteria == "published"
+        done = monitor.published_success if published else monitor.success_once
+        late = self._steps >= self._env.rig.seconds * self._env.control_hz
+        info["success"] = done
+        return self._observation(state), monitor.progress - before, done, late and not done, info
+
+    def render(self) -> Any:
+        """The current image of the third-person camera: (size, size, 3) uint8."""
+        return self._env.picture(self._camera.name) if self._camera else None
+
+    def close(self) -> None:
+        self._env.close()
+
+    def _observation(self, state: State) -> Seen:
+        hand = proprioception(state, self._env.rig.opening)
+        seen: Seen = {"state": hand, "instruction": self._case.scene.instruction}
+        return seen | ({"image": self._env.seen(self._camera.name)} if self._camera else {})
+
+
+def corpus_envs(
+    num_envs: int,
+    corpus: Path | str,
+    size: int = 128,
+    *,
+    processes: bool = False,
+    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+) -> VectorEnv[Any, Any, Any]:
+    """A vector of ``CorpusEnv``: the i-th begins with case i and advances by ``num_envs`` cases.
+
+    Together, the environments cover all cases. After an episode, ``step`` begins the next one according to
+    gymnasium's ``autoreset_mode``. The environments do not influence each other.
+
+    Args:
+        processes: run every environment in a process of its own.
+    """
+    makers = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
+    if not processes:
+        return SyncVectorEnv(makers, autoreset_mode=autoreset_mode)
+    with single_threaded():  # gymnasium 1.4 corrupts text in shared memory
+        return AsyncVectorEnv(makers, shared_memory=False, context="spawn", autoreset_mode=autoreset_mode)
+
+
+gymnasium.register(
+    ID,
+    entry_point="vlafuzz.exports.gym:CorpusEnv",
+    vector_entry_point="vlafuzz.exports.gym:corpus_envs",
+)

@@ -1,0 +1,100 @@
+"""Packed: a demonstration with compressed pictures, and what their statistics need."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from vlafuzz.exports.expert_runner import Demonstration
+from vlafuzz.model.scene import Scene
+
+QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
+Stats = dict[str, Any]  # nested lists of numbers
+
+
+def summary(values: NDArray[Any]) -> Stats:
+    """Statistics of numbers ``(n,)`` or vectors ``(n, d)``, as lists of length 1 or d."""
+    table = values.reshape(len(values), -1).astype(np.float64)
+    stats = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0)}
+    stats |= zip(map(_named, QUANTILES), np.quantile(table, QUANTILES, axis=0), strict=True)
+    return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """Histogram of the levels 0 to 255 by channel over some images: ``counts`` (3, 256)."""
+
+    counts: NDArray[np.int64]
+    pictures: int
+
+    @staticmethod
+    def of(pictures: NDArray[np.uint8]) -> Levels:
+        """The histogram of images ``(n, height, width, 3)``."""
+        channels = [np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)]
+        return Levels(np.array(channels), len(pictures))
+
+    def __add__(self, other: Levels) -> Levels:
+        return Levels(self.counts + other.counts, self.pictures + other.pictures)
+
+    def summary(self) -> Stats:
+        """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
+        levels, share = np.arange(256) / 255, self.counts / self.counts.sum(1, keepdims=True)
+        mean, below = share @ levels, np.cumsum(share, axis=1)
+        stats = {
+            "min": levels[(share > 0).argmax(1)],
+            "max": levels[255 - (share[:, ::-1] > 0).argmax(1)],
+            "mean": mean,
+            "std": np.sqrt(((levels - mean[:, None]) ** 2 * share).sum(1)),
+        }
+        for quantile in QUANTILES:
+            stats[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
+        lists = {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()}
+        return lists | {"count": [self.pictures]}
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A ``Demonstration`` with its pictures as PNG, by name.
+
+    Attributes:
+        sizes: height, width and channels of the pictures.
+        levels: their histograms.
+    """
+
+    scene: Scene
+    pictures: Mapping[str, list[bytes]]
+    sizes: Mapping[str, tuple[int, ...]]
+    levels: Mapping[str, Levels]
+    states: NDArray[np.float32]
+    actions: NDArray[np.float32]
+    finding: str = ""
+
+
+def packed(shown: Demonstration) -> Packed:
+    """The same demonstration, with its pictures compressed."""
+    images = shown.images
+    return Packed(
+        shown.scene,
+        {name: [_png(frame) for frame in frames] for name, frames in images.items()},
+        {name: frames.shape[1:] for name, frames in images.items()},
+        {name: Levels.of(frames) for name, frames in images.items()},
+        shown.states,
+        shown.actions,
+        shown.finding,
+    )
+
+
+def _png(frame: NDArray[np.uint8]) -> bytes:
+    packed = io.BytesIO()
+    Image.fromarray(frame).save(packed, "PNG")
+    return packed.getvalue()
+
+
+def _named(quantile: float) -> str:
+    return f"q{100 * quantile:02.0f}"

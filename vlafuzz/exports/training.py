@@ -1,0 +1,167 @@
+"""Training data: demonstrations of the expert where a policy fails, as a LeRobot dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+from vlafuzz.common.text import duration, plural
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.errors import CorpusError, PrerequisiteError, StoreError, UsageError, install
+from vlafuzz.exports.demonstrations import Demonstrations
+from vlafuzz.exports.selection import (
+    Failure,
+    Which,
+    around,
+    at_random,
+    failures_of_corpus,
+    failures_of_store,
+    split,
+)
+from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
+from vlafuzz.model.scene_lines import write_scenes
+from vlafuzz.policies.base import ActionSpec
+from vlafuzz.policies.clients.interface import Interface, interface_of
+from vlafuzz.store.store import Store
+from vlafuzz.worlds import world_of
+
+TRIES = 4  # scenes that the expert tries for each demonstration, at most
+# Seconds on a core of a usual server: a solution at the expert's own rate; a picture of so many pixels.
+SOLVING, PICTURE, PIXELS = 0.05, 0.03, 224 * 224
+STEPS = 12  # of a solution at the expert's own rate, about
+
+
+class Written(NamedTuple):
+    """What was written.
+
+    Attributes:
+        demonstrations: number of episodes; ``left_out``: scenes that were tried in vain, by reason.
+        held_out: number of failing scenes in ``held_out_file``, which is written if there are any.
+    """
+
+    demonstrations: int
+    left_out: Mapping[str, int]
+    held_out: int
+    held_out_file: Path
+
+
+def write_demonstrations(
+    source: Path,
+    out: Path,
+    run: int | None = None,
+    *,
+    which: Which = "failed",
+    number: int | None = None,
+    per_scene: int = 1,
+    hold_out: float = 0.0,
+    workers: int = 1,
+    watch: Watch = SILENT,
+) -> Written:
+    """Let the expert solve failing scenes, and write what the policy would have seen and done as a dataset.
+
+    Args:
+        source: store, folder of a corpus, or the name of a shipped corpus.
+        out: a new folder; the scenes that are held out go to a file beside it.
+        run: only failures that this run of a store found.
+        which: the failing scenes; the ``minimal`` ones with their passing counterparts; or as many
+            ``random`` ones of the same runs.
+        number: of demonstrations in all; None for ``per_scene`` times the scenes. From the second of a scene
+            on, it is slightly jittered, and the expert begins with another grasp.
+        hold_out: share of the failures that is left out, with all others of the same cause.
+        workers: processes.
+
+    Raises:
+        PrerequisiteError: LeRobot is not installed, or nothing renders here.
+        StoreError: no scene failed; a CorpusError if nothing could be shown.
+        UsageError: the failures are of several robots or kinds of policies, or nothing can be held out.
+    """
+    try:
+        from vlafuzz.exports.lerobot import ACTION, STATE, write_dataset
+    except ModuleNotFoundError as error:
+        message = f"--format lerobot needs the package {error.name!r}"
+        raise PrerequisiteError(message, hint=install("lerobot")) from None
+
+    beside = out.with_name(f"{out.name}-held-out.jsonl")
+    check_new(out)
+    if hold_out and beside.exists():
+        raise UsageError(f"{beside}: exists already", hint="give --out another name")
+    failures, held_out = split(source, _failures(source, run, which), hold_out)
+    interface, robot, hz = _alike(source, failures)
+    scenes = sum(len(failure.scenes) for failure in failures)
+    total = number or per_scene * scenes
+    with _solutions(source, watch) as store:
+        shown = Demonstrations(store, workers, watch)
+        watch.note(_forecast(failures, held_out, total, interface, hz, workers))
+        wanted = at_random(source, failures) if which == "random" else around(source, failures)
+        most = total if number is None and which != "random" else TRIES * max(total, scenes)
+        solved = shown.solved(wanted, total, most)
+    if shown.known:
+        watch.note(f"{plural(shown.known, 'solution')} of the expert known from before")
+    names = {STATE: interface.state_names, ACTION: interface.action_names}
+    with whole(out) as folder:
+        written = write_dataset(shown.shown(solved), folder, hz, robot, names)
+        if not written:
+            reasons = ", ".join(f"{reason} ({count})" for reason, count in shown.left_out.items())
+            raise CorpusError(f"{source}: nothing can be demonstrated: {reasons}", hint="`vlafuzz doctor`")
+    if held_out:
+        failed = dict.fromkeys((failure.scene for failure in held_out), "failed")
+        write_scenes(beside, failed, failed)
+    return Written(written, shown.left_out, len(held_out), beside)
+
+
+def _failures(source: Path, run: int | None, which: Which) -> list[Failure]:
+    if not is_corpus(source):
+        with Store.open(source) as store:
+            return failures_of_store(store, run, which)
+    if run is not None:
+        raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
+    return failures_of_corpus(source, read_corpus(source), which)
+
+
+def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, int]:
+    """The interface, robot and control rate of all failures."""
+    kinds: dict[tuple[object, ...], Interface] = {}
+    for failure in failures:
+        interface = interface_of(failure.run.policy, failure.run.spec)
+        pictures = (*interface.spec.cameras, *interface.pictures.values())
+        kinds[failure.scene.robot, interface.key, interface.layout, pictures] = interface
+    if len(kinds) > 1:
+        message = f"{source}: has failures of {len(kinds)} robots, sets of cameras or kinds of actions"
+        raise UsageError(message, hint="--run N takes the failures of one run")
+    ((robot, *_),), (interface,) = kinds, kinds.values()
+    hz = world_of(failures[0].scene.task).robot(str(robot)).control_hz
+    return interface, str(robot), hz or interface.spec.action.hz
+
+
+@contextmanager
+def _solutions(source: Path, watch: Watch) -> Iterator[Store | None]:
+    """The store, to keep solutions there; None for a corpus, and where it cannot be written."""
+    if is_corpus(source):
+        yield None
+        return
+    try:
+        store = Store.open(source, "write")
+    except StoreError as error:
+        watch.note(f"note: the expert's solutions are not kept: {error.message}")
+        yield None
+        return
+    with store:
+        yield store
+
+
+def _forecast(
+    failures: Sequence[Failure],
+    held_out: Sequence[Failure],
+    total: int,
+    interface: Interface,
+    hz: int,
+    workers: int,
+) -> str:
+    pixels = sum(camera.width * camera.height for camera in interface.spec.cameras)
+    finer = max(1.0, hz / ActionSpec().hz)
+    seconds = total * finer * (SOLVING + STEPS * PICTURE * pixels / PIXELS) / workers
+    held = f", {len(held_out)} more held out" if held_out else ""
+    of = f"{plural(len(failures), 'failure')}{held}"
+    return f"about {duration(seconds)}: {plural(total, 'demonstration')} for {of}"

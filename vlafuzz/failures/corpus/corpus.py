@@ -1,0 +1,147 @@
+"""An exported corpus as values: minimal failing scenes, each with the evidence for it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from vlafuzz.common.statistics import Share
+from vlafuzz.model.evidence import Causes, Rate, Witness
+from vlafuzz.model.label import Model
+from vlafuzz.model.phrasing import titled
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Manifest
+
+SCHEMA = 3  # of the folder, described in corpus/README.md
+
+
+@dataclass(frozen=True, kw_only=True)
+class Facts:
+    """A failure without its scenes, witness and picture: what the manifest of a folder holds as it is.
+
+    Attributes:
+        lost_stage: the stage that the policy does not reach.
+        operators: those in which the scene differs from the nominal one, or from the case's reference; all
+            confounder operators count as one.
+        nominal_passes: verdict of the nominal scene.
+        found: digest of the scene as the search found it.
+        run: index of the run that found it, in ``Corpus.runs``.
+        repeats: rollouts that confirmed it; ``failures`` of them failed.
+        rollouts: of the policy, to shrink and attribute the finding.
+        certified: how often the policy fails in the scene and its neighbourhood, by rollouts that had no part
+            in shrinking it; None in corpora of schema 2 and before.
+        counterpart_rates: the same for the counterparts, by operator.
+    """
+
+    lost_stage: str
+    signature: str
+    operators: tuple[str, ...]
+    causes: Causes
+    nominal_passes: bool
+    found: str
+    run: int
+    repeats: int
+    failures: int
+    rollouts: int
+    certified: Rate | None = None
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
+        if not 0 <= self.failures <= self.repeats:
+            raise ValueError(f"{self.failures} failures in {self.repeats} repeats")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Case(Facts):
+    """One failure.
+
+    Attributes:
+        scene: minimal: the policy needs every one of ``operators`` to fail.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes.
+        nominal: the scene with all operators reset.
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the
+            nominal one; resetting an operator takes its values from there. None: the nominal scene.
+        witness: a solution of the scene.
+        thumbnail: PNG from the third-person camera; None where nothing could be rendered.
+    """
+
+    scene: Scene
+    counterparts: Mapping[str, Scene]
+    nominal: Scene
+    witness: Witness
+    reference: Scene | None = None
+    thumbnail: bytes | None = None
+
+    @property
+    def title(self) -> str:
+        """The operators in a few words, with their thresholds where these are known."""
+        return titled(self.operators, self.causes)
+
+
+@dataclass(frozen=True)
+class Control:
+    """A random scene, which no outcome selected, and whether the corpus's own policy passed in it."""
+
+    scene: Scene
+    passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What triage of the store found, and what the export left out.
+
+    Attributes:
+        shares: of the triaged findings: confirmed, flaky, edge, witnessed, by sight, unproven, base, minimal.
+        left_out: number of minimal findings that are not in the corpus, by reason.
+        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
+        expert_rollouts: replays of witnesses included.
+        seconds: wall time of triage.
+    """
+
+    findings: int
+    shares: Mapping[str, Share]
+    left_out: Mapping[str, int]
+    search_rollouts: int
+    triage_rollouts: int
+    expert_rollouts: int
+    seconds: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Corpus:
+    """All cases of one policy on one task, and where they come from.
+
+    Attributes:
+        runs: the runs that found the cases: policy, versions, conditions.
+        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before.
+        renderer: what rendered the policy's images when the cases were checked; None for a policy without
+            cameras.
+        versions: of the packages at that time.
+        created: ISO 8601, UTC.
+    """
+
+    name: str
+    runs: Sequence[Manifest]
+    cases: Sequence[Case]
+    evidence: Evidence
+    renderer: str | None
+    controls: Sequence[Control] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    created: str = ""
+
+    @property
+    def task(self) -> str:
+        return self.runs[0].task
+
+    @property
+    def policy(self) -> str:
+        """The policy that failed, as the user named it."""
+        return self.runs[0].policy
+
+    @property
+    def tested(self) -> Model:
+        """The model that failed."""
+        return self.runs[0].tested
+
+    def seed(self, case: Case) -> int:
+        """Seed of the rollouts in which the case failed."""
+        return self.runs[case.run].seed

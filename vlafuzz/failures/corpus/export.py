@@ -1,0 +1,182 @@
+"""export: the minimal findings of a store as a corpus, with controls. Each finding is checked once more."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
+from datetime import UTC, datetime
+from functools import partial
+from itertools import count, groupby
+from operator import itemgetter
+
+from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import duration, plural
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.failures.corpus.check import PictureRunner, check
+from vlafuzz.failures.corpus.controls import CONTROLS, record
+from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
+from vlafuzz.failures.corpus.milder import suggest_ranges
+from vlafuzz.failures.corpus.power import power_of
+from vlafuzz.failures.triage.pipeline import SOON, pace
+from vlafuzz.failures.triage.pool import PooledRunner, process_pool, side_by_side
+from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
+from vlafuzz.store.records import Run, Triaged
+from vlafuzz.store.store import Store
+from vlafuzz.worlds import provenance
+
+PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about; more with --firm
+SAME = "its scene is that of another finding"
+Check = Callable[[Triaged], Case | str]
+Each = Callable[[Check, Sequence[Triaged]], Iterable[tuple[int, Case | str]]]
+
+
+def export(
+    store: Store,
+    runner: Callable[[Run], PictureRunner],
+    *,
+    name: str,
+    run: int | None = None,
+    task: str | None = None,
+    controls: int = CONTROLS,
+    firm: float | None = None,
+    workers: int = 1,
+    watch: Watch = SILENT,
+) -> Corpus:
+    """The minimal findings of a store that still hold, one case per scene, and the policy's controls.
+
+    A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the
+    witness solves the scene.
+
+    Args:
+        runner: makes the scene runner that checks the findings of a run.
+        run: only findings that this run found first; ``task``: only those of one task.
+        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``;
+            more where it passes rarely, see ``record``.
+        firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they
+            do not, the scene moves on in the same direction until they do. By default most have to, and
+            each is repeated until that is clear.
+        workers: processes that share the rollouts; ``runner`` is picklable where there are several.
+
+    Raises:
+        UsageError: the store has several tasks or policies.
+        StoreError: the store has no minimal finding, or none that holds.
+        PrerequisiteError: the policy passes in so few controls that there could be no alarm.
+    """
+    chosen = _choose(store, run, task)
+    runs = {begun.id: begun for begun in store.runs()}
+    numbers = sorted({number for number, _ in chosen})
+    _check_alike(store, [runs[number] for number in numbers])
+    cases: dict[Scene, Case] = {}
+    recorded: list[Control] = []
+    if takes := forecast(store, len(chosen), controls, workers):
+        watch.note(f"{plural(len(chosen), 'minimal finding')} and {controls} controls{takes}")
+    left_out: Counter[str] = Counter()
+    checked = partial(watch.progress, "minimal findings checked", total=len(chosen))
+    done = count(1)
+    checked(0)
+    for number, group in groupby(chosen, itemgetter(0)):
+        findings = [triaged for _, triaged in group]
+        results: dict[int, Case | str] = {}
+        with _checker(runner, runs[number], workers) as (checker, each):
+            if number == numbers[0]:
+                renderer = checker.renderer
+                recorded = record(checker, runs[number].manifest.seed, controls, watch)
+                _check_power(checker.space, recorded, watch)
+            one = partial(check, run=numbers.index(number), runner=checker, share=firm)
+            for index, result in each(one, findings):
+                results[index] = result
+                checked(next(done))
+        for _, case in sorted(results.items()):
+            if not isinstance(case, Case):
+                left_out[case] += 1
+            elif cases.setdefault(case.scene, case) is not case:
+                left_out[SAME] += 1
+    if not cases:
+        reasons = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
+        problem = f"{store.path}: no minimal finding holds: {reasons}"
+        raise StoreError(problem, hint="`vlafuzz triage` it here")
+    return Corpus(
+        name=name,
+        runs=[runs[number].manifest for number in numbers],
+        cases=list(cases.values()),
+        controls=recorded,
+        evidence=_evidence(store, task, left_out),
+        renderer=renderer,
+        versions=provenance.versions(),
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _check_power(space: Space, controls: Sequence[Control], watch: Watch) -> None:
+    """Say what loss the controls could notice, before the findings are checked."""
+    if not controls:
+        return
+    power = power_of([control.passed for control in controls])
+    milder = suggest_ranges(space, [(control.scene, control.passed) for control in controls])
+    if not power.possible:
+        raise PrerequisiteError(str(power), hint=f"{milder}; --controls 0 writes a corpus without an alarm")
+    watch.note(f"{power}; {milder}" if power.total else str(power))
+
+
+def forecast(store: Store, findings: int, controls: int, workers: int) -> str:
+    """How long an export takes, in brackets; empty where it is soon done."""
+    seconds = (controls + PER_CASE * findings) * pace(store, workers)
+    return f" (about {duration(seconds)}; fewer --controls take less)" if seconds > SOON else ""
+
+
+@contextmanager
+def _checker(
+    make: Callable[[Run], PictureRunner], run: Run, workers: int
+) -> Iterator[tuple[PictureRunner, Each]]:
+    """A scene runner, and what calls a function for each finding and numbers the results."""
+    if workers == 1:
+        with closing(make(run)) as runner:
+            yield runner, lambda function, findings: enumerate(map(function, findings))
+    else:
+        with process_pool(workers) as pool:
+            yield PooledRunner(pool, make, run), partial(side_by_side, pool, workers)
+
+
+def tasks_of(store: Store, run: int | None) -> list[str]:
+    """The tasks of the minimal findings; a StoreError if there is none."""
+    return list(dict.fromkeys(triaged.scene.task for _, triaged in _choose(store, run)))
+
+
+def _choose(store: Store, run: int | None, task: str | None = None) -> list[tuple[int, Triaged]]:
+    """The minimal findings with their runs, ordered by these; of several with one minimal scene the first."""
+    runs = {finding.key: finding.run for finding in store.findings(run)}
+    chosen: dict[Scene, tuple[int, Triaged]] = {}
+    for triaged in store.triaged():
+        if task not in (None, triaged.scene.task):
+            continue
+        if triaged.key in runs and triaged.bucket == "minimal" and triaged.shrunk and triaged.witness:
+            chosen.setdefault(triaged.shrunk, (runs[triaged.key], triaged))
+    if not chosen:
+        raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
+    return sorted(chosen.values(), key=itemgetter(0))
+
+
+def _check_alike(store: Store, runs: Sequence[Run]) -> None:
+    kinds = {f"{run.manifest.called} on {run.manifest.task}" for run in runs}
+    if len(kinds) > 1:
+        problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
+        raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
+
+
+def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidence:
+    summary = summarise(store, task)
+    counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
+    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "edge", "flaky")}
+    runs = [run.id for run in store.runs() if task in (None, run.manifest.task)]
+    trials = (trial for run in runs for trial in store.trials(run))
+    return Evidence(
+        findings=summary.findings,
+        shares={name: Share.of_counts(count, summary.triaged) for name, count in counts.items()},
+        left_out=dict(left_out),
+        search_rollouts=sum(len(trial.outcome.rollouts) for trial in trials),
+        triage_rollouts=summary.policy_rollouts,
+        expert_rollouts=summary.expert_rollouts,
+        seconds=summary.seconds,
+    )

@@ -1,0 +1,308 @@
+"""Corpora as folders: written completely or not at all, and checked when they are read."""
+
+import hashlib
+import io
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.common.files import reason, replacing
+from vlafuzz.common.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
+from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
+from vlafuzz.failures.corpus.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
+from vlafuzz.model.checked import check_operators, check_read
+from vlafuzz.model.evidence import Actions, Solver, Witness
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import load_scenes, write_scenes
+from vlafuzz.store.records import Manifest
+from vlafuzz.worlds import world_of
+
+MANIFEST, SCENES, COUNTERPARTS = "manifest.json", "scenes.jsonl", "counterparts.jsonl"
+CONTROLS = "controls.jsonl"
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+_AGAIN = "`vlafuzz export STORE --minimal` writes a new one"
+_RENAMED = {"subject": "policy", "given": "scene_file"}  # in schema 2
+# What a corpus or case and its row in the manifest have in common; the other fields are files or digests.
+_OF_CORPUS = ("name", "created", "renderer", "versions", "evidence")
+_OF_CASE = tuple(fact.name for fact in fields(Facts))
+
+
+@dataclass(frozen=True)
+class _WitnessRow:
+    """A witness: the digest of the file with its actions, and the rest."""
+
+    __pydantic_config__ = _STRICT
+    digest: str
+    steps: int
+    states_hash: str
+    attempt: int
+    solver: Solver = "expert"
+
+
+@dataclass(frozen=True)
+class _ControlRow:
+    """A control, with its scene by digest."""
+
+    __pydantic_config__ = _STRICT
+    scene: str
+    passed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class _CaseRow(Facts):
+    """A case, with scenes by their digests."""
+
+    __pydantic_config__ = _STRICT
+    scene: str
+    counterparts: Mapping[str, str]
+    nominal: str
+    witness: _WitnessRow
+    thumbnail: bool
+    reference: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Manifest:
+    """All of a corpus but the scenes, actions and images."""
+
+    __pydantic_config__ = _STRICT
+    schema: int
+    name: str
+    created: str
+    renderer: str | None
+    versions: Mapping[str, str]
+    runs: tuple[Manifest, ...]
+    evidence: Evidence
+    cases: tuple[_CaseRow, ...]
+    controls: tuple[_ControlRow, ...] = ()
+
+
+_ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
+
+
+def locate(folder: Path) -> Path:
+    """The folder itself; for the name of a shipped corpus that is no path here, the shipped folder."""
+    shipped = corpus_dir() / folder.name
+    return shipped if folder == Path(folder.name) and not folder.exists() and shipped.is_dir() else folder
+
+
+def is_corpus(folder: Path) -> bool:
+    """Whether a path, or the name of a shipped corpus, looks like an exported corpus."""
+    return (locate(folder) / MANIFEST).is_file()
+
+
+def witness_path(folder: Path, scene: Scene) -> Path:
+    """The file with the actions of a scene's witness."""
+    return folder / "witnesses" / f"{scene.digest}.npy"
+
+
+def thumbnail_path(folder: Path, scene: Scene) -> Path:
+    """The file with the image of a scene."""
+    return folder / "thumbnails" / f"{scene.digest}.png"
+
+
+def write_corpus(corpus: Corpus, folder: Path) -> None:
+    """Write a new folder; a CorpusError if it exists already, or cannot be written."""
+    with whole(folder) as unfinished:
+        _write(corpus, unfinished)
+
+
+@contextmanager
+def whole(folder: Path) -> Iterator[Path]:
+    """A temporary folder that is renamed to ``folder`` at the end; checks like ``check_new``."""
+    check_new(folder)
+    try:
+        with replacing(folder) as unfinished:
+            yield unfinished
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def check_new(folder: Path) -> None:
+    """Raise a CorpusError if a folder exists already, or cannot be written."""
+    if folder.exists():
+        raise CorpusError(f"{folder}: exists already", hint="give --out a new folder")
+    try:
+        folder.mkdir(parents=True)
+        folder.rmdir()
+    except OSError as error:
+        raise _unwritable(folder, error) from None
+
+
+def _unwritable(folder: Path, error: OSError) -> CorpusError:
+    return CorpusError(f"{folder}: cannot be written: {reason(error)}", hint="give --out elsewhere")
+
+
+def _write(corpus: Corpus, folder: Path) -> None:
+    for part in ("witnesses", "thumbnails"):
+        (folder / part).mkdir(parents=True)
+    others = [scene for case in corpus.cases for scene in _others(case)]
+    write_scenes(folder / SCENES, [case.scene for case in corpus.cases])
+    write_scenes(folder / COUNTERPARTS, dict.fromkeys(others))
+    if corpus.controls:
+        write_scenes(folder / CONTROLS, [control.scene for control in corpus.controls])
+    for case in corpus.cases:
+        witness_path(folder, case.scene).write_bytes(_npy(case.witness.actions))
+        if case.thumbnail is not None:
+            thumbnail_path(folder, case.scene).write_bytes(case.thumbnail)
+    manifest = _Manifest(
+        schema=SCHEMA,
+        runs=tuple(corpus.runs),
+        cases=tuple(map(_row, corpus.cases)),
+        controls=tuple(_ControlRow(control.scene.digest, control.passed) for control in corpus.controls),
+        **_fields(corpus, _OF_CORPUS),
+    )
+    (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
+
+
+def _others(case: Case) -> list[Scene]:
+    """The scenes beside the failing one."""
+    reference = [case.reference] if case.reference else []
+    return [*case.counterparts.values(), case.nominal, *reference]
+
+
+def _row(case: Case) -> _CaseRow:
+    actions, witness = case.witness.actions, case.witness
+    return _CaseRow(
+        scene=case.scene.digest,
+        counterparts={name: scene.digest for name, scene in case.counterparts.items()},
+        nominal=case.nominal.digest,
+        reference=case.reference.digest if case.reference else None,
+        witness=_WitnessRow(
+            _digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver
+        ),
+        thumbnail=case.thumbnail is not None,
+        **_fields(case, _OF_CASE),
+    )
+
+
+def _fields(value: object, names: tuple[str, ...]) -> dict[str, Any]:
+    return {name: getattr(value, name) for name in names}
+
+
+def read_corpus(folder: Path) -> Corpus:
+    """Read a folder that ``write_corpus`` wrote, and check that its parts belong together.
+
+    Raises:
+        CorpusError: the folder is not a corpus, has a newer schema, or a file is missing or was changed; the
+            message names the file.
+    """
+    folder = locate(folder)
+    manifest = _read_manifest(folder / MANIFEST, folder)
+    files = (SCENES, COUNTERPARTS, *([CONTROLS] if manifest.controls else []))
+    try:
+        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file, folder)}
+    except SceneError as error:
+        raise _damaged(error.message) from None
+    cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
+    controls = tuple(
+        Control(_scene(scenes, row.scene, f"{folder / CONTROLS}: control {number}"), row.passed)
+        for number, row in enumerate(manifest.controls)
+    )
+    return Corpus(runs=manifest.runs, cases=cases, controls=controls, **_fields(manifest, _OF_CORPUS))
+
+
+def _read_manifest(path: Path, folder: Path) -> _Manifest:
+    """Read and validate a manifest of any schema so far."""
+    content = read_json(path, CorpusError, hint="expected an exported corpus", inside=folder)
+    try:
+        schema = content["schema"] if isinstance(content, dict) else None
+        if isinstance(schema, int) and schema > SCHEMA:
+            raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
+        manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
+        for run in manifest.runs:
+            check_read(run)
+        for row in manifest.cases:
+            check_operators(row.causes, row.operators, row.counterparts, row.counterpart_rates)
+    except CorpusError:
+        raise
+    except ValidationError as error:
+        raise _damaged(f"{path}: {first_problem(error)}") from None
+    except VlafuzzError as error:
+        raise _damaged(f"{path}: {error.message}") from None
+    except (KeyError, ValueError, TypeError, AttributeError) as error:
+        problem = f"no {error}" if isinstance(error, KeyError) else str(error)
+        raise _damaged(f"{path}: not the manifest of a corpus: {problem}") from None
+    if not manifest.cases or any(not 0 <= case.run < len(manifest.runs) for case in manifest.cases):
+        raise _damaged(f"{path}: has no case, or a case without its run")
+    return manifest
+
+
+def _upgraded(content: dict[str, Any]) -> dict[str, Any]:
+    """Schema 1 as schema 2, which renamed fields of the runs."""
+    runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
+    return content | {"schema": SCHEMA, "runs": runs}
+
+
+def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene]) -> Case:
+    def scene(digest: str, file: str) -> Scene:
+        return _scene(scenes, digest, f"{folder / file}: case {number}")
+
+    failing = scene(row.scene, SCENES)
+    try:
+        world_of(failing.task).robot(failing.robot)
+    except SceneError as error:
+        raise CorpusError(f"{folder / SCENES}: case {number}: {error.message}", hint=error.hint) from None
+    actions = _read_actions(witness_path(folder, failing), row.witness.digest, folder)
+    return Case(
+        scene=failing,
+        counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
+        nominal=scene(row.nominal, COUNTERPARTS),
+        reference=scene(row.reference, COUNTERPARTS) if row.reference else None,
+        witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
+        thumbnail=_read_picture(thumbnail_path(folder, failing), folder) if row.thumbnail else None,
+        **_fields(row, _OF_CASE),
+    )
+
+
+def _scene(scenes: Mapping[str, Scene], digest: str, where: str) -> Scene:
+    if digest not in scenes:
+        raise _damaged(f"{where}: no scene with digest {digest}")
+    return scenes[digest]
+
+
+def _read_picture(path: Path, folder: Path) -> bytes:
+    data = _read(path, folder)
+    try:
+        decoded(data, "PNG")
+    except ValueError as error:
+        raise _damaged(f"{path}: {error}") from None
+    return data
+
+
+def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
+    data = _read(path, folder)
+    if _digest(data) != digest:
+        raise _damaged(f"{path}: was changed: its digest is {_digest(data)}, not {digest}")
+    try:
+        actions = npy_array(data).astype(np.float32)
+    except ValueError as error:
+        raise _damaged(f"{path}: {error}") from None
+    if actions.ndim != 2 or actions.shape[1] != 7 or not np.isfinite(actions).all():
+        raise _damaged(f"{path}: not (steps, 7) finite numbers, but {actions.shape}")
+    return actions
+
+
+def _read(path: Path, folder: Path) -> bytes:
+    return read_bytes(path, CorpusError, _AGAIN, most=16 * MIB, inside=folder)
+
+
+def _damaged(problem: str) -> CorpusError:
+    return CorpusError(problem, _AGAIN)
+
+
+def _npy(actions: Actions) -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.ascontiguousarray(actions, dtype="<f4"), allow_pickle=False)
+    return file.getvalue()
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.blake2b(data, digest_size=16).hexdigest()

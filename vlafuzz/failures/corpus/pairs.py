@@ -1,0 +1,175 @@
+"""Probes, the scenes of a corpus that are run again, and the outcomes of two policies in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from vlafuzz.common.statistics import Share
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+
+Group = Literal["control", "failing", "counterpart", "nominal"]
+GROUPS: tuple[Group, ...] = ("control", "failing", "counterpart", "nominal")
+Standing = Literal["worse", "better", "passes", "fails", "error", "invalid", "not run"]
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A scene that is run again.
+
+    Attributes:
+        group: a random ``control``; the minimal ``failing`` scene of a case; its ``counterpart``, with one
+            operator reset; or its ``nominal`` scene.
+        what: the case, in a few words.
+        run: index of the run whose conditions apply, in ``Corpus.runs``.
+        passed: whether the corpus's own policy passed, as recorded; None where that was not recorded.
+    """
+
+    scene: Scene
+    group: Group
+    what: str
+    run: int
+    passed: bool | None
+
+
+def probes(corpus: Corpus) -> list[Probe]:
+    """Every scene of a corpus once, controls first.
+
+    The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can
+    only improve, and where it passed only get worse. The counterpart of a case with one operator is its
+    nominal scene, and counts as nominal; where the case has a reference, it is the reference.
+    """
+    by_scene: dict[Scene, Probe] = {}
+    for control in corpus.controls:
+        by_scene.setdefault(control.scene, Probe(control.scene, "control", "random", 0, control.passed))
+    for case in corpus.cases:
+        by_scene.setdefault(case.scene, Probe(case.scene, "failing", case.title, case.run, passed=False))
+    for case in corpus.cases:
+        what = f"{case.scene.digest[:8]}, all nominal"
+        by_scene.setdefault(case.nominal, Probe(case.nominal, "nominal", what, case.run, case.nominal_passes))
+    for case in corpus.cases:
+        for operator, scene in case.counterparts.items():
+            what = f"{case.scene.digest[:8]} without {operator}"
+            by_scene.setdefault(scene, Probe(scene, "counterpart", what, case.run, passed=True))
+    return list(by_scene.values())
+
+
+class Answer(NamedTuple):
+    """The result of one rollout. ``seconds``: wall time; ``detail``: the stage lost, or the error."""
+
+    verdict: Verdict
+    seconds: float = 0.0
+    detail: str = ""
+
+    @staticmethod
+    def of(outcome: Outcome) -> Answer:
+        """From the outcome of a scene that was rolled out once, or could not be."""
+        seconds = sum(rollout.seconds for rollout in outcome.rollouts)
+        lost = f"does not reach {outcome.lost_stage}" if outcome.lost_stage else ""
+        return Answer(outcome.verdict, seconds, outcome.detail or lost)
+
+    @property
+    def judged(self) -> bool:
+        """Whether it passed or failed."""
+        return self.verdict >= Verdict.PASSED
+
+    @property
+    def passed(self) -> bool:
+        return self.verdict is Verdict.PASSED
+
+
+class Pair(NamedTuple):
+    """The answers of baseline and policy in one scene."""
+
+    baseline: Answer
+    policy: Answer
+
+    @property
+    def judged(self) -> bool:
+        return self.baseline.judged and self.policy.judged
+
+    @property
+    def worse(self) -> bool:
+        return self.judged and self.baseline.passed and not self.policy.passed
+
+    @property
+    def better(self) -> bool:
+        """Only the baseline failed."""
+        return self.judged and self.policy.passed and not self.baseline.passed
+
+    @property
+    def discordant(self) -> bool:
+        """Whether exactly one of the two failed."""
+        return self.worse or self.better
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """A probe with its pairs: one of a control, of other scenes several with different jitters and seeds."""
+
+    probe: Probe
+    pairs: tuple[Pair, ...] = ()
+
+    @property
+    def judged(self) -> tuple[Pair, ...]:
+        return tuple(pair for pair in self.pairs if pair.judged)
+
+    @property
+    def baseline_passed(self) -> int:
+        return sum(pair.baseline.passed for pair in self.judged)
+
+    @property
+    def policy_passed(self) -> int:
+        return sum(pair.policy.passed for pair in self.judged)
+
+    @property
+    def standing(self) -> Standing:
+        """The policy against the baseline, each by what it mostly does."""
+        if not self.pairs:
+            return "not run"
+        if not self.judged:
+            answers = [answer.verdict for pair in self.pairs for answer in pair]
+            return "error" if Verdict.ERROR in answers else "invalid"
+        passes = 2 * self.policy_passed > len(self.judged)
+        if passes is (2 * self.baseline_passed > len(self.judged)):
+            return "passes" if passes else "fails"
+        return "better" if passes else "worse"
+
+    @property
+    def detail(self) -> str:
+        """The first reason for a failure or error, the policy's before the baseline's; or empty."""
+        details = [pair.policy.detail for pair in self.pairs] + [pair.baseline.detail for pair in self.pairs]
+        return next(filter(None, details), "")
+
+    @property
+    def seconds(self) -> float:
+        """Wall time of the policy's rollouts."""
+        return sum(pair.policy.seconds for pair in self.pairs)
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Counts over the judged pairs of some scenes: passes of baseline and policy.
+
+    Attributes:
+        worse: scenes in which the baseline passes and the policy fails; ``better``: the other way round.
+    """
+
+    baseline: Share
+    policy: Share
+    worse: int
+    better: int
+
+    @staticmethod
+    def of(compared: Sequence[Compared]) -> Tally:
+        """The pairs of one scene may be alike, and count for less than those of as many scenes."""
+        pairs = [(number, pair) for number, scene in enumerate(compared) for pair in scene.judged]
+        return Tally(
+            Share.grouped([(number, pair.baseline.passed) for number, pair in pairs]),
+            Share.grouped([(number, pair.policy.passed) for number, pair in pairs]),
+            sum(scene.standing == "worse" for scene in compared),
+            sum(scene.standing == "better" for scene in compared),
+        )

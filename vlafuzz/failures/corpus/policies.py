@@ -1,0 +1,349 @@
+"""Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.plugins import check_trusted
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.failures.corpus import bisect, diff, regress
+from vlafuzz.failures.corpus.answers import Answers
+from vlafuzz.failures.corpus.bisect import Bisection
+from vlafuzz.failures.corpus.controls import CONTROLS, draw
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.diff import Difference, Known
+from vlafuzz.failures.corpus.milder import suggest_ranges
+from vlafuzz.failures.corpus.pace import Pace
+from vlafuzz.failures.corpus.pairs import Probe, probes
+from vlafuzz.failures.corpus.power import power_of
+from vlafuzz.failures.corpus.regress import Comparison, Recorded, Rerun, Side
+from vlafuzz.failures.triage import scene_runner
+from vlafuzz.model.label import Model
+from vlafuzz.rollouts.setup import stored_space
+from vlafuzz.store.records import Manifest
+from vlafuzz.worlds import draws_pictures
+
+
+def compare_policies(
+    folder: Path,
+    corpus: Corpus,
+    policy: str,
+    baseline: str | None = None,
+    *,
+    label: str = "",
+    alpha: float = 0.05,
+    max_rollouts: int | None = None,
+    whole: bool = False,
+    deadline: Deadline | None = None,
+    watch: Watch = SILENT,
+) -> Comparison:
+    """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
+
+    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
+    controls some are drawn, and that policy is rolled out, too. ``folder`` is the corpus's, for messages.
+    ``label`` says which model the policy is.
+    """
+    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    model = Model(policy, label)
+    _check_baseline(baseline, model)
+    _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
+    pace = Pace(watch.note, regress.most_rollouts(scenes, max_rollouts))
+
+    def progress(now: regress.Progress) -> None:
+        watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
+        pace.step()
+
+    with ExitStack() as stack:
+        new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
+        old = _baseline(folder, corpus, baseline, stack, watch)
+        watch.note(_most(scenes, old, max_rollouts))
+        return regress.compare(
+            scenes,
+            new,
+            old,
+            alpha=alpha,
+            max_rollouts=max_rollouts,
+            whole=whole,
+            deadline=deadline,
+            watch=progress,
+        )
+
+
+def diff_policies(
+    a: Path,
+    b: Path,
+    policy_a: str | None = None,
+    policy_b: str | None = None,
+    *,
+    label_a: str = "",
+    label_b: str = "",
+    label: str = "",
+    answers: Path | None = None,
+    run_a: int | None = None,
+    run_b: int | None = None,
+    alpha: float = 0.05,
+    watch: Watch = SILENT,
+) -> Difference:
+    """Compare two policies by the certified causes of two stores or corpora; see ``diff.diff``.
+
+    Args:
+        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
+        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
+        label: of two models that are served at one address in turn, the one that answers there now.
+        answers: a file that keeps outcomes, see ``Answers``; needed for two models at one address.
+
+    Raises:
+        UsageError: both are the same model, on different tasks, or one has several.
+        StoreError: none of them has a certified cause.
+        PrerequisiteError: the other one of two models has to be served next.
+    """
+    first, second = diff.known(a, run_a, label_a), diff.known(b, run_b, label_b)
+    if not (first.causes or second.causes):
+        raise StoreError(
+            f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some"
+        )
+    one, other = _two_models(first, second, policy_a, policy_b)
+    absent = _absent([one, other], label, answers)
+    rollouts = sum(regress.most_rollouts(tested.probes, None) for tested in (first, second))
+    watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
+    known = Answers(answers)
+
+    def progress(done: int, most: int) -> None:
+        watch.progress("rollouts where the other policy fails", done, most)
+
+    with ExitStack() as stack:
+        sides: list[Side] = []
+        for model, tested in ((one, second), (other, first)):
+            if model in absent:
+                sides.append(known.without(model, label))
+                continue
+            make = partial(_runner, tested.source, model.policy)
+            side = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
+            sides.append(side)
+            if absent:  # all that can be asked now, before the other one is asked for
+                result = diff.roll_out(tested, side, alpha, progress)
+                if result.stopped == "unjudged":
+                    raise bisect.unjudged(side, result)
+        return diff.diff(first, second, *sides, alpha=alpha, watch=progress)
+
+
+def _two_models(
+    first: Known, second: Known, policy_a: str | None, policy_b: str | None
+) -> tuple[Model, Model]:
+    """The models of ``diff_policies`` under their names of now, once they are found to be comparable."""
+    one = replace(first.model, policy=policy_a or first.model.policy)
+    other = replace(second.model, policy=policy_b or second.model.policy)
+    if one == other:
+        hint = "name another one: --policy-a, --policy-b; or --label-a, --label-b for models at one address"
+        raise UsageError(f"{first.source} and {second.source} are both of the policy {one}", hint=hint)
+    if first.runs[0].task != second.runs[0].task:
+        problem = f"of different tasks, {first.runs[0].task} and {second.runs[0].task}"
+        raise UsageError(f"{first.source} and {second.source} are {problem}", hint="give stores of one task")
+    for model, own in ((one, policy_a), (other, policy_b)):
+        if own is None:
+            check_trusted(model.policy)
+    return one, other
+
+
+def _runner(source: Path, policy: str, run: Manifest) -> scene_runner.SimulatorSceneRunner:
+    return scene_runner.SimulatorSceneRunner(source, run, policy)
+
+
+def bisect_checkpoints(
+    folder: Path,
+    corpus: Corpus,
+    checkpoints: Sequence[Model],
+    baseline: str | None = None,
+    *,
+    label: str = "",
+    alpha: float = 0.05,
+    error: float = 0.05,
+    comparisons: int | None = None,
+    deadline: Deadline | None = None,
+    answers: Path | None = None,
+    watch: Watch = SILENT,
+) -> Bisection:
+    """Find out which of several models, in the order of their training, broke; see ``bisect.bisect``.
+
+    Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is
+    open at a time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``. Of checkpoints
+    that are served at one address in turn, ``label`` is the one that answers there now; a PrerequisiteError
+    says which one has to be served next.
+    """
+    models = {checkpoint.short: checkpoint for checkpoint in checkpoints}
+    bisect.check_checkpoints([checkpoint.short for checkpoint in checkpoints])
+    absent = _absent(checkpoints, label, answers)
+    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    for checkpoint in checkpoints:
+        _check_baseline(baseline, checkpoint)
+    controls = [probe for probe in scenes if probe.group == "control"]
+    known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
+    _check_power(folder, corpus, controls, baseline, alpha / 2, watch)
+    pace = Pace(watch.note, most * len(controls))
+    watch.note(
+        f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
+        f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
+    )
+
+    def progress(checkpoint: str, done: int, most: int) -> None:
+        watch.progress(f"rollouts of {checkpoint}", done, most)
+        pace.step()
+
+    @contextmanager
+    def opened(name: str) -> Iterator[Side]:
+        model = models[name]
+        if model in absent:
+            yield known.without(model, label)
+            return
+        noting = (
+            watch if model == checkpoints[-1] else SILENT
+        )  # the first one: the others' notes are the same
+        with closing(_rerun(folder, corpus, model, noting)) as side:
+            yield known.of(side, model)
+
+    with ExitStack() as stack:
+        return bisect.bisect(
+            controls,
+            list(models),
+            opened,
+            known.of(_baseline(folder, corpus, baseline, stack, watch), Model(baseline))
+            if baseline
+            else _recorded(corpus),
+            alpha=alpha,
+            error=error,
+            comparisons=most,
+            deadline=deadline,
+            watch=progress,
+        )
+
+
+def _absent(models: Sequence[Model], label: str, answers: Path | None) -> list[Model]:
+    """Of models that are served at one address in turn, those that do not answer there now."""
+    in_turn = [model for model in models if any(model.replaces(other) for other in models)]
+    names = [model.which for model in in_turn]
+    if label and label not in names:
+        served = f"{' and '.join(names)} are" if names else "none of the models is"
+        raise UsageError(f"--label {label}: {served} served at one address in turn", hint="check the name")
+    if in_turn and not all(names):
+        problem = f"nothing says which models {' and '.join(map(str, in_turn))} are"
+        raise UsageError(problem, hint="name both, which answer at one address: --label-a, --label-b")
+    if in_turn and not (label and answers):
+        problem = f"{' and '.join(names)} cannot both answer at {in_turn[0].address}"
+        hint = "--label NAME says which one does now, and --answers FILE keeps outcomes until others do"
+        raise UsageError(problem, hint)
+    return [model for model in in_turn if model.which != label]
+
+
+def _check_baseline(name: str | None, model: Model) -> None:
+    """Raise a UsageError if a baseline would have to answer where another model does."""
+    if name and (baseline := Model(name)).replaces(model):
+        problem = f"--baseline {baseline} cannot answer where {model.which} does"
+        raise UsageError(problem, hint="leave it out for the outcomes that a corpus with controls records")
+
+
+def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> bytes | None:
+    """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
+    worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
+    probe = next(worse, None)
+    if probe is None or not draws_pictures(probe.scene.task):
+        return None
+    with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
+        film = runner.film(probe.scene)
+    return film.still if film else None
+
+
+def _scenes(
+    folder: Path, corpus: Corpus, baseline: str | None, watch: Watch
+) -> tuple[list[Probe], str | None]:
+    """The scenes, controls first, and the name of the baseline; None where its outcomes are recorded."""
+    scenes = probes(corpus)
+    if corpus.controls:
+        return scenes, baseline
+    if baseline is None:
+        check_trusted(corpus.policy)
+    baseline = baseline or corpus.policy
+    watch.note(
+        f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
+        "`vlafuzz export` writes corpora with controls"
+    )
+    return [*_controls(folder, corpus.runs[0]), *scenes], baseline
+
+
+def _check_power(
+    folder: Path, corpus: Corpus, scenes: Sequence[Probe], baseline: str | None, alpha: float, watch: Watch
+) -> None:
+    """Say what loss could be noticed, as far as outcomes are recorded.
+
+    Raises:
+        PrerequisiteError: no alarm is possible.
+    """
+    controls = {probe.scene: probe.passed for probe in scenes if probe.group == "control"}
+    outcomes = [(scene, passed) for scene, passed in controls.items() if passed is not None]
+    if not outcomes:
+        return
+    power = power_of([passed for _, passed in outcomes], alpha)
+    if baseline:
+        watch.note(f"if {baseline} passes where {corpus.policy} did: {power}")
+    elif power.possible:
+        watch.note(str(power))
+    else:
+        milder = suggest_ranges(stored_space(folder, corpus.runs[0]), outcomes)
+        raise PrerequisiteError(str(power), hint=f"export a corpus with more passing controls: {milder}")
+
+
+def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, watch: Watch) -> Side:
+    """A policy that is rolled out, or the recorded outcomes of the corpus's own."""
+    if name is None:
+        return _recorded(corpus)
+    return stack.enter_context(closing(_rerun(folder, corpus, Model(name), watch)))
+
+
+def _recorded(corpus: Corpus) -> Recorded:
+    return Recorded(f"{corpus.tested.short} as recorded")
+
+
+def _controls(folder: Path, run: Manifest) -> list[Probe]:
+    """Controls without recorded outcomes."""
+    space = stored_space(folder, run)
+    scenes = [draw(space, run.seed, number) for number in range(CONTROLS)]
+    return [Probe(scene, "control", "random", 0, passed=None) for scene in scenes]
+
+
+def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
+    """A policy that is rolled out; notes conditions that differ from those of the corpus."""
+    changed: dict[str, None] = {}
+    places: dict[str, None] = {}
+
+    def make(run: Manifest) -> scene_runner.SimulatorSceneRunner:
+        runner = scene_runner.SimulatorSceneRunner(folder, run, model.policy)
+        # A corpus is always older than the commit, and another policy has another spec.
+        same = model in (run.tested, Model(run.policy))
+        expected = {"commit"} | (set() if same else {"spec", "source"})
+        changed.update(dict.fromkeys(name for name in runner.changed if name not in expected))
+        if not run.place and runner.renderer is not None and corpus.renderer not in (None, runner.renderer):
+            changed["renderer"] = None
+        if runner.elsewhere:
+            places[runner.elsewhere] = None
+        return runner
+
+    rerun = Rerun(model.short, corpus.runs, make)
+    here = "" if model.replaces(corpus.tested) else f"; `--baseline {corpus.policy}` runs both"
+    if changed:
+        differ = f"its {', '.join(changed)} differ{here and f'{here} under the same'}"
+        watch.note(f"note: {model.short} runs under other conditions than the corpus: {differ}")
+    for elsewhere in places:
+        watch.note(f"note: the corpus was made {elsewhere}{here and f'{here} here'}")
+    return rerun
+
+
+def _most(scenes: Sequence[Probe], old: Side, most: int | None) -> str:
+    """How many scenes and rollouts there are; the first of them tell how long that takes."""
+    sides = 1 if isinstance(old, Recorded) else 2
+    rollouts = sides * regress.most_rollouts(scenes, most)
+    controls = sum(probe.group == "control" for probe in scenes)
+    others = len(scenes) - controls
+    return f"{controls} controls and {others} other scenes, at most {rollouts} rollouts"

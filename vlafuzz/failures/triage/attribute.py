@@ -1,0 +1,59 @@
+"""Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
+
+from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.directions import direction
+from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.failures.triage.path import Path, free_genes
+from vlafuzz.failures.triage.thresholds import locate
+from vlafuzz.model.evidence import Causes, Threshold, Values
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS, Space
+
+
+def attribute(shrunk: Shrunk, oracle: Oracle, space: Space, *, located: bool = False) -> Causes:
+    """The causes of a shrunk failure, from the oracle that it was shrunk with.
+
+    Args:
+        located: the thresholds of this cause are known, and left out here.
+    """
+    left = shrunk.operators
+    alone = {name: _alone(space, shrunk, name) for name in left}
+    failing = oracle.fails(list(alone.values()))
+    numeric = [name for name in left if name != CONFOUNDERS] if shrunk.minimal and not located else []
+    thresholds = [_threshold(shrunk, name, oracle, space) for name in numeric]
+    return Causes(
+        tuple(shrunk.counterparts),
+        tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
+        tuple(filter(None, thresholds)),
+    )
+
+
+def _alone(space: Space, shrunk: Shrunk, name: str) -> Scene:
+    others = [
+        operator for group, operators in space.groups.items() if group != name for operator in operators
+    ]
+    return space.reset(shrunk.scene, others, shrunk.reference)
+
+
+def _threshold(shrunk: Shrunk, name: str, oracle: Oracle, space: Space) -> Threshold | None:
+    scene, start = shrunk.scene, shrunk.reference or space.nominal(like=shrunk.scene)
+    genes = [gene for gene in free_genes(space, scene, space.group(name), start) if gene.kind != "category"]
+    path = Path(space, scene, genes, start)
+    first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
+    located = locate(path, oracle, first, shrunk.rate)
+    if located is None:
+        return None
+
+    def values(step: int | None) -> Values:
+        at = {} if step is None else space.values(path.at(step))
+        return tuple((gene.path, at[gene.path]) for gene in genes if at)
+
+    return Threshold(
+        name,
+        values(located.crossing),
+        located.crossing / path.length,
+        low=values(located.low),
+        high=values(located.high),
+        direction=direction(space, scene, name, start),
+        ranges=tuple((values(first), values(last)) for first, last in located.ranges),
+    )

@@ -1,0 +1,199 @@
+"""Certify: fresh rollouts show that a shrunk scene mostly fails, and that it takes each operator left."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+from vlafuzz.failures.triage.oracle import ONE_HALF, Answer, Certificate, Oracle
+from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.failures.triage.reference import Reference
+from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS, Space
+
+# Rollouts to certify a scene, times the lead of an answer; so many times that only where there is no minimal
+# scene without them.
+PATIENCE, LONGER = 22, 3
+SURER = (4, 6)  # rollouts that have to fail in a scene to go on from it, after earlier ones were luck
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shrunk:
+    """A failing scene after shrinking.
+
+    Attributes:
+        lost: the stage that it loses.
+        operators: those left, the confounders' as one.
+        rate: of the scene; ``rates``: of the counterparts.
+        counterparts: by operator, the scene without it, in which the policy mostly passes.
+        unresolved: operators left that have no counterpart, with what the scene without them does.
+        reference: the scene that it was shrunk to; None for the nominal one.
+    """
+
+    scene: Scene
+    lost: str
+    operators: tuple[str, ...]
+    rate: Rate
+    counterparts: Mapping[str, Scene] = field(default_factory=dict)
+    rates: Mapping[str, Rate] = field(default_factory=dict)
+    unresolved: Mapping[str, str] = field(default_factory=dict)
+    reference: Scene | None = None
+
+    @property
+    def firm(self) -> bool:
+        """Whether the scene is shown to fail mostly."""
+        return self.rate.low > ONE_HALF
+
+    @property
+    def blocked(self) -> bool:
+        """Whether an operator is left only because the scene without it is not fair."""
+        return Answer.UNFAIR.value in self.unresolved.values()
+
+    @property
+    def minimal(self) -> bool:
+        """Whether it fails mostly, and every operator left is shown to be necessary."""
+        return self.firm and bool(self.operators) and not self.unresolved
+
+    @property
+    def problem(self) -> str:
+        """Why it is not shown to be minimal."""
+        if not self.firm:
+            rate = self.rate
+            return (
+                f"what is left of it is not shown to fail mostly: {rate.failures} of {rate.rollouts} rollouts"
+            )
+        return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
+
+
+def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
+    """The simplest scene on the way from a finding that holds when it is tested anew.
+
+    A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: then the last one
+    on the way that holds is shrunk again, with more rollouts for every step. A counterpart that mostly fails
+    takes the scene's place. Where an object is in the way of a fair counterpart, scenes before it are tried.
+
+    Args:
+        way: from the finding to the simplest failing scene, as ``shrink`` returns it.
+    """
+    certifier = _Certifier(oracle, space, reference)
+    way, shrunk = certifier.firm(way)
+    shrunk = certifier.simplest(shrunk)
+    if shrunk.firm and shrunk.blocked:
+        shrunk = certifier.unblocked(way, shrunk)
+    if not shrunk.minimal and oracle.room:
+        certifier = replace(certifier, patience=certifier.patience * LONGER)
+        shrunk = certifier.simplest(certifier.test(shrunk.scene))
+    return shrunk
+
+
+def certify_one(scene: Scene, oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
+    """The evidence for one scene, as ``certify`` gives it for the first that it tries."""
+    return _Certifier(oracle, space, reference).test(scene)
+
+
+@dataclass(frozen=True)
+class _Certifier:
+    """Tests scenes.
+
+    Attributes:
+        patience: rollouts that certify a scene at most, times the lead of an answer.
+    """
+
+    oracle: Oracle
+    space: Space
+    reference: Reference
+    patience: int = PATIENCE
+
+    def firm(self, way: Sequence[Scene]) -> tuple[Sequence[Scene], Shrunk]:
+        """The evidence for the last scene of the way, shrunk anew where that does not mostly fail.
+
+        Where none does, it is that for the scene that fails most often.
+        """
+        tried = [self.test(way[-1])]
+        for sure in SURER:
+            if tried[-1].firm:
+                break
+            start = next((scene for scene in self.backwards(way) if self.oracle.holds(scene, sure)), None)
+            if start is None:
+                break
+            way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
+            tried.append(self.test(way[-1]))
+        return way, max(tried, key=lambda one: (one.firm, _share(one)))
+
+    def test(self, scene: Scene) -> Shrunk:
+        """The evidence for a scene, with that for its counterparts where it holds."""
+        ((answer, rate),) = self._certify([scene])
+        left = tuple(deviating(self.space, scene, self.reference.scene))
+        start = self.reference.scene
+        shrunk = Shrunk(scene=scene, lost=self.oracle.lost(scene), operators=left, rate=rate, reference=start)
+        if answer is not Answer.FAILS:
+            return shrunk
+        without = [self._without(scene, name) for name in left]
+        tests = dict(zip(left, self._certify(without, self.reference.stages), strict=True))
+        passing = {name: test.rate for name, test in tests.items() if test.answer is Answer.PASSES}
+        return replace(
+            shrunk,
+            counterparts={name: self._without(scene, name) for name in passing},
+            rates=passing,
+            unresolved={
+                name: self._outcome(self._without(scene, name), test.answer)
+                for name, test in tests.items()
+                if name not in passing
+            },
+        )
+
+    def simplest(self, shrunk: Shrunk) -> Shrunk:
+        """The evidence for the scene with as few operators as mostly fail."""
+        while shrunk.firm and (simpler := self._simpler(shrunk)):
+            shrunk = simpler
+        return shrunk
+
+    def unblocked(self, way: Sequence[Scene], shrunk: Shrunk) -> Shrunk:
+        """The evidence for a scene on the way whose counterparts are fair; if there is none, that given."""
+        unfair = [name for name, outcome in shrunk.unresolved.items() if outcome == Answer.UNFAIR.value]
+        for scene in self.backwards(way):
+            without = [self._without(scene, name) for name in unfair]
+            if Answer.UNFAIR in self.oracle.answers(without, self.reference.stages, lead=1):
+                continue
+            other = self.simplest(self.test(scene))
+            if other.firm and not other.blocked:
+                return other
+        return shrunk
+
+    def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
+        """The evidence for a scene with one operator less that mostly fails, too."""
+        for name in shrunk.unresolved if len(shrunk.operators) > 1 else ():
+            scene = self._without(shrunk.scene, name)
+            if self._certify([scene])[0].answer is Answer.FAILS:
+                return self.test(scene)
+        return None
+
+    def _certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
+        return self.oracle.certify(scenes, stages, most=self.patience * self.oracle.lead)
+
+    def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
+        """Scenes from the last to the first: larger values of the operators left, then more operators."""
+        last, finding = way[-1], way[0]
+        left = deviating(self.space, last, self.reference.scene)
+        groups = self.space.groups
+        dropped = [operator for name in groups if name not in left for operator in groups[name]]
+        whole = self.space.reset(finding, dropped, self.reference.scene)
+        operators = [operator for name in left if name != CONFOUNDERS for operator in groups[name]]
+        path = Path(self.space, whole, free_genes(self.space, whole, operators, last), last)
+        if path.length > 1:
+            yield path.at(path.length // 2)
+        yield whole
+        yield from reversed(way[:-1])
+
+    def _without(self, scene: Scene, name: str) -> Scene:
+        return self.space.reset(scene, self.space.group(name), self.reference.scene)
+
+    def _outcome(self, scene: Scene, answer: Answer) -> str:
+        """What a scene does that is not shown to pass, to complete "the scene …"."""
+        if answer is Answer.FAILS:
+            return f"fails at {self.oracle.lost(scene, self.reference.stages)}"
+        return str(answer.value)
+
+
+def _share(shrunk: Shrunk) -> float:
+    return shrunk.rate.failures / max(shrunk.rate.rollouts, 1)

@@ -1,0 +1,271 @@
+"""Oracle: how often a policy fails in the neighbourhood of scenes, within a limit on rollouts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import NamedTuple
+
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Judged
+
+CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
+UNFAIR, MOST_UNFAIR = 12, 200  # unfair jittered scenes after which a scene is unfair, and is drawn no more
+BROKEN = 3  # crashes after which a scene counts as crashed
+LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
+MOST = 20  # rollouts to answer for a scene
+FAILURES_A_PASS = 5  # of a scene that holds
+FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
+ONE_HALF = 0.5
+
+
+Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]
+Jitter = Callable[[Scene, int], Scene]  # the n-th scene around a scene
+
+
+class Answer(Enum):
+    """What a policy mostly does in a scene's neighbourhood; the values complete "the scene …"."""
+
+    FAILS = "fails"
+    PASSES = "passes"
+    UNCLEAR = "fails at times"
+    UNFAIR = "is not fair"
+    BROKEN = "crashed"
+    UNTRIED = "was not tried"
+
+
+class Certificate(NamedTuple):
+    """An answer for a scene, with the failure rate that it rests on."""
+
+    answer: Answer
+    rate: Rate
+
+
+@dataclass(eq=False)
+class Tally:
+    """Rollouts in the neighbourhood of a scene.
+
+    Attributes:
+        next: number of the next rollout, which its jitter and its seed depend on.
+        lost: failures by the stage that was lost.
+        rollouts: that passed or failed.
+    """
+
+    scene: Scene
+    next: int = 0
+    lost: Counter[str] = field(default_factory=Counter)
+    rollouts: int = 0
+    unfair: int = 0
+    broken: int = 0
+
+    @property
+    def problem(self) -> Answer | None:
+        """Why nothing can be said about the scene."""
+        if self.broken >= BROKEN:
+            return Answer.BROKEN
+        if self.rollouts:
+            return None
+        return Answer.UNFAIR if self.unfair >= UNFAIR else Answer.UNTRIED
+
+    def take(self) -> int:
+        """The number for a rollout; the next one has another."""
+        self.next += 1
+        return self.next - 1
+
+    def add(self, judged: Judged) -> None:
+        """Count a rollout."""
+        self.unfair += judged.verdict is Verdict.INVALID
+        self.broken += judged.verdict is Verdict.ERROR
+        self.rollouts += judged.verdict >= Verdict.PASSED
+        if judged.lost is not None:
+            self.lost[judged.lost] += 1
+
+    def failures(self, stages: Iterable[str]) -> int:
+        """Rollouts that lost one of these stages."""
+        return sum(self.lost[stage] for stage in stages)
+
+
+class Oracle:
+    """Answers with rollouts in jittered scenes. Each has another jitter and seed, so none repeats another.
+
+    Args:
+        roll: rolls the policy out, each scene with the seed of its number.
+        stages: of the task, in order.
+        jitter: None to repeat exactly the same scenes.
+        budget: rollouts that may be spent.
+        lead: failures more than passes, or the reverse, that make an answer.
+        first: number of each scene's first rollout.
+
+    Attributes:
+        counted: the stages whose loss is a failure, by default all.
+        spent: rollouts so far.
+    """
+
+    def __init__(
+        self,
+        roll: Roll,
+        stages: Sequence[str],
+        jitter: Jitter | None,
+        *,
+        budget: int,
+        lead: int = LEAD,
+        first: int = 0,
+    ) -> None:
+        self._roll, self._jitter, self.lead, self.budget = roll, jitter, lead, budget
+        self._first, self._tallies = first, dict[tuple[Scene, int], Tally]()
+        self.stages = self.counted = tuple(stages)
+        self.spent = 0
+
+    @property
+    def room(self) -> int:
+        """Rollouts that are left."""
+        return max(self.budget - self.spent, 0)
+
+    def count_up_to(self, lost: str) -> None:
+        """Count as failures only those at this stage or an earlier one."""
+        self.counted = self.stages[: self.stages.index(lost) + 1]
+
+    def answers(
+        self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, lead: int | None = None
+    ) -> list[Answer]:
+        """What the policy mostly does in each: cheap answers. ``stages``: those whose loss counts here."""
+
+        def needed(tally: Tally) -> int:
+            failures, rollouts = self._counts(tally.scene, stages)
+            return min(max((lead or self.lead) - abs(2 * failures - rollouts), 0), MOST - rollouts)
+
+        self._draw_until([self._tally(scene) for scene in scenes], needed)
+        return [self.known(scene, stages, lead=lead) or Answer.UNTRIED for scene in scenes]
+
+    def fails(self, scenes: Sequence[Scene]) -> list[bool]:
+        """Whether each still fails. A scene that is unfair, crashed or was not tried does not."""
+        return [answer is Answer.FAILS for answer in self.answers(scenes)]
+
+    def holds(self, scene: Scene, sure: int) -> bool:
+        """Whether a scene fails so often as to go on from it: ``sure`` times, at most every sixth one passes.
+
+        Of a stochastic policy, ``sure`` is the lead of its failures.
+        """
+        if self.lead > 1:
+            return self.answers([scene], lead=max(self.lead, sure))[0] is Answer.FAILS
+
+        def needed(tally: Tally) -> int:
+            failures, rollouts = self._counts(tally.scene)
+            return max(sure - failures, 0) if rollouts - failures <= failures // FAILURES_A_PASS else 0
+
+        self._draw_until([self._tally(scene)], needed)
+        failures, rollouts = self._counts(scene)
+        return failures >= sure and rollouts - failures <= failures // FAILURES_A_PASS
+
+    def known(
+        self, scene: Scene, stages: Sequence[str] | None = None, *, lead: int | None = None
+    ) -> Answer | None:
+        """The answer for a scene, if the rollouts so far give one, those that certify included."""
+        failures, rollouts = self._counts(scene, stages)
+        problem = self._tally(scene).problem
+        if problem and not (rollouts and problem is not Answer.BROKEN):
+            return None if problem is Answer.UNTRIED else problem
+        ahead = 2 * failures - rollouts
+        if abs(ahead) >= (lead or self.lead):
+            return Answer.FAILS if ahead > 0 else Answer.PASSES
+        return Answer.UNCLEAR if rollouts >= MOST else None
+
+    def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
+        """Of the rollouts that gave a scene's answer."""
+        return self._rate(self._tally(scene), stages)
+
+    def certify(
+        self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
+    ) -> list[Certificate]:
+        """What the policy does in each, by rollouts that no answer rested on, at most ``most`` of them.
+
+        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below. A
+        scene is given up as soon as ``most`` rollouts could show neither.
+        """
+
+        def needed(tally: Tally) -> int:
+            if tally.rollouts < FEWEST:
+                return FEWEST - tally.rollouts
+            unclear = _side(self._rate(tally, stages)) is Answer.UNCLEAR
+            return int(unclear and _may_end(tally.failures(stages or self.counted), tally.rollouts, most))
+
+        tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
+        self._draw_until(tallies, needed)
+        rates = [self._rate(tally, stages) for tally in tallies]
+        sides = [tally.problem or _side(rate) for tally, rate in zip(tallies, rates, strict=True)]
+        return list(map(Certificate, sides, rates))
+
+    def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
+        """The stage that is mostly lost in a scene which is known to fail."""
+        counts = self._tally(scene).lost + self._tally(scene, CERTIFYING).lost
+        return max(stages or self.counted, key=lambda stage: counts[stage])
+
+    def sample(self, scenes: Sequence[Scene]) -> list[bool | None]:
+        """Whether one more rollout in each fails; None where it cannot be judged, or the budget is spent.
+
+        A scene that is given several times has as many rollouts.
+        """
+        tallies = [self._tally(scene) for scene in scenes]
+        judged: list[Judged | None] = [*self._draw(tallies[: self.room])]
+        judged += [None] * (len(scenes) - len(judged))
+        return [
+            answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
+            for answer in judged
+        ]
+
+    def _counts(self, scene: Scene, stages: Sequence[str] | None = None) -> tuple[int, int]:
+        """Failures and rollouts of a scene so far, those that certify included."""
+        both = self._tally(scene), self._tally(scene, CERTIFYING)
+        return sum(one.failures(stages or self.counted) for one in both), sum(one.rollouts for one in both)
+
+    def _rate(self, tally: Tally, stages: Sequence[str] | None) -> Rate:
+        return Rate.of_counts(tally.failures(stages or self.counted), tally.rollouts)
+
+    def _tally(self, scene: Scene, first: int = 0) -> Tally:
+        return self._tallies.setdefault((scene, first), Tally(scene, self._first + first))
+
+    def _draw_until(self, tallies: Sequence[Tally], needed: Callable[[Tally], int]) -> None:
+        """Roll out, in batches, until no scene needs more rollouts or the budget is spent."""
+        distinct = list(dict.fromkeys(tallies))
+        while wanted := [
+            tally
+            for tally in distinct
+            if tally.problem in (None, Answer.UNTRIED) and tally.unfair < MOST_UNFAIR
+            for _ in range(needed(tally))
+        ]:
+            if not self.room:
+                return
+            self._draw(wanted[: self.room])
+
+    def _draw(self, tallies: Sequence[Tally]) -> Sequence[Judged]:
+        """One rollout for each, in one batch."""
+        numbers = [tally.take() for tally in tallies]
+        scenes = [self._near(tally.scene, n) for tally, n in zip(tallies, numbers, strict=True)]
+        judged = self._roll(scenes, numbers)
+        for tally, answer in zip(tallies, judged, strict=True):
+            tally.add(answer)
+            self.spent += answer.rollouts
+        return judged
+
+    def _near(self, scene: Scene, number: int) -> Scene:
+        return self._jitter(scene, number) if self._jitter else scene
+
+
+def _may_end(failures: int, rollouts: int, most: int) -> bool:
+    """Whether rollouts up to ``most`` that all agree would show on which side of one half a rate is."""
+    left = most - rollouts
+    if left <= 0:
+        return False
+    ends = Rate.of_counts(failures, most), Rate.of_counts(failures + left, most)
+    return any(_side(end) is not Answer.UNCLEAR for end in ends)
+
+
+def _side(rate: Rate) -> Answer:
+    """On which side of one half a rate is."""
+    if rate.low > ONE_HALF:
+        return Answer.FAILS
+    return Answer.PASSES if rate.high < ONE_HALF else Answer.UNCLEAR

@@ -1,0 +1,114 @@
+"""Paths to a failing scene: operators as triage counts them, and a scene's values step by step."""
+
+from collections.abc import Sequence
+
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS, Space, Values
+
+
+def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> list[str]:
+    """The groups in which a scene differs from a reference, by default from nominal.
+
+    Raises:
+        SceneError: a value that no operator gives.
+    """
+    return [
+        name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene
+    ]
+
+
+def nominal(space: Space, scene: Scene) -> Scene:
+    """The scene with every operator reset but its targets' types."""
+    return space.reset(scene, [operator for group in space.groups.values() for operator in group])
+
+
+def free_genes(
+    space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None
+) -> list[Gene]:
+    """The genes of some operators in which a scene differs from a reference, by default from nominal.
+
+    The direction of a displacement counts only where both are displaced.
+    """
+    values, start = space.values(scene), _start(space, reference)
+    both = _severe(space, values) & _severe(space, start)
+    return [
+        gene
+        for path, gene in space.by_path.items()
+        if gene.operator in operators
+        and (gene.operator in both or not gene.neutral)
+        and _differ(gene, values[path], start[path])
+        and _in_use(space, gene, scene)
+    ]
+
+
+def _start(space: Space, reference: Scene | None) -> Values:
+    return space.nominal_values if reference is None else space.values(reference)
+
+
+def _severe(space: Space, values: Values) -> set[str]:
+    return {gene.operator for path, gene in space.by_path.items() if gene.distance(values[path]) > 0}
+
+
+def _differ(gene: Gene, value: float, start: float) -> bool:
+    return value != start and not (gene.grid.wraps and (value - start) % 360.0 == 0)
+
+
+def _in_use(space: Space, gene: Gene, scene: Scene) -> bool:
+    part, _, slot = gene.slot.partition(".")
+    return part != CONFOUNDERS or int(slot) < len(space.things(scene))
+
+
+class Path:
+    """The path from a reference to a scene along some genes, moved together; categories stay as they are.
+
+    Attributes:
+        length: number of grid steps of the gene that has farthest to go.
+        end: the last step beyond the scene, in the same direction, at which every gene is in its range.
+    """
+
+    def __init__(
+        self, space: Space, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None
+    ) -> None:
+        self._space, self._scene = space, scene
+        self._values, self._start = space.values(scene), _start(space, reference)
+        self._away = {
+            gene: _steps(gene, self._start[gene.path], self._values[gene.path])
+            for gene in genes
+            if gene.kind != "category"
+        }
+        self.length = max(map(abs, self._away.values()), default=0)
+        reaches = (
+            _room(gene, self._start[gene.path], away) * self.length // abs(away)
+            for gene, away in self._away.items()
+            if away
+        )
+        self.end = max(min(reaches, default=0), self.length)
+
+    def at(self, step: int) -> Scene:
+        """The scene at a number of steps from the reference, at most ``end``."""
+        if step == self.length:
+            return self._scene  # off the grid or not
+        values = dict(self._values)
+        for gene, away in self._away.items():
+            grid = gene.grid
+            level = grid.snap(self._start[gene.path]) + round(away * step / self.length)
+            values[gene.path] = grid.value(level % grid.size) if step else self._start[gene.path]
+        return self._space.compose(values)
+
+
+def _steps(gene: Gene, start: float, value: float) -> int:
+    """Number of levels from one value to another; angles go the shorter way round."""
+    grid = gene.grid
+    away = grid.snap(value) - grid.snap(start)
+    if grid.wraps:
+        away = (away + grid.size // 2) % grid.size - grid.size // 2
+    return away
+
+
+def _room(gene: Gene, start: float, away: int) -> int:
+    """Number of levels from a value to the end of its range in one direction; of angles, to half a turn."""
+    level, size = gene.grid.snap(start), gene.grid.size
+    if gene.grid.wraps:
+        return size // 2
+    return size - 1 - level if away > 0 else level

@@ -1,0 +1,246 @@
+"""triage, certify_causes: which findings of a store are triaged, in which order, and at what cost."""
+
+import platform
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain, count, groupby, islice
+from typing import NamedTuple
+
+from vlafuzz.common.text import duration
+from vlafuzz.failures.triage.jobs import Allowance, Job, work_here, work_in_processes
+from vlafuzz.failures.triage.known import certified
+from vlafuzz.failures.triage.pool import Make
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.registry import default_workers
+from vlafuzz.store.records import Finding, Run, Triaged
+from vlafuzz.store.store import Store
+from vlafuzz.worlds.provenance import commit
+
+PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
+PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
+SOON = 60.0  # seconds up to which nobody need be told
+FAR = 3  # times the search, above which a part is suggested: to certify a run's causes takes about once
+SAMPLE = 200  # rollouts that tell how long one takes
+
+
+class Progress(NamedTuple):
+    """How far triage is: findings done, findings in all, and rollouts so far."""
+
+    done: int
+    findings: int
+    rollouts: int
+
+
+def expected(store: Store, findings: int, workers: int) -> float:
+    """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
+    return PER_FINDING * findings * pace(store, workers)
+
+
+def hours(store: Store, findings: int) -> str:
+    """How long triage of so many findings takes here, to follow a command; empty where it is soon done."""
+    seconds = expected(store, findings, workers := usual_workers(store))
+    if seconds <= SOON:
+        return ""
+    some, searched = "", sum(run.seconds or 0.0 for run in store.runs())
+    few = max(int(searched * findings / seconds), 1)
+    if seconds > FAR * searched and few < findings:
+        some = f", --limit {few} takes about {duration(expected(store, few, workers))}"
+    return f" (about {duration(seconds)}; --time bounds it{some})"
+
+
+def usual_workers(store: Store) -> int:
+    """The number of processes for triage where nobody names one."""
+    return min((default_workers(run.manifest.policy) for run in store.runs()), default=1)
+
+
+def pace(store: Store, workers: int) -> float:
+    """Seconds per rollout in the newest runs; of a policy behind a server as many at a time as there."""
+    runs = store.runs()
+    newest_first = chain.from_iterable(_seconds(store, run) for run in reversed(runs))
+    seconds = list(islice(newest_first, SAMPLE)) or [0.0]
+    at_once = max(workers, _at_once(store, runs[-1]) if runs else 0.0)
+    return sum(seconds) / len(seconds) / at_once
+
+
+def _seconds(store: Store, run: Run) -> Iterator[float]:
+    return (rollout.seconds for trial in store.trials(run.id) for rollout in trial.outcome.rollouts)
+
+
+def _at_once(store: Store, run: Run) -> float:
+    """How many rollouts a run had at a time behind a server; else none."""
+    if "://" not in run.manifest.policy or not run.seconds:
+        return 0.0
+    return sum(_seconds(store, run)) / run.seconds
+
+
+def triage(
+    store: Store,
+    runner: Make,
+    *,
+    findings: Sequence[Finding] | None = None,
+    max_rollouts: int | None = None,
+    limit: int | None = None,
+    allowance: Allowance | None = None,
+    workers: int = 1,
+    thorough: bool = False,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> int:
+    """Triage every finding that was not triaged yet; each result is stored at once.
+
+    What an interruption leaves of a finding is stored, too: the next call on this machine goes on from there.
+
+    Under a limit, findings that show causes come first, and the first finding of every other cell before the
+    second of any, as it is more likely to have another cause.
+
+    Args:
+        runner: makes a scene runner for the findings of a run; picklable where there are several workers.
+        findings: by default all of the store.
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for 200, or 1000 for a
+            stochastic policy.
+        limit: the most findings to triage.
+        allowance: the rollouts and the time that it may take; by default there is no limit.
+        thorough: shrink every finding by a search of its own, to its smallest values, also where it has a
+            cause that is certified already, and locate its thresholds anew.
+        watch: called after every finding.
+
+    Returns:
+        The number of findings that could not be judged, as the policy broke or the scene is no longer fair.
+        They are left as they are, and tried again by the next call.
+
+    Raises:
+        SimulatorError: a worker died.
+    """
+    done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
+    runs = {run.id: run for run in store.runs()}
+    by_key = defaultdict[str, list[int]](list)
+    for run in runs.values():
+        by_key[run.manifest.key()].append(run.id)
+    causes = [finding.key for run in runs for finding in cause_findings(store, run)]
+    ordered = _causes_first(store.findings() if findings is None else findings, causes)
+    todo = [finding for finding in ordered if finding.key not in done][:limit]
+    todo.sort(key=lambda finding: finding.run)
+    jobs = [
+        Job(
+            runs[number],
+            list(some),
+            max_rollouts,
+            store.passing(number),
+            _blamed(store, by_key[runs[number].manifest.key()]),
+            None,
+            store.repeats(number, made),
+            lessen=thorough,
+        )
+        for number, some in groupby(todo, lambda finding: finding.run)
+    ]
+    if not thorough:
+        jobs = [job._replace(known=_known(store, job)) for job in jobs]
+    allowance = allowance or Allowance()
+    done_now, unjudged, rollouts = 0, 0, 0
+    watch(Progress(0, len(todo), 0))
+    if workers == 1:
+        results = work_here(runner, jobs, allowance)
+    else:
+        results = work_in_processes(runner, jobs, workers, allowance)
+    try:
+        for triaged in results:
+            if triaged:
+                allowance.charge(triaged)
+                store.settle(triaged)
+                done.add(triaged.key)
+                rollouts += triaged.policy_rollouts + triaged.expert_rollouts
+            elif allowance.used_up:
+                continue
+            unjudged += triaged is None
+            done_now += 1
+            watch(Progress(done_now, len(todo), rollouts))
+    finally:
+        for job in jobs:
+            left = any(finding.key not in done for finding in job.findings)
+            store.keep_repeats(job.run.id, made, dict(job.repeats) if left else {})
+    return unjudged
+
+
+def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
+    """The job of some findings of a run, with what that run knows; they know nothing of each other."""
+    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None, {})
+
+
+def certify_causes(
+    store: Store,
+    runner: Make,
+    run: int,
+    *,
+    allowance: Allowance | None = None,
+    workers: int = 1,
+    watch: Callable[[Progress], None] = lambda progress: None,
+) -> int:
+    """Triage the findings that show the commonest causes of a run, which takes about as long as the run.
+
+    The next commonest cause takes the place of one that cannot be certified, or that is the same as another,
+    as long as the rollouts are no more than those of the run.
+
+    Args:
+        runner, allowance, watch: see ``triage``.
+
+    Returns:
+        The number of findings that could not be judged, see ``triage``.
+    """
+    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
+    waiting, tried, unjudged = cause_findings(store, run), list[Finding](), 0
+    number, allowance = affordable(budget), allowance or Allowance()
+    while number > 0 and waiting and not allowance.used_up:
+        some, waiting = waiting[:number], waiting[number:]
+        unjudged += triage(store, runner, findings=some, allowance=allowance, workers=workers, watch=watch)
+        tried += some
+        keys = {finding.key for finding in tried}
+        rows = [row for row in store.triaged() if row.key in keys]
+        left = max(budget, PER_CAUSE) - sum(row.policy_rollouts for row in rows)
+        firm = {row.signature for row in rows if row.bucket in ("minimal", "base")}
+        number = min(affordable(budget) - len(firm), round(left / PER_CAUSE))
+    return unjudged
+
+
+def cause_findings(store: Store, run: int) -> list[Finding]:
+    """The findings that show the causes of a run, in order of rank."""
+    attribution = store.causes(run)
+    if attribution is None:
+        return []
+    findings = {finding.scene: finding for finding in store.findings(run)}
+    scenes = dict.fromkeys(cause.scene for cause in attribution.causes)
+    return [findings[scene] for scene in scenes if scene in findings]
+
+
+def findings_in_order(store: Store, run: int) -> list[Finding]:
+    """The findings of a run in the order of ``triage`` under a limit."""
+    return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
+
+
+def _known(store: Store, job: Job) -> list[Triaged]:
+    """What triage has certified of the same policy and task."""
+    key, task = job.findings[0].policy_key, job.findings[0].scene.task
+    return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
+
+
+def _blamed(store: Store, runs: Iterable[int]) -> dict[Scene, tuple[str, ...]]:
+    """The operators of each cause, by the scene that shows it."""
+    attributions = filter(None, map(store.causes, runs))
+    causes = [cause for attribution in attributions for cause in attribution.causes]
+    return {cause.scene: cause.operators for cause in causes if cause.scene}
+
+
+def affordable(budget: int) -> int:
+    """The number of causes that a run with this budget certifies."""
+    return max(1, budget // PER_CAUSE)
+
+
+def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]) -> list[Finding]:
+    """Findings sorted: those of causes, by their keys, then the first of each cell, the second, and so on.
+
+    Every task has cells of its own.
+    """
+    number: defaultdict[tuple[str, str], Iterator[int]] = defaultdict(count)
+    ranks = {key: rank - len(causes) for rank, key in enumerate(causes)}
+    return sorted(
+        findings,
+        key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell])),
+    )

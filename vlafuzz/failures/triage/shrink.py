@@ -1,0 +1,216 @@
+"""Shrink: remove from a failing scene everything that does not matter, until each operator is necessary."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from typing import TypeVar
+
+import numpy as np
+
+from vlafuzz.failures.triage.oracle import Answer, Oracle
+from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS, Space
+
+K = TypeVar("K")
+SURE = 2  # rollouts that fail in a scene, before others are tried from there
+# Past its threshold, a value goes on by so many grid steps or, if that is more, by this share of the way back
+# to the finding, so that no scene sits on an edge.
+BEYOND, RETREAT = 2, 0.25
+_ROUNDING = 1e-12  # severities are sums of square roots
+
+
+def shrink(
+    scene: Scene,
+    oracle: Oracle,
+    space: Space,
+    reference: Scene | None = None,
+    *,
+    sure: int = SURE,
+    values: bool = True,
+    lessen: bool = False,
+) -> list[Scene]:
+    """Reset in a failing scene what can be reset to a reference while it still fails.
+
+    The targets' types are kept. The answers on the way are cheap ones: the last scene is yet to be certified.
+
+    Args:
+        reference: a scene of the same targets; None for the nominal one.
+        sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
+        values: reset single values, too, not operators and confounders alone.
+        lessen: move the values that are left as close to the reference as they go.
+
+    Returns:
+        The failing scenes on the way, from the finding to the last and simplest one.
+    """
+    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values, lessen)
+    shrinker.run()
+    return shrinker.way
+
+
+def drop_confounders(scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None) -> Scene:
+    """The failing scene without the confounders that do not matter."""
+    shrinker = _Shrinker(space, oracle, reference, [scene])
+    shrinker.drop_confounders()
+    return shrinker.best
+
+
+@dataclass
+class _Shrinker:
+    space: Space
+    oracle: Oracle
+    reference: Scene | None
+    way: list[Scene]
+    sure: int = SURE
+    values: bool = True
+    lessen: bool = False
+
+    @property
+    def best(self) -> Scene:
+        return self.way[-1]
+
+    def run(self) -> None:
+        while self._drop_operators() and self._is_blocked():
+            pass  # an object that was in the way of a fair scene may be gone
+        if self._is_blocked():
+            self._unblock()
+        in_way = False  # whether a confounder keeps a target from its place
+        while True:
+            before = self.best
+            self.drop_confounders()
+            if self.values:
+                self._drop_values()
+            for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
+                for gene in self._free(self.space.group(name)):
+                    self._lessen(gene)
+            if self._drop_operators():
+                continue
+            if not self.values or (in_way and self.best == before):
+                return
+            in_way = Answer.UNFAIR in self._without_one() and CONFOUNDERS in self._left()
+            if not in_way:
+                return
+
+    def drop_confounders(self) -> None:
+        self._drop(range(len(self.space.things(self.best))), self._without_confounders)
+
+    def _drop_operators(self) -> bool:
+        return self._drop(
+            self._left(),
+            lambda names: self._reset([operator for name in names for operator in self.space.group(name)]),
+        )
+
+    def _is_blocked(self) -> bool:
+        """Whether an operator is left only because the scene without it is not fair."""
+        return not {None, Answer.UNFAIR}.isdisjoint(self._without_one())
+
+    def _without_one(self) -> list[Answer | None]:
+        """What the scenes without one of the operators left are known to do."""
+        return [self.oracle.known(self._reset(self.space.group(name))) for name in self._left()]
+
+    def _unblock(self) -> None:
+        """Reset together what may stand in each other's way."""
+        if CONFOUNDERS in self._left():
+            places = self._reset(self.space.blocking)
+            if self._fails([places])[0]:
+                self._go_to(places)
+
+    def _drop_values(self) -> None:
+        """Reset values one by one; the confounders' by operator first, as they have twenty values."""
+        left = self._left()
+        if CONFOUNDERS in left:
+            counts = {gene.operator for gene in self.space.by_path.values() if gene.kind == "count"}
+            parts = [name for name in self.space.group(CONFOUNDERS) if name not in counts]
+            self._drop([name for name in parts if self._reset([name]) != self.best], self._reset)
+        operators = [operator for name in left for operator in self.space.group(name)]
+        genes = self._free(operators)
+        self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
+
+    def _lessen(self, gene: Gene) -> None:
+        """Move a value to some way past the threshold of the failure."""
+        path = Path(self.space, self.best, [gene], self.reference)
+        if gene.kind == "count" or path.length <= 1:
+            return
+        passes, fails = 0, path.length
+        while fails - passes > 1 and self.oracle.room:
+            middle = (passes + fails) // 2
+            if self._fails([path.at(middle)])[0]:
+                fails = middle
+            else:
+                passes = middle
+        beyond = min(fails + self._margin(gene, fails, path.at(passes)), path.length)
+        if fails - passes == 1 and self._fails([path.at(beyond)])[0]:
+            fails = beyond
+        self._go_to(path.at(fails))
+
+    def _margin(self, gene: Gene, fails: int, before: Scene) -> int:
+        """Grid steps to go on past a step that fails, given the scene before it."""
+        if self.oracle.known(before) is not Answer.PASSES:
+            return BEYOND  # it is not fair: there is no threshold here
+        back = Path(self.space, self.way[0], [gene], self.reference).length - fails
+        return max(BEYOND, round(back * RETREAT))
+
+    def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
+        """Remove all keys that can go; returns whether there were any.
+
+        Each is tried alone first, in one batch; then all that could go alone at once, else one by one, those
+        that deviate least first.
+        """
+        failing = self._fails([without([key]) for key in keys])
+        loose = [key for key, still in zip(keys, failing, strict=True) if still]
+        if not loose:
+            return False
+        gone = list[K]()
+        if self._holds(without(loose)):
+            gone = loose
+        elif len(loose) > 1:
+            for key in sorted(loose, key=lambda key: -self._distance(without([key]))):
+                if self._holds(without([*gone, key])):
+                    gone.append(key)
+        self._go_to(without(gone))
+        return bool(gone)
+
+    def _holds(self, scene: Scene) -> bool:
+        return self._is_nearer(scene) and self.oracle.holds(scene, self.sure)
+
+    def _fails(self, scenes: Sequence[Scene]) -> list[bool]:
+        """Whether each still fails and is no farther from the reference than the best so far."""
+        nearer = list(filter(self._is_nearer, scenes))
+        failing = dict(zip(nearer, self.oracle.fails(nearer), strict=True))
+        return [failing.get(scene, False) for scene in scenes]
+
+    def _is_nearer(self, scene: Scene) -> bool:
+        return self._distance(scene) <= self._distance(self.best) + _ROUNDING
+
+    def _distance(self, scene: Scene) -> float:
+        if self.reference is None:
+            return self.space.severity(scene)
+        return float(np.linalg.norm(self.space.embed(scene) - self.space.embed(self.reference)))
+
+    def _left(self) -> list[str]:
+        return deviating(self.space, self.best, self.reference)
+
+    def _free(self, operators: Sequence[str]) -> list[Gene]:
+        return free_genes(self.space, self.best, operators, self.reference)
+
+    def _reset(self, operators: Sequence[str]) -> Scene:
+        return self.space.reset(self.best, operators, self.reference)
+
+    def _go_to(self, scene: Scene) -> None:
+        if scene != self.best:
+            self.way.append(scene)
+
+    def _without_confounders(self, gone: Sequence[int]) -> Scene:
+        """The scene with the other confounders moved up, reordered if they are nearer then."""
+        kept = [thing for index, thing in enumerate(self.space.things(self.best)) if index not in gone]
+        orders = (self.space.with_things(self.best, order) for order in permutations(kept))
+        first = next(orders)
+        if self._distance(first) <= self._distance(self.best):
+            return first
+        return min(orders, key=self._distance, default=first)
+
+    def _without_values(self, genes: Sequence[Gene]) -> Scene:
+        start = self.space.nominal_values if self.reference is None else self.space.values(self.reference)
+        reset = {gene.path: start[gene.path] for gene in genes}
+        return self.space.compose(self.space.values(self.best) | reset)

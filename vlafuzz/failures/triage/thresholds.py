@@ -1,0 +1,203 @@
+"""Thresholds: where along a path a policy starts to fail, and where beyond it passes; by single rollouts."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import NamedTuple, Protocol
+
+from vlafuzz.failures.triage.path import Path
+from vlafuzz.failures.triage.psychometric import Crossing
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.scene import Scene
+
+PLACES = 7  # along a path, from the reference to the end of the range
+NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower,
+NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
+MOST = 12  # rollouts that narrow down a crossing, where the failure rate rises slowly
+AGREE, DISAGREE = 5, 2  # a surprising answer stands if it comes five times before the other one comes twice
+_INTERVAL = (0.025, 0.975)  # 95 %
+_LIKELY = (1 / 3, 2 / 3)  # the next rollouts are where the crossing is below with these probabilities
+_SLACK = 0.2  # of a step, by which an interval may end beyond the step that it is rounded to
+_HALVINGS = 3  # of the gaps between failing ranges
+
+
+class Sampler(Protocol):
+    """Rolls out a policy in the neighbourhood of scenes."""
+
+    @property
+    def room(self) -> int:
+        """Number of rollouts that are left."""
+
+    def sample(self, scenes: Sequence[Scene]) -> list[bool | None]:
+        """Whether one more rollout near each scene fails; None where it cannot be judged or none is left.
+
+        Every rollout has another jitter and seed. A scene may be given several times.
+        """
+
+
+class Located(NamedTuple):
+    """Where a path starts to fail, in its steps.
+
+    Attributes:
+        crossing: the first step whose failure rate is above one half; the 95 % interval of where the rate
+            crosses one half goes from ``low`` to ``high``.
+        ranges: the first and the last failing step of each range; no last one where nothing beyond passes.
+    """
+
+    crossing: int
+    low: int
+    high: int
+    ranges: tuple[tuple[int, int | None], ...]
+
+
+def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Located | None:
+    """Find where a path to a failing scene starts to fail.
+
+    First there is one rollout at each of some places, up to the end of the range. Places that pass beyond a
+    failing one are tried again, which leaves the ranges that fail. Then rollouts near the crossing into the
+    first range narrow it down.
+
+    Args:
+        first: failure rate of the path's first scene, which passes; None where it still has to be tried.
+        last: failure rate of the scene that it leads to.
+
+    Returns:
+        None if the first scene does not pass, or there are too few rollouts left.
+    """
+    survey = _Survey(path, sampler)
+    if not path.length or not (first or survey.start_passes()):
+        return None
+    survey.look({round(path.end * place / PLACES) for place in range(1, PLACES + 1)} - {0, path.length})
+    survey.settle()
+    if survey.broke:
+        return None
+    survey.sharpen()
+    (_, until), *others = survey.ranges()
+    upper = path.length if until is None else min(until, path.length)
+    crossing = Crossing(upper)
+    known = {0: first, path.length: last}
+    counts = [(step, rate.failures, rate.rollouts) for step, rate in known.items() if rate]
+    counts += [(step, sum(outcomes), len(outcomes)) for step, outcomes in survey.outcomes.items()]
+    for step, failures, rollouts in counts:
+        if until is None or step <= until:
+            crossing.add(step, failures, rollouts)
+    survey.narrow(crossing, upper)
+    low, high = crossing.quantiles(*_INTERVAL)
+    (middle,) = crossing.quantiles(0.5)
+    start = max(math.ceil(middle), 1)
+    return Located(
+        start, math.floor(low + _SLACK), min(math.ceil(high - _SLACK), upper), ((start, until), *others)
+    )
+
+
+class _Survey:
+    """Rollouts at steps of a path.
+
+    Attributes:
+        outcomes: of the rollouts at each step: whether they failed.
+        broke: there were too few rollouts left.
+    """
+
+    def __init__(self, path: Path, sampler: Sampler) -> None:
+        self.path, self.sampler = path, sampler
+        self.outcomes: dict[int, list[bool]] = {}
+        self.unfair: set[int] = set()
+        self.broke = False
+
+    def look(self, steps: Iterable[int]) -> dict[int, bool]:
+        """Roll out once at each step; whether it failed where that could be judged."""
+        steps = sorted(set(steps) - self.unfair)
+        answers = self.sampler.sample([self.path.at(step) for step in steps])
+        judged = {step: fails for step, fails in zip(steps, answers, strict=True) if fails is not None}
+        for step, fails in judged.items():
+            self.outcomes.setdefault(step, []).append(fails)
+        self.broke = len(judged) < len(steps) and not self.sampler.room
+        if not self.broke:
+            self.unfair |= set(steps) - judged.keys()
+        return judged
+
+    def start_passes(self) -> bool:
+        """Roll out at the first step until it is clear whether it passes."""
+        while (fails := _settled(self.outcomes.get(0, []))) is None and not self.broke and not self.unfair:
+            self.look([0])
+        return fails is False
+
+    def settle(self) -> None:
+        """Try again at every step that is not as a single threshold would have it."""
+        while not self.broke and (open_steps := self._surprising()):
+            self.look(open_steps)
+
+    def _surprising(self) -> set[int]:
+        """Steps that fail before, or pass beyond, a threshold with the fewest such steps."""
+        states = self.states()
+        surprises = [
+            {step for step, fails in states.items() if fails != (step >= start)}
+            for start in states
+            if 0 < start <= self.path.length
+        ]
+        fewest = min(map(len, surprises))
+        return {
+            step
+            for steps in surprises
+            if len(steps) == fewest
+            for step in steps
+            if _settled(self.outcomes[step]) is None and step not in self.unfair
+        }
+
+    def states(self) -> dict[int, bool]:
+        """Whether each step fails, in their order. The first one passes, and the scene itself fails."""
+        settled = {step: _settled(outcomes) for step, outcomes in self.outcomes.items()}
+        states = {step: self.outcomes[step][0] if fails is None else fails for step, fails in settled.items()}
+        return dict(sorted((states | {0: False, self.path.length: True}).items()))
+
+    def ranges(self) -> list[tuple[int, int | None]]:
+        """The first and last step of each run of failing steps; no last one at the end of the path."""
+        found: list[tuple[int, int | None]] = []
+        start: int | None = None
+        for (step, fails), (following, follows) in pairwise([*self.states().items(), (-1, False)]):
+            if fails and start is None:
+                start = step
+            if start is not None and not follows:
+                found.append((start, None if following == -1 else step))
+                start = None
+        return found
+
+    def sharpen(self) -> None:
+        """Halve the gaps at the ends of failing ranges, but for the first crossing."""
+        for _ in range(_HALVINGS):
+            gaps = [
+                (before, after)
+                for (before, fails), (after, follows) in pairwise(self.states().items())
+                if fails != follows
+            ]
+            self.look((before + after) // 2 for before, after in gaps[1:] if after - before > 1)
+
+    def narrow(self, crossing: Crossing, upper: int) -> None:
+        """Roll out where the crossing may be, until its interval is narrow."""
+        spent = 0
+        narrow = max(min(NARROW, max(upper, 3) / 2), NARROW_SHARE * self.path.length)
+        while not self.broke and spent < MOST:
+            low, high = crossing.quantiles(*_INTERVAL)
+            if high - low <= narrow:
+                return
+            nearby = range(math.floor(low), min(math.ceil(high), upper) + 1)
+            fair = [step for step in nearby if step not in self.unfair]
+            if not fair:
+                return
+            before, beyond = crossing.quantiles(*_LIKELY)
+            guesses = math.floor(before), math.ceil(beyond)
+            answers = self.look(min(fair, key=lambda step: abs(step - guess)) for guess in guesses)
+            for step, fails in answers.items():
+                crossing.add(step, fails, 1)
+            spent += len(answers)
+
+
+def _settled(outcomes: Sequence[bool]) -> bool | None:
+    """Whether a step fails, once its first answer was given often enough or fell; None before."""
+    for number in range(1, len(outcomes) + 1):
+        same = outcomes[:number].count(outcomes[0])
+        if same >= AGREE:
+            return outcomes[0]
+        if number - same >= DISAGREE:
+            return not outcomes[0]
+    return None

@@ -1,0 +1,291 @@
+"""Triager: confirms, witnesses, shrinks, certifies and attributes a finding. It imports no simulator."""
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from vlafuzz.common.deadline import Deadline
+from vlafuzz.errors import SceneError
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import Shrunk, certify
+from vlafuzz.failures.triage.directions import directed
+from vlafuzz.failures.triage.known import by_known_cause
+from vlafuzz.failures.triage.oracle import (
+    LEAD,
+    MOST,
+    MOST_TO_CERTIFY,
+    ONE_HALF,
+    UNFAIR,
+    Answer,
+    Certificate,
+    Jitter,
+    Oracle,
+)
+from vlafuzz.failures.triage.outward import outward
+from vlafuzz.failures.triage.path import deviating
+from vlafuzz.failures.triage.reference import find_reference
+from vlafuzz.failures.triage.runner import SceneRunner
+from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.witness import Search, prove
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.phrasing import signature
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
+
+# Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
+MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
+FIRMLY = 5  # failures more than passes in a scene farther out that is triaged in place of a finding
+_OF_FINDING = ("scene", "repeats", "failures", "rate", "deviating", "policy_rollouts", "expert_rollouts")
+TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
+
+
+class _BrokenError(Exception):
+    """Policy or simulator broke, or there is no time left, which says nothing about the finding."""
+
+
+@dataclass
+class Triager:
+    """Works through the findings of one run.
+
+    Attributes:
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
+        passing: scenes in which the policy has passed.
+        blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
+            out, if it can be.
+        rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own
+            as if it were alone, so that its result does not depend on which finding comes first.
+        repeats: all rollouts so far, which findings share, those of an interrupted triage included; only
+            ``roll`` changes it.
+        known: certified findings, one of each signature. A finding that their operators explain keeps its own
+            values of these, and thresholds of a known signature are not located again.
+        lessen: shrink values, too, see ``shrink``.
+        deadline: after which a finding is given up.
+    """
+
+    runner: SceneRunner
+    max_rollouts: int | None = None
+    passing: Sequence[Scene] = ()
+    blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
+    rolled: Repeats = field(default_factory=dict)
+    repeats: Repeats = field(default_factory=dict, kw_only=True)
+    known: Sequence[Triaged] = field(default=(), kw_only=True)
+    lessen: bool = field(default=False, kw_only=True)
+    deadline: Deadline = field(default_factory=Deadline, kw_only=True)
+
+    def triage(self, finding: Finding) -> Triaged | None:
+        """The finding after triage; None where policy or simulator broke, or the deadline has passed."""
+        began = time.monotonic()
+        self.runner.renew()
+        alone = replace(self, rolled={})
+        try:
+            triaged = alone._triage(finding)
+            if _at_threshold(triaged):
+                triaged = alone._move_outward(finding, triaged)
+        except _BrokenError:
+            return None
+        return replace(triaged, seconds=time.monotonic() - began)
+
+    def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        """One rollout in each scene; what is known is not repeated, and no finding pays for it twice."""
+        if self.deadline.passed:
+            raise _BrokenError
+        tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
+        new = [key for key in tries if key not in self.rolled and key not in self.repeats]
+        outcomes = self.runner.evaluate([tries[key] for key in new], [number for _, number in new])
+        judged = dict(zip(new, map(Judged.of, outcomes), strict=True))
+        self.repeats |= {key: one for key, one in judged.items() if one.verdict is not Verdict.ERROR}
+        if any(answer.unanswered for answer in judged.values()):
+            raise _BrokenError
+        answers = [self.rolled.get(key) or self.repeats.get(key) or judged[key] for key in tries]
+        self.rolled |= {key: self.repeats[key]._replace(rollouts=0) for key in tries if key in self.repeats}
+        return answers
+
+    def _triage(self, finding: Finding) -> Triaged:
+        scene = finding.scene
+        oracle = self._oracle(self.runner.space.jittered)
+        answer, rate = self._confirm(scene, oracle)
+        triaged = Triaged(
+            scene=scene,
+            policy_key=finding.policy_key,
+            bucket="flaky",
+            repeats=rate.rollouts,
+            failures=rate.failures,
+            rate=rate,
+            deviating=self._deviating(scene) or (),
+            policy_rollouts=oracle.spent,
+            detail=f"{rate.failures} of {rate.rollouts} repeats failed",
+        )
+        if answer is Answer.FAILS:
+            return self._prove(triaged, oracle)
+        exactly = self._oracle(None)
+        at_edge = self._at_edge(scene, answer, exactly)
+        triaged = replace(triaged, policy_rollouts=oracle.spent + exactly.spent)
+        if at_edge:
+            around = f"in its neighbourhood {rate.failures} of {rate.rollouts} rollouts fail"
+            triaged = replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
+        return triaged
+
+    def _move_outward(self, finding: Finding, triaged: Triaged) -> Triaged:
+        """The finding, if possible with a minimal scene from farther out in the direction of its cause."""
+        space, oracle = self.runner.space, self._oracle(self.runner.space.jittered)
+        operators = [name for name in self.blamed.get(finding.scene, ()) if name in space.groups]
+        beyond = outward(space, finding.scene, operators, triaged.reference)
+        firm = (scene for scene, _ in beyond if oracle.answers([scene], lead=FIRMLY)[0] is Answer.FAILS)
+        scene = next(firm, None)
+        triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + oracle.spent)
+        if scene is None:
+            return triaged
+        triager = replace(self, blamed={scene: self.blamed[finding.scene]})
+        moved = triager._triage(replace(finding, scene=scene))
+        triaged = replace(
+            triaged,
+            policy_rollouts=triaged.policy_rollouts + moved.policy_rollouts,
+            expert_rollouts=triaged.expert_rollouts + moved.expert_rollouts,
+        )
+        if moved.bucket != "minimal":
+            return triaged
+        found: dict[str, Any] = {name: getattr(triaged, name) for name in _OF_FINDING}
+        around = f"{triaged.failures} of {triaged.repeats} rollouts around it fail"
+        return replace(moved, **found, detail=f"farther out than it was found, where {around}")
+
+    def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
+        """Repeat a finding until it is clear whether it mostly fails.
+
+        A stochastic policy has a second chance: the short test often takes rates of 0.5 to 0.7 for passes.
+        """
+        answer, rate = oracle.answers([scene], lead=LEAD)[0], oracle.rate(scene)
+        if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
+            raise _BrokenError
+        if answer is not Answer.FAILS and not self.runner.deterministic:
+            oracle.budget += MOST_TO_CERTIFY
+            (longer,) = oracle.certify([scene])
+            return longer
+        return Certificate(answer, rate)
+
+    def _oracle(self, jitter: Jitter | None) -> Oracle:
+        lead = 1 if self.runner.deterministic else LEAD
+        return Oracle(self.roll, self.runner.stages, jitter, budget=MOST + UNFAIR, lead=lead)
+
+    def _at_edge(self, scene: Scene, answer: Answer, exactly: Oracle) -> bool:
+        """Whether a scene that does not mostly fail in its neighbourhood does so as it is.
+
+        A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with
+        one rate in both, luck would put it at an edge.
+        """
+        if self.runner.deterministic:
+            return exactly.fails([scene])[0]
+        exactly.budget = MOST_TO_CERTIFY
+        return answer is Answer.PASSES and exactly.certify([scene])[0].answer is Answer.FAILS
+
+    def _prove(self, triaged: Triaged, oracle: Oracle) -> Triaged:
+        """Witness, shrink, certify and attribute a confirmed failure."""
+        search = self._search(triaged.scene)
+        lost = oracle.lost(triaged.scene)
+        triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=lost, detail="")
+        if search.witness is None:
+            return replace(triaged, bucket="unproven", detail="the expert fails, too")
+        triaged = replace(triaged, bucket="witnessed", witness=search.witness)
+        if self._deviating(triaged.scene) is None:
+            return replace(triaged, detail="not shrunk: it has a value that no operator gives")
+        oracle.count_up_to(lost)
+        before = oracle.spent
+        triaged = self._shrink(triaged, oracle)
+        spent = oracle.spent - before
+        return replace(triaged, shrink_rollouts=spent, policy_rollouts=triaged.policy_rollouts + spent)
+
+    def _shrink(self, triaged: Triaged, oracle: Oracle) -> Triaged:
+        space, confirmed = self.runner.space, oracle.spent
+        most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
+        oracle.budget = confirmed + round(most * TO_SHRINK)
+        reference = find_reference(triaged.scene, oracle, space, self.passing)
+        if reference is None:
+            nominal = space.nominal(like=triaged.scene)
+            lost = oracle.lost(nominal)
+            name = signature(triaged.scene.task, lost, ())
+            triaged = replace(triaged, bucket="base", shrunk=nominal, lost_stage=lost, signature=name)
+            return replace(triaged, detail="even the nominal scene of the same objects fails")
+        shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
+        if shrunk is None:
+            way = shrink(triaged.scene, oracle, space, reference.scene, lessen=self.lessen)
+            oracle.budget = confirmed + round(most * TO_CERTIFY)
+            shrunk = certify(way, oracle, space, reference)
+        else:
+            triaged = replace(triaged, detail="known operators suffice, with the values that were found")
+        rates = dict(shrunk.rates)
+        if shrunk.minimal and space.subject in self.blamed.get(triaged.scene, ()):
+            others = space.reset(shrunk.scene, [space.subject])
+            rates[space.subject] = oracle.certify([others], reference.stages, most=MOST)[0].rate
+        oracle.budget = confirmed + most
+        return self._attribute(triaged, replace(shrunk, rates=rates), oracle)
+
+    def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle) -> Triaged:
+        """Name the cause of a shrunk failure, and look for thresholds that are not known yet."""
+        space = self.runner.space
+        operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
+        name = signature(triaged.scene.task, shrunk.lost, operators)
+        located = any(name == one.signature and one.causes.thresholds for one in self.known)
+        triaged = replace(
+            triaged,
+            shrunk=shrunk.scene,
+            lost_stage=shrunk.lost,
+            operators=shrunk.operators,
+            causes=attribute(shrunk, oracle, space, located=located),
+            certified=shrunk.rate,
+            counterparts=shrunk.counterparts,
+            counterpart_rates=shrunk.rates,
+            reference=shrunk.reference,
+            signature=name,
+        )
+        if not shrunk.minimal:
+            return replace(triaged, detail=shrunk.problem)
+        return self._crown(triaged, shrunk.scene)
+
+    def _crown(self, triaged: Triaged, scene: Scene) -> Triaged:
+        """A shrunk scene is minimal when it has a witness of its own."""
+        if scene == triaged.scene:
+            return replace(triaged, bucket="minimal")
+        search = self._search(scene)
+        triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
+        if search.witness is None:
+            return replace(triaged, detail="the expert solves the finding, but not the shrunk scene")
+        return replace(triaged, bucket="minimal", witness=search.witness)
+
+    def _search(self, scene: Scene) -> Search:
+        search = prove(scene, self.runner.solve, self.runner.play)
+        if search.broken:
+            raise _BrokenError
+        return search
+
+    def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
+        """The operators that are not nominal; None for a scene with a value that no operator gives."""
+        space = self.runner.space
+        try:
+            return tuple(deviating(space, scene)) if space.reset(scene, []) == scene else None
+        except SceneError:
+            return None
+
+
+def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, Rate, str | None]:
+    """What the policy mostly does around a scene, how often it fails, and the stage that it loses.
+
+    Args:
+        first: number of the first rollout.
+    """
+    oracle = Oracle(
+        Triager(runner).roll, runner.stages, runner.space.jittered, budget=MOST + UNFAIR, first=first
+    )
+    try:
+        answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
+    except _BrokenError:
+        return Answer.BROKEN, Rate.of_counts(0, 0), None
+    return answer, rate, oracle.lost(scene) if rate.failures else None
+
+
+def _at_threshold(triaged: Triaged) -> bool:
+    """Whether a finding fails now and then, but not mostly, or what is left of it does."""
+    if triaged.bucket in ("edge", "flaky"):
+        return triaged.bucket == "edge" or triaged.failures > 0
+    rate = triaged.certified
+    return triaged.bucket == "witnessed" and rate is not None and rate.low <= ONE_HALF

@@ -1,0 +1,102 @@
+"""Witness: proof that a scene can be solved: actions of an expert that solve it when replayed open loop."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.model.evidence import Actions, Solver, Witness
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+
+TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
+SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
+Play = Callable[[Scene, Actions], Outcome]
+
+
+@dataclass(frozen=True)
+class Search:
+    """The witness, if one was found, and the expert's rollouts and replays that it took.
+
+    Attributes:
+        broken: there is no witness, but some attempt was an ERROR, so this says nothing about the scene.
+    """
+
+    witness: Witness | None
+    rollouts: int
+    broken: bool = False
+
+
+class Solve(Protocol):
+    """Gives the outcome of an expert's n-th attempt, see ``SceneRunner.solve``."""
+
+    def __call__(self, scene: Scene, attempt: int, solver: Solver = "expert", /) -> Outcome: ...
+
+
+def prove(scene: Scene, solve: Solve, play: Play) -> Search:
+    """Find a witness, of the seeing expert where it solves the scene as well.
+
+    The expert goes first: it is cheap, and fails least. What the seeing expert does from the picture says
+    more: that the picture shows all it takes.
+    """
+    search = find_witness(scene, solve, play)
+    if search.witness is None:
+        return search
+    by_sight = find_witness(scene, solve, play, SEEING_TRIES, "seeing")
+    return Search(by_sight.witness or search.witness, search.rollouts + by_sight.rollouts)
+
+
+def find_witness(
+    scene: Scene, solve: Solve, play: Play, tries: int = TRIES, solver: Solver = "expert"
+) -> Search:
+    """Let an expert solve a scene, with another grasp or direction each time, until a replay succeeds.
+
+    The expert acts without latency, as it corrects itself at every step. The replay, which does not, has the
+    scene's latency.
+
+    Args:
+        play: gives the outcome of executing actions from the same initial state.
+    """
+    rollouts, broken, prompt = 0, False, replace(scene, latency=Latency())
+    for attempt in range(tries):
+        solved = solve(prompt, attempt, solver)
+        rollouts += len(solved.rollouts)
+        broken |= solved.verdict is Verdict.ERROR
+        if solved.verdict is not Verdict.PASSED:
+            continue
+        actions = solved.rollouts[0].actions
+        played = play(scene, actions)
+        rollouts += len(played.rollouts)
+        broken |= played.verdict is Verdict.ERROR
+        if played.verdict is Verdict.PASSED:
+            return Search(Witness(actions, played.rollouts[0].states_hash, attempt, solver), rollouts)
+    return Search(None, rollouts, broken)
+
+
+class Player:
+    """A policy that executes a sequence of actions whatever it sees, and then holds still.
+
+    Attributes:
+        actions: ``(steps, 7)``, to be set before a rollout.
+    """
+
+    def __init__(self, like: PolicySpec) -> None:
+        self.spec = PolicySpec("witness", action=like.action)
+        self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Observations have the number of their step."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
+
+    def close(self) -> None: ...
+
+    def _at(self, step: int) -> NDArray[np.float64]:
+        if step < len(self.actions):
+            return np.array(self.actions[step], dtype=np.float64)
+        gripper = float(self.actions[-1, 6]) if len(self.actions) else 1.0
+        return np.array([0.0] * 6 + [gripper])

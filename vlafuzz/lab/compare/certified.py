@@ -1,0 +1,123 @@
+"""The causes of a run: its findings are triaged within a limit of rollouts, and what is certified counts."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing, nullcontext
+from dataclasses import dataclass
+
+from vlafuzz.failures.triage.jobs import Job
+from vlafuzz.failures.triage.pipeline import findings_in_order, job_of
+from vlafuzz.failures.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.failures.triage.runner import SceneRunner
+from vlafuzz.store.records import Finding, Run, Triaged
+from vlafuzz.store.store import Store
+
+Known = dict[tuple[str, str], Triaged | None]
+"""Results of triage by the finding's key; None where a finding could not be judged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certified:
+    """What triage of a run's findings has come to.
+
+    Attributes:
+        causes: distinct signatures of certified findings, each with the rollouts of triage until then.
+        triaged: findings within the limit; ``confirmed`` of them mostly fail, ``certified`` are minimal, too.
+        rollouts: of the policy; all of the limit where it did not suffice for the next finding.
+    """
+
+    causes: Mapping[str, int]
+    triaged: int
+    confirmed: int
+    certified: int
+    rollouts: int
+
+
+def known_results(store: Store) -> Known:
+    return {triaged.key: triaged for triaged in store.triaged()}
+
+
+def certified(findings: Sequence[Finding], known: Known, limit: int) -> Certified:
+    """Count the findings whose triage, one after the other, took no more rollouts than the limit."""
+    within: list[Triaged] = []
+    causes: dict[str, int] = {}
+    spent = 0
+    for result in filter(None, (known.get(finding.key) for finding in findings)):
+        spent += result.policy_rollouts
+        if spent > limit:
+            break
+        within.append(result)
+        if result.bucket == "minimal" and result.signature:
+            causes.setdefault(result.signature, spent)
+    return Certified(
+        causes=causes,
+        triaged=len(within),
+        confirmed=sum(result.bucket not in ("flaky", "edge") for result in within),
+        certified=sum(result.bucket == "minimal" for result in within),
+        rollouts=min(spent, limit),
+    )
+
+
+def certify(
+    store: Store,
+    make: Make,
+    runs: Sequence[Run],
+    limit: int,
+    workers: int = 1,
+    watch: Callable[[int, int], None] = lambda number, spent: None,
+) -> int:
+    """Triage the findings of every run, in order, until they have taken ``limit`` rollouts of the policy.
+
+    Every result is stored at once; a finding of several runs is triaged once. Findings share no verdicts, so
+    that results depend neither on the number of workers nor on interruptions.
+
+    Args:
+        watch: is told the index of a run, and the rollouts that its findings have taken so far.
+
+    Returns:
+        The number of findings that could not be judged: see ``pipeline.triage``.
+    """
+    results = known_results(store)
+    with process_pool(workers) if workers > 1 else nullcontext() as pool:
+        for index, run in enumerate(runs):
+            findings = findings_in_order(store, run.id)
+            job = job_of(store, run, findings)
+            watch(index, 0)
+            with closing(PooledRunner(pool, make, run) if pool else make(run)) as runner:
+                while batch := _missing(findings, results, limit)[:workers]:
+                    for number, triaged in _triaged(batch, runner, job, pool):
+                        results[batch[number].key] = triaged
+                        if triaged:
+                            store.settle(triaged)
+                    watch(index, certified(findings, results, limit).rollouts)
+    return sum(result is None for result in results.values())
+
+
+def uncertified(store: Store, runs: Iterable[Run], limit: int) -> list[Run]:
+    """The runs with findings that ``certify`` would triage."""
+    results = known_results(store)
+    return [run for run in runs if _missing(findings_in_order(store, run.id), results, limit)]
+
+
+def _missing(findings: Sequence[Finding], results: Known, limit: int) -> list[Finding]:
+    """The findings that were not triaged yet and for which the others have left rollouts."""
+    spent, missing = 0, []
+    for finding in findings:
+        if spent >= limit:
+            break
+        if finding.key not in results:
+            missing.append(finding)
+        elif result := results[finding.key]:
+            spent += result.policy_rollouts
+    return missing
+
+
+def _triaged(
+    batch: Sequence[Finding], runner: SceneRunner, job: Job, pool: ProcessPoolExecutor | None
+) -> Iterator[tuple[int, Triaged | None]]:
+    """Each finding's number with its result, as they are done."""
+
+    def triage(finding: Finding) -> Triaged | None:
+        return job.triager(runner).triage(finding)
+
+    return side_by_side(pool, len(batch), triage, batch) if pool else enumerate(map(triage, batch))

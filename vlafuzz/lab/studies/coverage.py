@@ -1,0 +1,152 @@
+"""How much of the space scenes cover: places of the first object, as in the paper, and behaviour."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from vlafuzz.lab.studies import published
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.search.scoring import cell
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
+from vlafuzz.worlds.manipulation.operators import TargetPosition
+from vlafuzz.worlds.manipulation.stored import stored_operators
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.stored import stored_catalogue
+from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
+from vlafuzz.worlds.tabletop.vlatest.original import as_original
+from vlafuzz.worlds.tabletop.vlatest.table import Rectangle, vlatest_table
+
+SIDE = 10  # cells along x and along y, of the box from which positions are drawn
+SIZES = (10, 100, 1000)  # the paper's
+_ROUNDING = 1e-6  # metres, of imported positions
+
+
+class Step(NamedTuple):
+    """What coverage needs of a scene.
+
+    Attributes:
+        place: the cell of the box that has its first object; None outside.
+        site: the operators far from nominal, and the target's place; None if unknown.
+        cell: its site with the stage at which the policy was lost, if the scene was run.
+    """
+
+    place: tuple[int, int] | None
+    site: str | None
+    cell: str | None = None
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class Track:
+    """The scenes of one task of a file, or of one run of a store, in order."""
+
+    task: str
+    steps: tuple[Step, ...]
+    run: int | None = None
+    strategy: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Covered:
+    """What the first ``scenes`` of a track cover.
+
+    Attributes:
+        positions: share of the 10 × 10 cells of the box; ``published`` is the paper's for as many scenes.
+        sites: number of distinct sites.
+        cells, failures: distinct cells of all rollouts and of failed ones; None if nothing was run.
+    """
+
+    task: str
+    scenes: int
+    positions: float
+    published: float | None
+    sites: int | None
+    cells: int | None
+    failures: int | None
+
+
+def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue: Catalogue) -> list[Track]:
+    """A track per task and robot, in order of first appearance."""
+    by_kind: dict[tuple[str, str], list[Scene]] = {}
+    for scene in scenes:
+        by_kind.setdefault((scene.task, scene.robot), []).append(scene)
+    return [
+        Track(task, tuple(_steps(alike, _space(operators, catalogue, alike[0]))))
+        for (task, _), alike in by_kind.items()
+    ]
+
+
+def tracks_of_store(store: Store) -> list[Track]:
+    """A track per run: its judged trials, including those that reused an outcome."""
+    return [_run_track(store, run) for run in store.runs()]
+
+
+def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
+    """Coverage by the first scenes of a track, for each size that it has, and by all scenes."""
+    in_paper = {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
+    total = len(track.steps)
+    for size in [*sorted({size for size in sizes if size < total}), total]:
+        steps = track.steps[:size]
+        run = [step for step in steps if step.cell]
+        sites = {step.site for step in steps}
+        yield Covered(
+            task=track.task,
+            scenes=size,
+            positions=len({step.place for step in steps if step.place}) / SIDE**2,
+            published=in_paper.get((track.task, size)),
+            sites=None if None in sites else len(sites),
+            cells=len({step.cell for step in run}) if run else None,
+            failures=len({step.cell for step in run if step.failed}) if run else None,
+        )
+
+
+def place(x: float, y: float, area: Rectangle) -> tuple[int, int] | None:
+    """The cell of a point; None outside."""
+    column, row = _along(x, area.x), _along(y, area.y)
+    return None if column is None or row is None else (column, row)
+
+
+def _along(value: float, bounds: tuple[float, float]) -> int | None:
+    low, high = bounds
+    if high == low:
+        return 0 if abs(value - low) <= _ROUNDING else None
+    if not low - _ROUNDING <= value <= high + _ROUNDING:
+        return None
+    return min(max(int((value - low) / (high - low) * SIDE), 0), SIDE - 1)
+
+
+def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
+    """The search space of scenes like this one."""
+    if as_original(scene):  # only its task matters
+        return SearchSpace(operators, catalogue, scene.task)
+    return SearchSpace(operators, catalogue, scene.task, scene.robot)
+
+
+def _steps(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
+    for scene in scenes:
+        if original := as_original(scene):
+            first, area, site = original.listing[0], vlatest_table().drawn_from(scene.task), None
+        else:
+            drawn = space.operators.get(TargetPosition)
+            area = Rectangle(x=(drawn.x.low, drawn.x.high), y=(drawn.y.low, drawn.y.high))
+            first, site = scene.listing[0], space.site(scene, space.severities(scene))
+        yield Step(place(first.x, first.y, area), site)
+
+
+def _run_track(store: Store, run: Run) -> Track:
+    manifest = run.manifest
+    judged = [trial for trial in store.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
+    if not judged:
+        return Track(manifest.task, (), run.id, manifest.strategy)
+    operators, catalogue = stored_operators(store.path, manifest), stored_catalogue(manifest)
+    space = _space(operators, catalogue, judged[0].scene)
+    steps = [
+        step._replace(
+            cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space),
+            failed=trial.outcome.verdict is Verdict.FAILED,
+        )
+        for trial, step in zip(judged, _steps((trial.scene for trial in judged), space), strict=True)
+    ]
+    return Track(manifest.task, tuple(steps), run.id, manifest.strategy)

@@ -1,0 +1,208 @@
+"""Conditions: everything beside the scene that decides an outcome, each field declared once with its role."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Collection
+from dataclasses import MISSING, Field, dataclass, field, fields
+from enum import Enum
+from typing import Any, Final
+
+from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.model.label import Model
+
+ALONE = "alone-"  # begins labels that no other run has
+CRITERIA = ("strict", "published")
+PLACEMENTS = ("resting", "published")  # how objects get to their places: see sim/maniskill/settle.py
+
+
+class Role(Enum):
+    """What a field is part of."""
+
+    SCENES = "which scenes a run proposes"
+    POLICY = "what acts in them"
+    SIMULATION = "where it acts, and what counts as success"
+    PLACE = "what computes it: its last bits decide outcomes of single scenes, hardly shares of many"
+    SEED = "the random numbers; runs that differ in nothing else are repetitions"
+    SEARCH = "which of the scenes are tried, and how many"
+
+
+class Origin(Enum):
+    """Where a value comes from."""
+
+    FLAG = "the user gives it as it is stored"
+    FILE = "a file that the user names"
+    HERE = "the code and the packages that are installed"
+
+
+def condition(
+    role: Role,
+    origin: Origin,
+    *,
+    default: Any = MISSING,
+    compared_by: Callable[[Any], object] = lambda value: value,
+    keyed_as: str | None = None,
+    later: bool = False,
+) -> Any:
+    """A dataclass field of ``Conditions``.
+
+    Args:
+        compared_by: gives the part of the value that has to be equal.
+        keyed_as: its name in keys, where that is another one than the field's.
+        later: keys are older than the field, so they leave it out at its default. True for every new field.
+    """
+    about = {"role": role, "origin": origin, "by": compared_by, "keyed_as": keyed_as, "later": later}
+    return field(default=default, metadata=about)
+
+
+def _pool(scene_file: str) -> str | None:
+    """Digest of the scenes from which a strategy chose; None where it made its own."""
+    mark = json.loads(scene_file or "{}")
+    return mark["digest"] if mark.get("flag") == "pool" else None
+
+
+def _contents(packs: str) -> frozenset[tuple[str, str]]:
+    """What packs are, wherever they lie."""
+    return frozenset((mark["name"], mark["digest"]) for mark in json.loads(packs))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conditions:
+    """Everything beside the scene that decides an outcome, or which scenes are tried.
+
+    Attributes:
+        policy: as the user named it; ``spec`` is its own description, as JSON.
+        label: which model it is, where the policy's name does not say; see ``alone``.
+        source: digest of the user's own code that makes the policy; empty for others.
+        seed: of the rollouts; the n-th repeat of a scene has seed + n.
+        repeats: rollouts a scene.
+        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
+        placement: ``resting``, or ``published`` to drop objects as those environments do.
+        stop_early: whether a rollout ends at success instead of ten steps later.
+        min_distance: between objects' centres, metres.
+        visible: bounds within which the targets count as visible, as JSON; empty where that is not checked.
+        place: where it runs, as JSON, see ``conditions.place``; empty if unknown.
+        simulator: name and version of what the scenes are run in.
+        commit: of vlafuzz's checkout, if it is one.
+        operators: the operators with their ranges, as JSON; compared by ``operators_digest``.
+        packs: of objects, as JSON: name, digest and folder; the catalogue's digest has their content, too.
+        scene_file: the file of scenes that the run had or chose from, as JSON; empty for none.
+    """
+
+    task: str = condition(Role.SCENES, Origin.FLAG)
+    robot: str = condition(Role.SCENES, Origin.FLAG, default="panda")
+    policy: str = condition(Role.POLICY, Origin.FLAG, default="", keyed_as="subject")
+    spec: str = condition(Role.POLICY, Origin.HERE, default="{}")
+    source: str = condition(Role.POLICY, Origin.HERE, default="", later=True)
+    label: str = condition(Role.POLICY, Origin.FLAG, default="", later=True)
+    seed: int = condition(Role.SEED, Origin.FLAG, default=0)
+    repeats: int = condition(Role.POLICY, Origin.FLAG, default=1)
+    criteria: str = condition(Role.SIMULATION, Origin.FLAG, default="strict")
+    placement: str = condition(Role.SIMULATION, Origin.FLAG, default="resting")
+    stop_early: bool = condition(Role.SIMULATION, Origin.FLAG, default=False)
+    min_distance: float = condition(Role.SIMULATION, Origin.FILE, default=0.0)
+    catalogue_digest: str = condition(Role.SIMULATION, Origin.HERE, default="")
+    simulator: str = condition(Role.SIMULATION, Origin.HERE, default="")
+    commit: str | None = condition(Role.SIMULATION, Origin.HERE, default=None)
+    visible: str = condition(Role.SIMULATION, Origin.FILE, default="", later=True)
+    place: str = condition(Role.PLACE, Origin.HERE, default="", later=True)
+    operators: str = "{}"
+    operators_digest: str = condition(Role.SCENES, Origin.FILE, default="")
+    packs: str = condition(Role.SCENES, Origin.FILE, default="[]", compared_by=_contents)
+    scene_file: str = condition(Role.SCENES, Origin.FILE, default="", compared_by=_pool)
+
+    def __post_init__(self) -> None:
+        """Raise a UsageError for a value that no simulator knows."""
+        check_choice("criteria", self.criteria, CRITERIA)
+        check_choice("placement", self.placement, PLACEMENTS)
+
+    @property
+    def model(self) -> str:
+        """The policy as people read it; runs that stand alone are told apart."""
+        return f"{self.policy} ({self.label})" if self.alone else self.called
+
+    @property
+    def called(self) -> str:
+        """The policy as people read it: the label that the user gave it, if any, before its name."""
+        return str(self.tested)
+
+    @property
+    def tested(self) -> Model:
+        """The model that the policy is, as far as the user said."""
+        return Model(self.policy, self.named)
+
+    @property
+    def short(self) -> str:
+        """The policy where there is little room: the label, if any, in place of its name."""
+        return self.named or self.policy
+
+    @property
+    def named(self) -> str:
+        """The label that the user gave the policy; empty without one."""
+        return "" if self.alone else self.label
+
+    @property
+    def alone(self) -> bool:
+        """Whether nobody says which model the policy is, so that no other run may share its outcomes."""
+        return self.label.startswith(ALONE)
+
+    def values(self, *roles: Role) -> dict[str, object]:
+        """The fields of some roles by their names in keys, in the order in which they are declared."""
+        return {
+            declared.metadata["keyed_as"] or declared.name: getattr(self, declared.name)
+            for declared in _declared(self)
+            if declared.metadata["role"] in roles and not self._left_out(declared)
+        }
+
+    def key(self, *, seeded: bool = True) -> str:
+        """The policy and all else that an outcome depends on: within one key, stored outcomes are reused."""
+        roles = (Role.POLICY, Role.SIMULATION, Role.PLACE, *([Role.SEED] if seeded else []))
+        text = json.dumps(self.values(*roles), sort_keys=True)
+        return f"{self.policy}:{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
+
+    def differences(
+        self,
+        other: Conditions,
+        *,
+        roles: Collection[Role] = tuple(Role),
+        origins: Collection[Origin] = tuple(Origin),
+    ) -> tuple[str, ...]:
+        return tuple(
+            declared.name
+            for declared in _declared(self)
+            if declared.metadata["role"] in roles
+            and declared.metadata["origin"] in origins
+            and _compared(self, declared) != _compared(other, declared)
+        )
+
+    def comparable(self, other: Conditions) -> bool:
+        """Whether shares of failures may be compared: nothing but search, seed and place differs."""
+        return not self.differences(other, roles=set(Role) - {Role.SEARCH, Role.SEED, Role.PLACE})
+
+    @classmethod
+    def flags(cls) -> tuple[str, ...]:
+        """Names of the fields that hold what a flag of the same name gave."""
+        return tuple(row.name for row in _declared(cls) if row.metadata["origin"] is Origin.FLAG)
+
+    def _left_out(self, declared: Field[Any]) -> bool:
+        return bool(declared.metadata["later"]) and getattr(self, declared.name) == declared.default
+
+
+ASKED: Final = (Origin.FLAG, Origin.FILE)
+"""Origins of what a user asks for; the rest comes with a version."""
+
+
+def check_choice(name: str, value: str, known: Collection[str]) -> str:
+    """The same value; a UsageError if it is not known."""
+    if value not in known:
+        raise UsageError(f"unknown {name} {value!r}", hint=suggestion(value, known))
+    return value
+
+
+def _declared(conditions: Conditions | type[Conditions]) -> list[Field[Any]]:
+    return [declared for declared in fields(conditions) if "role" in declared.metadata]
+
+
+def _compared(conditions: Conditions, declared: Field[Any]) -> object:
+    return declared.metadata["by"](getattr(conditions, declared.name))

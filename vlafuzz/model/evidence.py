@@ -1,0 +1,108 @@
+"""The evidence that triage collects about a failure as values: causes and a witness."""
+
+from dataclasses import KW_ONLY, dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.statistics import sequential_interval
+
+Actions = NDArray[np.float32]
+Solver = Literal["expert", "seeing"]
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often a policy fails in a scene and its neighbourhood, each rollout with another jitter and seed.
+
+    Attributes:
+        low: lower 95 % bound of the failure rate, in [0, 1], valid although the number of rollouts depends on
+            their outcomes; ``high`` is the upper 95 % bound.
+    """
+
+    failures: int
+    rollouts: int
+    low: float
+    high: float
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
+        if not 0 <= self.failures <= self.rollouts:
+            raise ValueError(f"{self.failures} failures in {self.rollouts} rollouts")
+
+    @classmethod
+    def of_counts(cls, failures: int, rollouts: int) -> Self:
+        return cls(failures, rollouts, *sequential_interval(failures, rollouts))
+
+
+Values = tuple[tuple[str, float], ...]  # by their paths in a scene; several of them move together
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Where an operator starts to make the policy fail, on the way from the reference to the minimal scene.
+
+    What is younger than the first three fields is empty in earlier stores and corpora.
+
+    Attributes:
+        at: the first values at which the failure rate is above one half.
+        share: position between the reference and the minimal scene, in (0, 1].
+        low: the 95 % interval of where the rate crosses one half begins here, on the side of the reference;
+            it ends at ``high``.
+        direction: in which the operator deviates, as in signatures: ``+yaw``.
+        ranges: first and last values of each range that fails, from ``at`` on; no last values for a range
+            that reaches as far as the operator does.
+    """
+
+    operator: str
+    at: Values
+    share: float
+    _: KW_ONLY
+    low: Values = ()
+    high: Values = ()
+    direction: str = ""
+    ranges: tuple[tuple[Values, Values], ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for values of other paths than those in ``at``, which somebody else wrote."""
+        paths = {path for path, _ in self.at}
+        several = (self.low, self.high, *(end for ends in self.ranges for end in ends))
+        if not paths or bool(self.low) != bool(self.high):
+            raise ValueError(f"a threshold of {self.operator} without its values or their bounds")
+        for values in filter(None, several):
+            if {path for path, _ in values} != paths:
+                raise ValueError(f"a threshold of {self.operator} between other values than {sorted(paths)}")
+
+
+@dataclass(frozen=True)
+class Causes:
+    """The operators behind a failure, as found in its minimal scene.
+
+    Attributes:
+        necessary: the policy passes if any one of them is reset to the reference: the nominal scene, or the
+            passing one that the failure was shrunk to.
+        sufficient: the policy fails if one of them alone is applied to the reference.
+        thresholds: of the operators with numbers, those that the budget of rollouts sufficed to locate.
+    """
+
+    necessary: tuple[str, ...] = ()
+    sufficient: tuple[str, ...] = ()
+    thresholds: tuple[Threshold, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """A solution of a scene.
+
+    Attributes:
+        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose.
+        states_hash: of the trajectory when the actions were replayed.
+        attempt: number of the expert's attempt, which selects its first grasp and direction of approach.
+        solver: ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
+    """
+
+    actions: Actions
+    states_hash: str
+    attempt: int
+    solver: Solver = "expert"

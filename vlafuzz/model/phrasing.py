@@ -1,0 +1,59 @@
+"""Evidence in words: signatures and thresholds."""
+
+from collections.abc import Iterable
+
+from vlafuzz.model.evidence import Causes, Threshold, Values
+from vlafuzz.model.scene import amount, in_words
+
+BASE = "base"  # in a signature: even the nominal scene fails
+
+
+def signature(task: str, lost: str, operators: Iterable[str]) -> str:
+    """Identifies a cause, readably: ``pick-up|grasp|camera-orientation:+yaw+light:dark``.
+
+    Args:
+        operators: each with the direction in which it deviates, see ``triage.directions``.
+    """
+    return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
+
+
+def describe(threshold: Threshold) -> str:
+    """The operator and its failing range: ``light: fails from intensity × 6.25 (× 5.9 to × 6.6) on``."""
+    return f"{threshold.operator}: {failing_range(threshold)}"
+
+
+def titled(operators: Iterable[str], causes: Causes) -> str:
+    """Operators in a few words, with their thresholds where these are known."""
+    thresholds = {threshold.operator: describe(threshold) for threshold in causes.thresholds}
+    return "; ".join(thresholds.get(name, name) for name in operators)
+
+
+def failing_range(threshold: Threshold) -> str:
+    """The values that fail: ``fails from yaw 2.1° (2° to 2.2°) to 3.4° and from 4° on``."""
+    first, *others = threshold.ranges or ((threshold.at, ()),)
+    start = ", ".join(in_words(path, value) + _interval(threshold, path) for path, value in threshold.at)
+    share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
+    parts = [_range(start + share, *first), *(_range(_amounts(low), low, high) for low, high in others)]
+    return f"fails {' and '.join(parts)}"
+
+
+def _range(start: str, low: Values, high: Values) -> str:
+    if not high:
+        return f"from {start} on"
+    return f"at {start}" if low == high else f"from {start} to {_amounts(high)}"
+
+
+def _amounts(values: Values) -> str:
+    """Values as they continue a sentence: one without its name."""
+    if len(values) == 1:
+        return amount(*values[0])
+    return ", ".join(in_words(path, value) for path, value in values)
+
+
+def _interval(threshold: Threshold, path: str) -> str:
+    if not threshold.low or threshold.low == threshold.high:
+        return ""
+    ends = dict(threshold.low)[path], dict(threshold.high)[path]
+    wraps = abs(ends[1] - ends[0]) > 180  # at ±180°: 178° to -176°
+    low, high = sorted(ends, reverse=wraps)
+    return f" ({amount(path, low)} to {amount(path, high)})"

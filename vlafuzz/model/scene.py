@@ -1,0 +1,273 @@
+"""Scene: everything that is shown to the policy, as a value."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
+from functools import cached_property
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+
+from vlafuzz.common.reading import first_problem, plain
+from vlafuzz.errors import SceneError
+
+SCHEMA = 1
+MOST = 100  # objects or further instructions
+_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
+# Of scenes from outside: far beyond what is fair, and near enough that squares and differences stay numbers.
+Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
+Quaternion = tuple[Real, Real, Real, Real]  # w, x, y, z
+Text = Annotated[str, Field(max_length=10_000), AfterValidator(plain)]
+
+
+def _quantity(unit: str, default: Any = MISSING) -> Any:
+    """A field with a unit, as written behind its value."""
+    return field(default=default, metadata={"unit": unit})
+
+
+def _later(default: Any) -> Any:
+    """A field younger than the first digests: at its default, the canonical JSON leaves it out."""
+    return field(default=default, metadata={"later": True})
+
+
+_EXTRA = {"later": True, "extra": True}  # the part of a scene that an extra operator varies
+
+
+@dataclass(frozen=True)
+class Placement:
+    """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
+
+    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It rotates the mesh of a
+    pack's object, and (x, y) is then the origin of that mesh. ``scale`` multiplies the object's size.
+    ``listed`` is the object's position in a list that does not start with the targets.
+    """
+
+    __pydantic_config__ = _STRICT
+    object: Text
+    rest: Text
+    x: Real = _quantity(" m")
+    y: Real = _quantity(" m")
+    yaw: Real = _quantity("°", 0.0)
+    _: KW_ONLY
+    quaternion: Quaternion | None = None
+    scale: Real = 1.0
+    listed: Annotated[int, Field(strict=True, ge=0, le=10**6)] | None = _later(None)
+
+
+@dataclass(frozen=True)
+class Light:
+    """``intensity`` multiplies all lights of the nominal scene, ambient light included."""
+
+    __pydantic_config__ = _STRICT
+    intensity: Real = _quantity("×", 1.0)
+
+
+@dataclass(frozen=True)
+class Camera:
+    """The third-person camera's deviation from its nominal pose.
+
+    The camera is ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the
+    world's x axis) and ``elevation``, and is rotated by ``roll``, ``pitch`` and ``yaw`` about its own axes.
+    Angles are in degrees.
+    """
+
+    __pydantic_config__ = _STRICT
+    distance: Real = _quantity(" m", 0.0)
+    azimuth: Real = _quantity("°", 0.0)
+    elevation: Real = _quantity("°", 0.0)
+    _: KW_ONLY
+    roll: Real = _quantity("°", 0.0)
+    pitch: Real = _quantity("°", 0.0)
+    yaw: Real = _quantity("°", 0.0)
+
+    @property
+    def offset(self) -> tuple[float, float, float]:
+        """Displacement along the world's x, y and z, metres."""
+        azimuth, elevation = math.radians(self.azimuth), math.radians(self.elevation)
+        level = self.distance * math.cos(elevation)
+        return level * math.cos(azimuth), level * math.sin(azimuth), self.distance * math.sin(elevation)
+
+
+Pattern = Literal["planks", "plain", "checker", "speckle", "stripes"]
+TablePaint = Literal["oak", "white", "grey", "black", "red", "green", "blue"]
+WallPaint = Literal["sage", "white", "grey", "black", "red", "green", "blue"]
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """Pattern and colour of the table top, and the colour of the wall behind the robot."""
+
+    __pydantic_config__ = _STRICT
+    table: Pattern = "planks"
+    colour: TablePaint = "oak"
+    wall: WallPaint = "sage"
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitialPose:
+    """Offsets of the arm's joints at the start of an episode, from the base on; degrees."""
+
+    __pydantic_config__ = _STRICT
+    j1: Real = _quantity("°", 0.0)
+    j2: Real = _quantity("°", 0.0)
+    j3: Real = _quantity("°", 0.0)
+    j4: Real = _quantity("°", 0.0)
+    j5: Real = _quantity("°", 0.0)
+    j6: Real = _quantity("°", 0.0)
+    j7: Real = _quantity("°", 0.0)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Of every image that the policy sees, in this order.
+
+    ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the
+    quality of JPEG compression, 100 for none.
+    """
+
+    __pydantic_config__ = _STRICT
+    blur: Annotated[Real, Field(ge=0, le=100)] = _quantity(" px", 0.0)
+    grain: Annotated[Real, Field(ge=0)] = _quantity(" grey levels", 0.0)
+    jpeg: Annotated[Real, Field(ge=1, le=100)] = 100.0
+
+
+@dataclass(frozen=True)
+class Latency:
+    """``delay`` in control steps, from the policy's answer to its execution."""
+
+    __pydantic_config__ = _STRICT
+    delay: Annotated[int, Field(strict=True, ge=0, le=100)] = _quantity(" steps", 0)
+
+
+@dataclass(frozen=True)
+class Start:
+    """``state``: number of the initial state from which a scene deviates, where a task has several."""
+
+    __pydantic_config__ = _STRICT
+    state: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that is shown to the policy. Equal scenes have equal digests.
+
+    ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that
+    can be simulated. ``then`` are further instructions: each replaces the one before it when another stage is
+    reached. ``values`` are those of a world without a table, by name, in place of targets.
+    """
+
+    __pydantic_config__ = _STRICT
+    task: Text
+    targets: Annotated[tuple[Placement, ...], Field(max_length=MOST)]
+    instruction: Text
+    _: KW_ONLY
+    confounders: Annotated[tuple[Placement, ...], Field(max_length=MOST)] = ()
+    light: Light = Light()
+    camera: Camera = Camera()
+    robot: Text = "panda"
+    schema: Annotated[int, Field(strict=True, ge=0, le=10**6)] = SCHEMA
+    frame: Text = _later("")
+    then: Annotated[tuple[Text, ...], Field(max_length=MOST)] = _later(())
+    backdrop: Backdrop = field(default=Backdrop(), metadata=_EXTRA)
+    initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
+    noise: Noise = field(default=Noise(), metadata=_EXTRA)
+    latency: Latency = field(default=Latency(), metadata=_EXTRA)
+    start: Start = field(default=Start(), metadata=_EXTRA)
+    values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
+
+    @property
+    def instructions(self) -> tuple[str, ...]:
+        """All instructions, in order."""
+        return (self.instruction, *self.then)
+
+    def instruction_at(self, reached: int) -> str:
+        """The instruction after ``reached`` stages."""
+        return self.instructions[min(reached, len(self.then))]
+
+    @property
+    def placements(self) -> tuple[Placement, ...]:
+        """All objects, the targets first."""
+        return self.targets + self.confounders
+
+    @property
+    def listing(self) -> tuple[Placement, ...]:
+        """All objects, in the order in which an imported scene lists them."""
+        numbered = [
+            (index if placement.listed is None else placement.listed, index)
+            for index, placement in enumerate(self.placements)
+        ]
+        return tuple(self.placements[index] for _, index in sorted(numbered))
+
+    @cached_property
+    def digest(self) -> str:
+        """32 hexadecimal digits of the canonical JSON."""
+        return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
+
+    def to_json(self) -> str:
+        """Canonical JSON: sorted keys, no whitespace, floats as written by ``repr``."""
+        return json.dumps(_canonical(self), sort_keys=True, separators=(",", ":"))
+
+    @staticmethod
+    def from_json(text: str | bytes) -> Scene:
+        """Read one scene.
+
+        Raises:
+            SceneError: not JSON, or not a scene; the message names the key.
+        """
+        try:
+            scene = _ADAPTER.validate_json(text)
+        except ValidationError as error:
+            hint = "`vlafuzz run` and `vlafuzz import` write valid scenes"
+            raise SceneError(first_problem(error), hint) from None
+        if bool(scene.targets) is bool(scene.values):
+            hint = "a scene on a table has targets, one of another world values by name"
+            raise SceneError("targets: expected at least one, or values in their place", hint)
+        if scene.schema > SCHEMA:
+            raise SceneError(
+                f"schema: version {scene.schema} of this scene is newer than {SCHEMA}", hint="upgrade vlafuzz"
+            )
+        return scene
+
+
+_ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
+EXTRAS: dict[str, Any] = {part.name: part.default for part in fields(Scene) if part.metadata.get("extra")}
+"""The parts of a scene that extra operators vary, by field name, with their nominal values."""
+_UNITS: dict[str, str] = {
+    part.name: part.metadata["unit"]
+    for kind in (Placement, Light, Camera, *map(type, EXTRAS.values()))
+    for part in fields(kind)
+    if "unit" in part.metadata
+}
+
+
+def in_words(path: str, value: float | str) -> str:
+    """A value of a scene by its path, with its unit: ``camera.yaw`` as ``yaw 2.5°``."""
+    slot, _, name = path.rpartition(".")
+    owner = f" of object {int(slot[-1]) + 1}" if slot.startswith("targets.") and slot[-1] != "0" else ""
+    return f"{name}{owner} {amount(path, value)}"
+
+
+def amount(path: str, value: float | str) -> str:
+    """A value without its name: ``2.5°``."""
+    if isinstance(value, str):
+        return value
+    unit = _UNITS.get(path.rpartition(".")[2], "")
+    return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit}"
+
+
+def _canonical(value: Any) -> Any:
+    if isinstance(value, (int, float)):
+        return float(value) + 0.0  # 1 equals 1.0, and -0.0 equals 0.0
+    if is_dataclass(value):
+        shown = {part: getattr(value, part.name) for part in fields(value)}
+        return {
+            part.name: item if "int" in str(part.type) else _canonical(item)
+            for part, item in shown.items()
+            if not (part.metadata.get("later") and item == part.default)
+        }
+    if isinstance(value, (list, tuple)):
+        return [_canonical(item) for item in value]
+    return value

@@ -1,0 +1,120 @@
+"""Files of scenes: JSON lines, a scene a line with its verdict if known."""
+
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from vlafuzz.common.files import write_whole
+from vlafuzz.common.reading import MIB, parse_json, read_text
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.model.scene import Scene
+
+MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
+_VERDICT, _TOLD = "verdict", ("passed", "failed")
+_EXPECTED = "expected JSON lines with one scene per line"
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """The content of a file of scenes.
+
+    Attributes:
+        lines: by line number, or by the scene's number in a file of VLATest; the error of a broken line.
+        left_out: number of scenes with an object that has no counterpart in our catalogue.
+    """
+
+    path: Path
+    lines: tuple[tuple[int, Scene | SceneError], ...]
+    left_out: int = 0
+
+    def scenes(self) -> list[Scene]:
+        """All scenes; a SceneError if a line is broken, or there is no scene."""
+        scenes: list[Scene] = []
+        for _, scene in self.lines:
+            if isinstance(scene, SceneError):
+                raise scene
+            scenes.append(scene)
+        if not scenes:
+            raise SceneError(f"{self.path}: no scenes in it", hint=_EXPECTED)
+        return scenes
+
+
+def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, Scene | SceneError]]:
+    """The scenes of a JSON-lines file with their line numbers, from 1; a broken line yields its error.
+
+    ``inside``: see ``read_bytes``.
+    """
+    text = read_text(path, SceneError, _EXPECTED, most=MOST, inside=inside)
+    lines = text.split("\n")  # U+2028 breaks no line
+    if len(lines) > MOST_LINES:
+        raise SceneError(f"{path}: has more than {MOST_LINES} lines", hint="split it into several files")
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        try:
+            yield number, Scene.from_json(_split(line)[0])
+        except SceneError as error:
+            yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
+
+
+def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
+    """All scenes of a JSON-lines file; a SceneError if a line is broken, or there is no scene."""
+    return SceneFile(Path(path), tuple(read_scenes(Path(path), inside))).scenes()
+
+
+def load_verdicts(path: Path) -> dict[str, str]:
+    """The verdicts that a file tells beside its scenes, passed or failed, by the digests of the scenes."""
+    verdicts: dict[str, str] = {}
+    for line in read_text(path, SceneError, _EXPECTED, most=MOST).split("\n"):
+        scene, verdict = _split(line)
+        if verdict in _TOLD:
+            verdicts[Scene.from_json(scene).digest] = str(verdict)
+    return verdicts
+
+
+def _split(line: str) -> tuple[str, object]:
+    """The scene of a line, and its verdict if there is one beside it."""
+    if _VERDICT not in line:
+        return line, None
+    try:
+        document = parse_json(line)
+    except ValueError:
+        return line, None  # reading it as a scene will raise the error
+    verdict = document.pop(_VERDICT, None) if isinstance(document, dict) else None
+    return json.dumps(document), verdict
+
+
+def write_scenes(
+    path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None
+) -> None:
+    """Write JSON lines atomically, with the verdicts that are known beside the scenes."""
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder", hint="name a file in it")
+    write_whole(path, "".join(_line(scene, (verdicts or {}).get(scene)) + "\n" for scene in scenes))
+
+
+def _line(scene: Scene, verdict: str | None) -> str:
+    text = scene.to_json()
+    return text if verdict is None else f'{text[:-1]},"{_VERDICT}":"{verdict}"}}'
+
+
+def is_store(path: Path) -> bool:
+    """Whether a file is an SQLite database."""
+    try:
+        with path.open("rb") as stream:
+            return stream.read(16) == b"SQLite format 3\0"
+    except OSError:
+        return False  # reading it will raise the error
+
+
+def is_document(path: Path) -> bool:
+    """Whether a file is a single JSON document that is not one of our scenes."""
+    if path.suffix != ".json":
+        return False
+    try:
+        text = read_text(path, SceneError, most=MOST)
+        document = parse_json(text.lstrip().partition("\n")[0])
+    except (SceneError, ValueError):
+        return True  # reading it will raise the error
+    return not (isinstance(document, dict) and "task" in document)

@@ -1,0 +1,164 @@
+"""Interface: how a policy's pictures, state and actions are written down, for data to train it with."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from vlafuzz.common.reading import read_json, validated
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, Convention, sent
+from vlafuzz.policies.clients.profiled import ProfiledOptions
+from vlafuzz.policies.clients.remote import SIDE
+from vlafuzz.policies.clients.servers import options_of
+
+PICTURES = "observation.images."
+_GRIPPER = {
+    "open_positive": (-1.0, 1.0),
+    "close_positive": (1.0, -1.0),
+    "open_01": (0.0, 1.0),
+    "close_01": (1.0, 0.0),
+}
+_PLACE, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")  # metres; rotation vector, radians
+_TURNS = {
+    "axis_angle": _TURN,
+    "rpy": ("roll", "pitch", "yaw"),
+    "euler_xyz": ("ex", "ey", "ez"),
+    "quaternion_xyzw": ("qx", "qy", "qz", "qw"),
+    "quaternion_wxyz": ("qw", "qx", "qy", "qz"),
+}
+_SIX = tuple(f"r{number}" for number in range(6))
+_STATES = {  # opening: 1 for wide open
+    OWN: (*_PLACE, *_TURN, "opening"),
+    "eef_pos3_axisangle3_gripper2": (*_PLACE, *_TURN, "left", "right"),
+    "eef_pos3_quat4_gripper1": (*_PLACE, "qw", "qx", "qy", "qz", "opening"),
+    "eef_pos3_rpy3_pad1_gripper1": (*_PLACE, "roll", "pitch", "yaw", "pad", "opening"),
+}
+Written = NDArray[np.float32]
+
+
+class _Config(BaseModel):
+    """Of a policy that lerobot saved: what it takes, by name."""
+
+    input_features: dict[str, Any] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """What a policy sees and how it acts.
+
+    Attributes:
+        spec: of the policy; one without cameras gets a third-person picture.
+        convention: of its actions, as it writes them.
+        layout: of its state, a name of ``LAYOUTS``; our own where it asks for none.
+        pictures: names of its pictures, by camera.
+    """
+
+    spec: PolicySpec
+    convention: Convention
+    layout: str
+    pictures: Mapping[str, str]
+
+    @property
+    def action_names(self) -> list[str]:
+        """Of the numbers of an action; ``d`` begins those of a move."""
+        numbers = (*_PLACE, *_TURNS.get(self.convention.rotation, _SIX))
+        return [*(name if self.convention.pose else f"d{name}" for name in numbers), "gripper"]
+
+    @property
+    def state_names(self) -> list[str]:
+        return list(_STATES[self.layout])
+
+    def state(self, seen: Observation) -> Written:
+        """What the policy is told of the robot, in its layout."""
+        return sent(LAYOUTS[self.layout], seen)
+
+    def written(self, action: NDArray[np.float64], hand: Written) -> Written:
+        """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it.
+
+        ``hand``: its state, ``(7,)`` as ``PolicySpec.state``.
+        """
+        numbers = self.convention.written(action[None], hand[:6].astype(np.float64))[0]
+        numbers[-1] = _GRIPPER[self.spec.action.gripper][int(action[6] > 0)]
+        return np.asarray(numbers, dtype=np.float32)
+
+    def answer(self, written: Written, hand: Written) -> NDArray[np.float64]:
+        """``(7,)`` in the units of the spec: what the policy answers where it writes this action."""
+        numbers = written.astype(np.float64)
+        return numbers if self.convention.plain else self.metric(written, hand)
+
+    def metric(self, written: Written, hand: Written) -> NDArray[np.float64]:
+        """``(7,)`` metres and radians; the gripper as it is written."""
+        action = self.convention.moves(written[None].astype(np.float64), hand[:6].astype(np.float64))[0]
+        return np.asarray(action)
+
+    @property
+    def key(self) -> str:
+        """All that decides which actions are written, as JSON."""
+        return json.dumps([asdict(self.convention), asdict(self.spec.action)], sort_keys=True)
+
+
+def interface_of(policy: str, spec: str) -> Interface:
+    """The interface of a policy by its name and its spec as JSON, as runs keep them. Connects to nothing.
+
+    Raises:
+        UsageError: the name has options or a spec that this version does not know, or a profile that is gone.
+    """
+    own, options = _spec(policy, json.loads(spec)), options_of(policy)
+    action, state = own.action, own.provenance.get("state", "")
+    plain = Convention(
+        pose=False,
+        tool=False,
+        rotation=action.rotation,
+        position_scale=action.position_scale,
+        rotation_scale=action.rotation_scale,
+    )
+    return Interface(
+        own,
+        options.convention if isinstance(options, ProfiledOptions) else plain,
+        state if state in LAYOUTS else OWN,
+        {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras},
+    )
+
+
+def _spec(policy: str, written: Mapping[str, Any]) -> PolicySpec:
+    known = {part.name for part in fields(PolicySpec)} - {"action", "cameras"}
+    others = {"name": policy} | {name: value for name, value in written.items() if name in known}
+    try:
+        cameras = tuple(CameraRequest(**camera) for camera in written.get("cameras", ()))
+        action = ActionSpec(**written.get("action", {}))
+    except TypeError as error:
+        problem = f"{policy} is described as another version does: {error}"
+        raise UsageError(problem, hint="use the version that began the run") from None
+    return PolicySpec(**others, action=action, cameras=cameras or (CameraRequest("front", SIDE, SIDE),))
+
+
+def _picture(camera: str, policy: str, options: Any) -> str:
+    """The name of a camera's picture: our own, but for policies from a folder, which have theirs."""
+    if getattr(options, "protocol", None) != "lerobot":
+        return camera
+    key = "wrist_key" if camera == "wrist" else "image_key"
+    if key in options.model_fields_set:
+        return str(getattr(options, key)).removeprefix(PICTURES)
+    folder = policy.partition(":")[2].partition("?")[0]
+    return _only_picture(Path(folder).expanduser() / "config.json") or camera
+
+
+def _only_picture(config: Path) -> str | None:
+    """The picture in lerobot's config of a policy that takes one; None for others, or where it is gone."""
+    if not config.is_file():
+        return None
+    hint = "name the folder that lerobot saved"
+    features = validated(
+        _Config, read_json(config, UsageError, hint), config, UsageError, hint
+    ).input_features
+    names = [name.removeprefix(PICTURES) for name in features if name.startswith(PICTURES)]
+    return names[0] if len(names) == 1 else None

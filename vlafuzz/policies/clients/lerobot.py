@@ -1,0 +1,216 @@
+"""LeRobot policies from a folder, which run in this process on the user's own installation of lerobot."""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, redirect_stdout
+from copy import copy, deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.policies.clients.conventions import ROTATIONS, layout_width
+from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.remote import Address, CommonOptions, needed
+from vlafuzz.policies.clients.wire import bad_action, numbers, short
+from vlafuzz.policies.harness import check_chunks
+
+INSTALL = "pip install lerobot, into the environment of vlafuzz"
+PICTURES = "observation.images."
+EMPTY = "empty_camera"  # of SmolVLA: a placeholder that needs no picture
+SAVED = ("pretrained_model", "checkpoints/last/pretrained_model")  # where lerobot's trainer puts a policy
+REMEMBERED = ("_queues", "_action_queue", "temporal_ensembler")  # rollout state of policies in lerobot 0.4
+
+
+class LeRobotOptions(ProfiledOptions):
+    """The user's options for the policy; its own config declares its pictures and dimensions.
+
+    ``image_key``: which picture is the third-person view; a single one needs no name. ``device``: of torch.
+    """
+
+    protocol: ClassVar[str] = "lerobot"
+
+    state_key: Literal["observation.state"] = "observation.state"
+    instruction_key: Literal["task"] = "task"
+    device: str | None = Field(default=None, pattern=r"^(cpu|mps|cuda(:\d+)?)$")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card:
+    """What a policy declares about itself; on a CPU it is deterministic.
+
+    ``pictures``: width and height in pixels by key. ``state``, ``actions``: dimensions. ``execute``: actions
+    of a chunk to execute. ``stepwise``: it must see every step, since it keeps a history.
+    """
+
+    kind: str
+    pictures: Mapping[str, tuple[int, int]]
+    state: int
+    actions: int
+    execute: int
+    stepwise: bool = False
+    device: str = "cpu"
+
+
+class LeRobot:
+    """A policy from a folder, as lerobot saves it, run in this process: ?profile=libero&device=cuda.
+
+    It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise is seeded by
+    the rollout's seed and step, one observation at a time: in a batch it would depend on the other ones.
+    """
+
+    form: ClassVar[str] = "lerobot:FOLDER"
+    schemes: ClassVar[Sequence[str]] = ()  # a folder instead of a server
+    options: ClassVar[type[CommonOptions]] = LeRobotOptions
+    shared: ClassVar[bool] = True
+
+    def __init__(self, address: Address[LeRobotOptions]) -> None:
+        folder = Path(address.url).expanduser()
+        if not (folder / "config.json").is_file():
+            inner = [folder / name for name in SAVED if (folder / name / "config.json").is_file()]
+            hint = f"lerobot:{inner[0]}" if inner else "name the folder that lerobot saved"
+            missing = "no config.json there" if folder.is_dir() else "no such folder"
+            raise UsageError(f"{address.name}: {missing}", hint)
+        with needed(address.name, INSTALL), _loading(address.name):
+            self._policy, self._before, self._after = _load(folder, address.options.device)
+        card = _card(address.name, self._policy.config)
+        options = fitted(address.name, address.options, card)
+        self._name, self._card, self._model = address.name, card, Model(address.name, options)
+        self.spec = self._model.spec
+        self._live: dict[str, tuple[EpisodeStart, dict[str, Any]]] = {}
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Begin these rollouts, each with its own memory."""
+        for start in episodes:
+            self._policy.reset()
+            state = vars(self._policy)
+            self._live[start.episode] = start, {key: copy(state[key]) for key in REMEMBERED if key in state}
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """Answer one observation after the other; an error in one rolls back the memory of all."""
+        several = self._card.stepwise and len(observations) > 1
+        before = deepcopy({name: memory for name, (_, memory) in self._live.items()}) if several else {}
+        try:
+            chunks = [ActionChunk(self._act(seen)) for seen in observations]
+            check_chunks(chunks, len(observations), self._name)
+        except BaseException:
+            for name, memory in before.items():
+                self._live[name][1].update(memory)
+            raise
+        return chunks
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        for start in episodes:
+            self._live.pop(start.episode, None)
+
+    def close(self) -> None:
+        self._live.clear()
+
+    def _act(self, seen: Observation) -> NDArray[np.float64]:
+        import torch
+        from lerobot.policies.utils import prepare_observation_for_inference
+
+        if seen.episode not in self._live:
+            raise PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
+        start, memory = self._live[seen.episode]
+        device, message = torch.device(self._policy.config.device), self._model.message(seen)
+        task = message.pop("task")
+        vars(self._policy).update(memory)
+        seed = np.random.SeedSequence([start.seed, seen.step]).generate_state(1)[0]
+        with torch.no_grad(), torch.random.fork_rng([device] if device.type == "cuda" else []):
+            torch.manual_seed(int(seed))
+            message = {key: np.array(value) for key, value in message.items()}  # lerobot keeps them
+            batch = self._before(prepare_observation_for_inference(message, device, task=task))
+            choose = self._policy.select_action if self._card.stepwise else self._policy.predict_action_chunk
+            actions = self._after(choose(batch))
+        memory.update({key: vars(self._policy)[key] for key in memory})
+        with bad_action(self._name):
+            return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
+
+
+def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
+    """The options, completed by what the policy declares; UsageError when they contradict it."""
+    front, wrist = _pictures(name, options, card)
+    layout = options.layout
+    width = layout_width(layout) if layout else 0
+    if card.state != width:
+        message = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {width}"
+        raise UsageError(message, hint="name their layout: state=…")
+    expected = 4 + ROTATIONS[options.rotation][0]
+    if card.actions != expected:
+        message = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
+        raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")
+    if card.stepwise and options.execute not in (None, 1):
+        raise UsageError(f"{name}: {card.kind} remembers past steps, so it sees each", hint="leave execute")
+    changes: dict[str, Any] = {"camera": (0, 0), "wrist": wrist is not None}
+    if front is not None:
+        changes |= {"image_key": front, "camera": card.pictures[front]}
+    if wrist is not None:
+        changes |= {"wrist_key": wrist, "wrist_camera": card.pictures[wrist]}
+    execute = 1 if card.stepwise else options.execute or card.execute
+    same = options.deterministic or card.device == "cpu"
+    return options.model_copy(update=changes | {"execute": execute, "deterministic": same})
+
+
+def _pictures(name: str, options: LeRobotOptions, card: Card) -> tuple[str | None, str | None]:
+    """The keys of the third-person and of the wrist picture."""
+    known = {key.removeprefix(PICTURES): key for key in card.pictures if EMPTY not in key}
+    if len(known) == 1 and not options.wrist and "image_key" not in options.model_fields_set:
+        return next(iter(known.values())), None
+    named = [] if options.camera == (0, 0) else [options.image_key]
+    named += [options.wrist_key] if options.wrist else []
+    if {key.removeprefix(PICTURES) for key in named} != set(known):
+        takes, ours = ", ".join(known) or "none", ", ".join(named) or "none"
+        message = f"{name}: the policy takes the pictures {takes}, the options name {ours}"
+        raise UsageError(message, hint="say which is which: image_key=…&wrist=1&wrist_key=…")
+    keys = [known[key.removeprefix(PICTURES)] for key in named]
+    return (keys.pop(0) if options.camera != (0, 0) else None), (keys.pop() if keys else None)
+
+
+def _card(name: str, config: Any) -> Card:
+    """The card from lerobot's ``PreTrainedConfig``, whose pictures have the shape (3, height, width)."""
+    if config.env_state_feature is not None:
+        message = f"{name}: the policy wants the state of its environment"
+        raise UsageError(message, hint="name one that sees pictures only")
+    state, actions = config.robot_state_feature, config.action_feature
+    if actions is None:
+        raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
+    sizes = {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()}
+    return Card(
+        kind=config.type,
+        pictures=sizes,
+        state=int(state.shape[0]) if state else 0,
+        actions=int(actions.shape[0]),
+        execute=int(getattr(config, "n_action_steps", 1)),
+        stepwise=config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None,
+        device=str(config.device),
+    )
+
+
+def _load(folder: Path, device: str | None) -> tuple[Any, Any, Any]:
+    from lerobot.configs.policies import PreTrainedConfig
+    from lerobot.policies.factory import get_policy_class, make_pre_post_processors
+
+    config: Any = PreTrainedConfig.from_pretrained(folder)
+    config.device = device or config.device
+    policy = get_policy_class(config.type).from_pretrained(folder, config=config).to(config.device).eval()
+    overrides = {"device_processor": {"device": config.device}}
+    return policy, *make_pre_post_processors(config, str(folder), preprocessor_overrides=overrides)
+
+
+@contextmanager
+def _loading(name: str) -> Iterator[None]:
+    """Redirect lerobot's output to stderr, and report its exceptions as usage errors."""
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    except (ModuleNotFoundError, UsageError):
+        raise
+    except Exception as error:
+        message = f"{name}: lerobot cannot load it: {type(error).__name__}: {short(error)}"
+        raise UsageError(message, hint="load it in lerobot itself first") from None

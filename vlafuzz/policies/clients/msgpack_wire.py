@@ -1,0 +1,138 @@
+"""Wire formats in msgpack: openpi's, vla-eval's and GR00T's, which differ in how they write arrays.
+
+openpi: a WebSocket with dictionaries, as in openpi-client 0.1.2, with frames equal byte by byte. The server
+first sends arbitrary metadata. Then every observation gets one reply; an error is sent as text, and ends the
+connection. vla-eval, protocol version 1: a WebSocket per session, with numbered messages. GR00T: as in
+Isaac-GR00T's ``gr00t/policy/server_client.py``. N1.6 writes .npy bytes; N1.7 writes like msgpack-numpy 0.4.8
+and reads both, so we send .npy bytes.
+"""
+
+import io
+import json
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from vlafuzz.common.reading import KINDS, array_of, npy_array
+from vlafuzz.policies.clients.wire import MOST_VALUES, short
+
+# GR00T's marks of modality configs, and keys of their content: N1.6, N1.7, and the copy in N1.7's examples.
+MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "as_dict")
+
+
+def pack_openpi(message: Mapping[str, Any]) -> bytes:
+    return bytes(msgpack.packb(message, default=_encode_openpi))
+
+
+def unpack_openpi(frame: bytes) -> dict[Any, Any]:
+    """A message from its bytes; ValueError when they are none."""
+    message = _unpack(frame, _decode_openpi)
+    if not isinstance(message, dict):
+        raise ValueError(f"no dictionary, but {short(message)}")
+    return message
+
+
+def pack_vla_eval(kind: str, payload: Mapping[str, Any], number: int) -> bytes:
+    message = {"type": kind, "payload": payload, "seq": number, "timestamp": time.time()}
+    return bytes(msgpack.packb(message, default=_encode_vla_eval))
+
+
+def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
+    """Type, payload and number of a message; ValueError when the frame is none."""
+    if isinstance(frame, str):
+        raise ValueError(f"the text {short(frame)!r}")
+    message = _unpack(frame, _decode_vla_eval)
+    if not isinstance(message, dict) or not {"type", "payload", "seq"} <= message.keys():
+        raise ValueError(f"no type, payload and number in {short(message)}")
+    for key, kind in (("type", str), ("payload", dict), ("seq", int)):
+        if not isinstance(message[key], kind):
+            raise ValueError(f"a {key} of {type(message[key]).__name__}")
+    return message["type"], message["payload"], message["seq"]
+
+
+def pack_groot(message: object) -> bytes:
+    return bytes(msgpack.packb(message, default=_encode_groot))
+
+
+def unpack_groot(frame: bytes) -> Any:
+    """A message from its bytes, modality configs as plain dictionaries; ValueError when they are none."""
+    return _unpack(frame, _decode_groot)
+
+
+def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
+    left = MOST_VALUES
+
+    def counted(values: Any) -> Any:
+        nonlocal left
+        left -= 1 + len(values)
+        if left < 0:
+            raise ValueError(f"more than {MOST_VALUES} values")
+        return values
+
+    try:
+        return msgpack.unpackb(
+            frame,
+            object_hook=lambda values: decode(counted(values)),
+            list_hook=counted,
+            max_array_len=MOST_VALUES,
+            max_map_len=MOST_VALUES,
+        )
+    except Exception as error:  # msgpack and NumPy raise many types on malformed data
+        raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
+
+
+def _encode_openpi(value: Any) -> Any:
+    _check(value, np.ndarray | np.generic)
+    dtype = value.dtype.str
+    if isinstance(value, np.generic):
+        return {b"__npgeneric__": True, b"data": value.item(), b"dtype": dtype}
+    return {b"__ndarray__": True, b"data": value.tobytes(), b"dtype": dtype, b"shape": value.shape}
+
+
+def _decode_openpi(value: dict[Any, Any]) -> Any:
+    if b"__ndarray__" in value:
+        return array_of(value[b"data"], value[b"dtype"], value[b"shape"])
+    if b"__npgeneric__" in value:
+        kind = np.dtype(value[b"dtype"])
+        if kind.kind not in KINDS:
+            raise ValueError(f"a number of {kind}")
+        return np.asarray(value[b"data"], kind)[()]
+    return value
+
+
+def _encode_vla_eval(value: Any) -> Any:
+    _check(value)
+    # Uncompressed: PNG compression of an image takes longer than simulating the step.
+    shape = list(value.shape)
+    return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": shape}
+
+
+def _decode_vla_eval(value: dict[str, Any]) -> Any:
+    return array_of(value["data"], value["dtype"], value["shape"]) if "__ndarray__" in value else value
+
+
+def _encode_groot(value: Any) -> Any:
+    _check(value)
+    file = io.BytesIO()
+    np.save(file, value, allow_pickle=False)
+    return {"__ndarray_class__": True, "as_npy": file.getvalue()}
+
+
+def _decode_groot(value: dict[Any, Any]) -> Any:
+    if "__ndarray_class__" in value:
+        return npy_array(value["as_npy"])
+    if b"nd" in value:
+        shape = value[b"shape"] if value[b"nd"] else ()  # else a single number
+        return array_of(value[b"data"], value[b"type"], shape)
+    if any(mark in value for mark in MARKS):
+        config = next(value[key] for key in UNDER if key in value)
+        return json.loads(config) if isinstance(config, str) else config
+    return value
+
+
+def _check(value: Any, kind: Any = np.ndarray) -> None:
+    if not isinstance(value, kind) or value.dtype.kind not in KINDS:
+        raise TypeError(f"{type(value).__name__} cannot be sent")

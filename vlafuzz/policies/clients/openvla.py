@@ -1,0 +1,144 @@
+"""Models behind ``POST /act``, as OpenVLA and OpenVLA-OFT are served.
+
+The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clients encode the JSON as a string
+once more, which servers accept, too.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.reading import KINDS, array_of
+from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.http_connection import HttpConnection
+from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.remote import Address, CommonOptions
+from vlafuzz.policies.clients.sessions import Sessions
+
+
+class ActOptions(ProfiledOptions):
+    """The user's options for the model. The default keys are OpenVLA's; OFT needs image_key=full_image.
+
+    Attributes:
+        unnorm_key: the data set whose statistics scale the actions; None for the model's default.
+        encoded: encode the JSON as a string once more.
+    """
+
+    protocol: ClassVar[str] = "http"
+
+    unnorm_key: str | None = None
+    encoded: bool = False
+
+
+class OpenVla(Sessions):
+    """A model behind OpenVLA's or OpenVLA-OFT's /act, for instance with ?profile=bridge.
+
+    Every live rollout has its own connection, identified by a header that only our own server reads.
+    """
+
+    form: ClassVar[str] = "http://host:port/act"
+    schemes: ClassVar[Sequence[str]] = ("http", "https")
+    options: ClassVar[type[CommonOptions]] = ActOptions
+
+    def __init__(self, address: Address[ActOptions]) -> None:
+        super().__init__(address)
+        self._options = address.options
+        self._model = Model(address.name, address.options)
+        self.spec = self._model.spec
+        with wire.required("/act", "start it first: python vla-scripts/deploy.py …"):
+            self._open().close()
+
+    def _begin(self, start: EpisodeStart) -> ActSession:
+        return ActSession(self._open(), self._model, self._options, start)
+
+    def _open(self) -> HttpConnection:
+        return wire.with_retries(lambda: HttpConnection(self._url, self._timeout))
+
+
+class ActSession:
+    """A ``Session`` at such a server."""
+
+    def __init__(
+        self, connection: HttpConnection, model: Model, options: ActOptions, start: EpisodeStart
+    ) -> None:
+        self._connection, self._model, self._options, self._start = connection, model, options, start
+        self._sent = 0
+        self.close = connection.close
+
+    def ask(self, seen: Observation) -> None:
+        key = self._options.unnorm_key
+        message = self._model.message(seen) | ({"unnorm_key": key} if key else {})
+        headers = wire.rollout_header(self._start, self._sent)
+        self._connection.post(request(message, twice=self._options.encoded), headers)
+        self._sent += 1
+        self._pending = seen  # one at a time: HTTP answers in order
+
+    def answer(self, wait: float) -> NDArray[np.float64]:
+        return self._model.actions(self._actions(*self._connection.reply(wait)), self._pending)
+
+    def end(self) -> None:
+        """The protocol cannot express it."""
+
+    def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
+        url, text = self._connection.url, body.decode("utf-8", "replace")
+        if status != 200:
+            raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
+        if text.strip().strip('"') == "error":  # both servers send this with status 200
+            raise wire.failure(url, 'it answers "error"', "remote", "the server's log says why")
+        try:
+            reply: Any = decode(body)
+        except ValueError as error:
+            raise wire.failure(url, f"not a reply of /act: {error}", "protocol") from None
+        if not isinstance(reply, dict):
+            return wire.numbers(reply)
+        if "error" in reply:
+            raise wire.failure(url, wire.short(reply["error"]), "remote")
+        return wire.actions_of({"actions": reply["action"]} if "action" in reply else reply)
+
+
+def encode(value: object) -> bytes:
+    """A value as JSON."""
+    return json.dumps(value, default=_encode).encode()
+
+
+def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
+    """The request with an observation; ``twice``: as a string under the key ``encoded``."""
+    return encode({"encoded": encode(message).decode()} if twice else message)
+
+
+def decode(body: bytes | str) -> Any:
+    """The value, whether it was encoded once or twice; ValueError for other text, or an invalid array."""
+    try:
+        value = _parsed(body)
+        return _parsed(value) if isinstance(value, str) else value
+    except Exception as error:  # NumPy raises many types on malformed data
+        text = body if isinstance(body, str) else body.decode("utf-8", "replace")
+        raise ValueError(f"{wire.short(text)}: {type(error).__name__}: {wire.short(error)}") from None
+
+
+def _parsed(text: bytes | str) -> Any:
+    signs = text if isinstance(text, bytes) else text.encode("utf-8", "replace")
+    if sum(map(signs.count, (b"{", b"[", b","))) > wire.MOST_VALUES:  # base64 has none of them
+        raise ValueError(f"more than {wire.MOST_VALUES} values")
+    return json.loads(text, object_hook=_decode)
+
+
+def _encode(value: Any) -> Any:
+    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
+        raise TypeError(f"{type(value).__name__} cannot be sent")
+    data = base64.b64encode(value.tobytes()).decode()
+    return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
+
+
+def _decode(value: dict[str, Any]) -> Any:
+    if "__numpy__" not in value:
+        return value
+    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
+    return array if array.shape else array[()]

@@ -1,0 +1,126 @@
+"""Rollouts at a model server, with one session each."""
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from contextlib import suppress
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import PolicyError
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.policies.clients.remote import Address
+from vlafuzz.policies.clients.wire import bad_action
+from vlafuzz.policies.harness import check_chunks
+
+
+class Session(Protocol):
+    """One rollout at a server, on its own connection. All methods but ``close`` may raise PolicyError."""
+
+    def ask(self, seen: Observation) -> None:
+        """Send an observation."""
+
+    def answer(self, wait: float) -> NDArray[np.float64]:
+        """The actions for the first unanswered observation; ValueError when the reply has no valid ones."""
+
+    def end(self) -> None:
+        """Tell the server that the rollout is over, if the protocol can express it."""
+
+    def close(self) -> None:
+        """Close the connection, which may be broken already."""
+
+
+class Sessions(ABC):
+    """A policy with one session per live rollout. A rollout cannot continue after its session broke."""
+
+    def __init__(self, address: Address[Any]) -> None:
+        self._name, self._url, self._timeout = address.name, address.url, address.options.timeout
+        self._live: dict[str, tuple[EpisodeStart, Session]] = {}
+        self._kept: dict[tuple[str, int], ActionChunk | PolicyError] = {}  # by rollout and step
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        names = [start.episode for start in episodes]
+        self._drop(names)
+        try:
+            for start in episodes:
+                self._live[start.episode] = (start, self._begin(start))
+        except BaseException:
+            self._drop(names)
+            raise
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        """Send all observations, then receive all replies, so that the server can batch.
+
+        When one of several fails, this raises and keeps the answers: to the same observations one by one, it
+        gives those, since the servers have advanced the rollouts.
+        """
+        kept = [self._kept.pop((seen.episode, seen.step), None) for seen in observations]
+        pairs = zip(observations, kept, strict=True)
+        received = iter(self._exchange([seen for seen, answer in pairs if answer is None]))
+        answers = [answer or next(received) for answer in kept]
+        errors = [answer for answer in answers if isinstance(answer, PolicyError)]
+        if errors and len(answers) > 1:
+            keys = [(seen.episode, seen.step) for seen in observations]
+            self._kept |= dict(zip(keys, answers, strict=True))
+        if errors:
+            raise errors[0]
+        return [answer for answer in answers if not isinstance(answer, PolicyError)]
+
+    def finish(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Tell the server, and close the connections of these rollouts."""
+        for start in episodes:
+            begun, session = self._live.get(start.episode, (None, None))
+            if session and begun is start:  # else another rollout has begun under that name
+                with suppress(PolicyError):  # the rollout is over in any case
+                    session.end()
+                self._drop([start.episode])
+
+    def close(self) -> None:
+        self.finish([start for start, _ in self._live.values()])
+
+    @abstractmethod
+    def _begin(self, start: EpisodeStart) -> Session: ...
+
+    def _exchange(self, observations: Sequence[Observation]) -> list[ActionChunk | PolicyError]:
+        """Each answer, or why there is none: then the session is closed."""
+        try:
+            asked = [self._ask(seen) for seen in observations]
+            until = time.monotonic() + self._timeout * len(asked)
+            pairs = zip(observations, asked, strict=True)
+            return [self._receive(seen, session, until) for seen, session in pairs]
+        except BaseException:  # the sessions may hold replies that nobody will read
+            self._drop([seen.episode for seen in observations])
+            raise
+
+    def _ask(self, seen: Observation) -> Session | PolicyError:
+        if seen.episode not in self._live:
+            return PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
+        _, session = self._live[seen.episode]
+        try:
+            session.ask(seen)
+        except PolicyError as error:
+            self._drop([seen.episode])
+            return error
+        return session
+
+    def _receive(
+        self, seen: Observation, session: Session | PolicyError, until: float
+    ) -> ActionChunk | PolicyError:
+        if isinstance(session, PolicyError):
+            return session
+        try:
+            with bad_action(self._name):
+                chunk = ActionChunk(session.answer(until - time.monotonic()))
+            check_chunks([chunk], 1, self._name)
+        except PolicyError as error:
+            self._drop([seen.episode])
+            return error
+        return chunk
+
+    def _drop(self, episodes: Sequence[str]) -> None:
+        self._kept = {key: answer for key, answer in self._kept.items() if key[0] not in episodes}
+        for episode in episodes:
+            if episode in self._live:
+                self._live.pop(episode)[1].close()

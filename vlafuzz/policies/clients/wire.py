@@ -1,0 +1,143 @@
+"""What the clients of all model servers share: limits, error messages, retries, and checks of replies.
+
+Replies are untrusted: their size, type and shape are checked before they are used.
+"""
+
+import json
+import logging
+import time
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ValidationError
+
+from vlafuzz.common.reading import first_problem
+from vlafuzz.common.text import shortened
+from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
+from vlafuzz.policies.base import EpisodeStart
+
+MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
+MOST_VALUES = 1 << 16  # in the lists and maps of a message, where a byte may become 80; arrays are one each
+OPENING = 10.0  # seconds for a connection to open
+PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
+CONNECTION: tuple[Cause, ...] = ("connect",)
+UNANSWERED: tuple[Cause, ...] = (*CONNECTION, "timeout")
+# Identifies the rollout of a connection, where the protocol cannot; only our own servers read it.
+ROLLOUT = "Vlafuzz-Rollout"
+LOG = logging.getLogger(__name__)  # one line per retry
+T = TypeVar("T")
+Declared = TypeVar("Declared", bound=BaseModel)
+
+
+def failure(url: str, message: str, cause: Cause, hint: str | None = None) -> PolicyError:
+    """A PolicyError that names the server."""
+    return PolicyError(f"{url}: {message}", hint, cause)
+
+
+def late(url: str, wait: float) -> PolicyError:
+    """The error for a reply that did not come in time."""
+    return failure(url, f"no reply within {wait:.3g} s", "timeout", "the option timeout=… waits longer")
+
+
+def too_large(url: str) -> PolicyError:
+    """The error for a reply above ``MAX_BYTES``."""
+    return failure(url, f"a reply of more than {MAX_BYTES >> 20} MiB", "protocol")
+
+
+@contextmanager
+def blamed(url: str, wait: float) -> Iterator[None]:
+    """Convert the errors of a socket in the block to PolicyErrors; it waits for ``wait`` seconds."""
+    try:
+        yield
+    except TimeoutError:
+        raise late(url, wait) from None
+    except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
+        raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
+
+
+def validated(kind: type[Declared], url: str, what: str, declared: object) -> Declared:
+    """What a server declares about itself; PolicyError when it is malformed, with the place."""
+    try:
+        return kind.model_validate(declared)
+    except ValidationError as error:
+        raise failure(url, f"its {what}: {first_problem(error)}", "protocol") from None
+
+
+def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTION) -> T:
+    """The result of ``attempt``, which is repeated up to twice when it fails by one of the causes.
+
+    The server must not keep state between attempts: retry the opening of a connection, a request to a
+    stateless server, or a whole rollout.
+    """
+    for pause in PAUSES:
+        try:
+            return attempt()
+        except PolicyError as error:
+            check_repeatable(error, pause, causes)
+        time.sleep(pause)
+    return attempt()
+
+
+def check_repeatable(error: PolicyError, pause: float, causes: Collection[Cause]) -> None:
+    """Raise an error that has none of the causes; else log that the attempt is repeated after the pause."""
+    if error.cause not in causes:
+        raise error
+    LOG.warning("%s; again in %g s", error, pause)
+
+
+@contextmanager
+def required(protocol: str, start: str) -> Iterator[None]:
+    """Open the first connection in the block; PrerequisiteError, with ``start`` as hint, without a server."""
+    try:
+        yield
+    except PolicyError as error:
+        raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
+
+
+@contextmanager
+def bad_action(name: str) -> Iterator[None]:
+    """Convert a ValueError in the block, which reads a model's actions, to a PolicyError."""
+    try:
+        yield
+    except ValueError as error:
+        raise PolicyError(f"{name}: {error}", cause="bad_action") from None
+
+
+@contextmanager
+def closed_on_error(connection: Any) -> Iterator[None]:
+    """Close the connection when the block raises, which prepares it."""
+    try:
+        yield
+    except BaseException:
+        connection.close()
+        raise
+
+
+def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
+    """What our own server must know to answer exactly as in process. ``sent``: observations sent before."""
+    rollout = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": sent}
+    return {ROLLOUT: json.dumps(rollout)}
+
+
+def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
+    """The ``actions`` of a reply, see ``numbers``; ValueError when there are none."""
+    if "actions" not in reply:
+        raise ValueError(f"a reply without actions, but {short(sorted(map(str, reply)))}")
+    return numbers(reply["actions"])
+
+
+def numbers(value: object) -> NDArray[np.float64]:
+    """Actions as ``(steps, n)``, a single action ``(n,)`` as one step; ValueError when not of numbers."""
+    actions = np.asarray(value)  # a ragged list raises ValueError
+    if actions.dtype.kind not in "iuf":
+        raise ValueError(f"actions that are no numbers: {short(value)}")
+    with np.errstate(over="ignore"):  # infinity is refused later, like any other action that is not finite
+        return np.atleast_2d(actions.astype(np.float64))
+
+
+def short(value: object) -> str:
+    """A text, an error or another value as one line of at most 300 characters."""
+    return sentence(value) if isinstance(value, str | Exception) else shortened(value, 300)

@@ -1,0 +1,170 @@
+"""WebSocket servers for vla-eval's and openpi's protocols."""
+
+import io
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from http import HTTPStatus
+from typing import Any
+
+import numpy as np
+from PIL import Image
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+
+from vlafuzz import __version__
+from vlafuzz.common.reading import array_of
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.clients.conventions import OWN
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
+from vlafuzz.policies.clients.openpi import OpenPiOptions
+from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION
+from vlafuzz.policies.clients.vla_eval_spec import declared_actions, declared_observations
+from vlafuzz.policies.clients.wire import ROLLOUT, short
+from vlafuzz.policies.serving.sessions import ClientSession, RolloutHeader, ServedPolicy
+
+MAX_BYTES = 64 << 20  # of an observation
+MOST_PIXELS = 4096**2  # of a picture, which may unfold from a few bytes
+INTERNAL_ERROR = 1011  # close code of WebSockets
+LOG = logging.getLogger(__name__)
+LOG.addHandler(logging.NullHandler())
+Talk = Callable[[ServedPolicy, ServerConnection], None]
+
+
+@contextmanager
+def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iterator[int]:
+    """Answer connections within the block, with a thread for each; yields the port."""
+    live: set[ServerConnection] = set()
+
+    def session(connection: ServerConnection) -> None:
+        live.add(connection)
+        try:
+            with suppress(ConnectionClosed):
+                talk(served, connection)
+        finally:
+            live.discard(connection)
+
+    server = serve(
+        session,
+        address,
+        port,
+        compression=None,
+        max_size=MAX_BYTES,
+        ping_interval=None,
+        close_timeout=1.0,
+        process_request=_health,
+        logger=LOG,
+    )
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield int(server.socket.getsockname()[1])
+    finally:
+        server.shutdown()
+        for connection in list(live):
+            connection.close()
+        thread.join()
+
+
+def _health(connection: ServerConnection, request: Any) -> Any:
+    """Health checks: /health for vla-eval, /healthz for openpi; and an empty /config."""
+    replies = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}
+    reply = replies.get(request.path.partition("?")[0])
+    return None if reply is None else connection.respond(HTTPStatus.OK, reply)
+
+
+def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
+    """Greet the client, then answer every observation. An error is sent as text and ends the connection."""
+    connection.send(pack_openpi({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
+    session: ClientSession | None = None
+    try:
+        session = served.session(connection.request.headers.get(ROLLOUT) if connection.request else None)
+        for frame in connection:
+            if isinstance(frame, str):
+                raise ValueError("text, expected a message in msgpack")
+            actions = _act(served.spec, session, unpack_openpi(frame))
+            connection.send(pack_openpi({"actions": actions}))
+    except ConnectionClosed:
+        raise
+    except Exception as error:  # the client gets the policy's error, and the server keeps running
+        connection.send(f"{type(error).__name__}: {short(error)}")
+        connection.close(INTERNAL_ERROR)
+    finally:
+        if session:
+            session.end()
+
+
+def _act(spec: PolicySpec, session: ClientSession, message: Mapping[Any, Any]) -> np.ndarray[Any, Any]:
+    keys = OpenPiOptions()
+    key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
+    pictures = [key_of[camera.role] for camera in spec.cameras]
+    if missing := [key for key in [*pictures, keys.instruction_key] if key not in message]:
+        raise ValueError(f"no {missing[0]!r} in the observation, but {short(sorted(map(str, message)))}")
+    state = message.get(keys.state_key)
+    return session.act(message[keys.instruction_key], [message[key] for key in pictures], state)
+
+
+def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
+    """Reply to every greeting and observation. An error is sent as a message, and the session goes on."""
+    session = served.session()
+    try:
+        for frame in connection:
+            kind, payload, number = unpack_vla_eval(frame)
+            try:
+                reply = _reply(served.spec, session, kind, payload)
+            except Exception as error:  # the client gets the policy's error, and the session goes on
+                reply = "error", {"error": f"{kind}_failed: {type(error).__name__}: {short(error)}"}
+            if reply:
+                connection.send(pack_vla_eval(*reply, number))
+    except ValueError as error:  # the frame is no message
+        connection.close(INTERNAL_ERROR, short(error)[:100])
+    finally:
+        session.end()
+
+
+def _reply(
+    spec: PolicySpec, session: ClientSession, kind: str, payload: Mapping[str, Any]
+) -> tuple[str, Mapping[str, Any]] | None:
+    if kind == "hello":
+        return "hello", _hello(spec)
+    if kind == "episode_start":
+        session.expect(RolloutHeader.model_validate(payload.get("task", {})))
+    elif kind == "episode_end":
+        session.end()
+    elif kind == "observation":
+        pictures = [_decoded(picture) for picture in payload.get("images", {}).values()]
+        state = payload.get("states", payload.get("state"))
+        actions = session.act(payload.get("task_description"), pictures, state)
+        return "action", {"actions": actions if len(actions) > 1 else actions[0]}
+    else:
+        raise ValueError(f"unknown type {kind!r}")
+    return None
+
+
+def _hello(spec: PolicySpec) -> Mapping[str, Any]:
+    """The payload of our greeting, which declares what the policy takes and gives."""
+    return {
+        "harness_version": __version__,
+        "protocol_version": PROTOCOL_VERSION,
+        "model_server": f"vlafuzz {spec.name}",
+        "capabilities": {},
+        "observation_params": {
+            "send_state": spec.state,
+            "send_wrist_image": any(camera.role == "wrist" for camera in spec.cameras),
+        },
+        "action_spec": declared_actions(spec.action),
+        "observation_spec": declared_observations(spec.cameras, OWN if spec.state else None),
+    }
+
+
+def _decoded(picture: Any) -> Any:
+    """A picture as an array: vla-eval's own client compresses pictures by default."""
+    if not isinstance(picture, dict) or "__image__" not in picture:
+        return picture
+    if picture.get("format") == "raw":
+        return array_of(picture["data"], np.uint8, picture["shape"])
+    compressed = Image.open(io.BytesIO(picture["data"]), formats=("PNG", "JPEG"))
+    if compressed.width * compressed.height > MOST_PIXELS:
+        raise ValueError(f"a picture of {compressed.width} x {compressed.height} pixels")
+    return np.array(compressed.convert("RGB"))

@@ -1,0 +1,173 @@
+"""Process executor: evaluates scenes in several processes of this machine, each with its own simulator."""
+
+import logging
+import os
+import signal
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from multiprocessing import connection
+from pathlib import Path
+from typing import Any
+
+from vlafuzz.errors import PrerequisiteError, VlafuzzError
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import forks
+from vlafuzz.rollouts.executor import evaluate_safely
+from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
+from vlafuzz.worlds.evaluation import Evaluator
+
+STOPPED = 10.0  # seconds that a stopped worker has to go on
+LOG = logging.getLogger(__name__)
+
+
+class ProcessExecutor(WorkerPool):
+    """Workers that are forked once, with one thread each, and replaced when they die.
+
+    When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that,
+    the scenes are ERROR. A worker that never becomes ready counts as dead.
+
+    Args:
+        make: creates a worker's evaluator, in the worker; picklable.
+        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
+        memory: bytes that a worker may use; None for an equal share.
+        after: see ``WorkerPool``.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[], Evaluator],
+        workers: int,
+        *,
+        timeout: float = TIMEOUT,
+        memory: int | None = None,
+        after: Callable[[], None] = lambda: None,
+    ) -> None:
+        limit = memory or share(workers)
+        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, after)
+
+
+def share(workers: int) -> int:
+    """Bytes of memory per worker: together they may use four fifths of the machine's."""
+    return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
+
+
+def _started(make: Callable[[], Evaluator], timeout: float, memory: int) -> "_Process":
+    """A worker; where the server that forks them dies, another one begins, once."""
+    with suppress(EOFError, OSError):
+        return _Process(make, timeout, memory)
+    try:
+        return _Process(make, timeout, memory)
+    except (EOFError, OSError) as error:
+        message = f"no worker process starts: {type(error).__name__}: {error}"
+        raise PrerequisiteError(message, hint="is there memory for it? --workers 1 needs none") from None
+
+
+class _Process:
+    """A ``Worker`` in a process, with the pipe to it."""
+
+    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
+        forked = forks.context()
+        self.pipe, child_end = forked.Pipe()
+        self._process = forked.Process(target=_serve, args=(child_end,), daemon=True)
+        with forks.single_threaded():
+            self._process.start()
+            child_end.close()
+            self._send(dict(os.environ))
+        self._send(make)
+        self._timeout, self._memory = timeout, memory
+        self._up, self._began, self._scenes = False, 0.0, 0
+        self._stopped: float | None = None  # since when, by a signal
+
+    def ready(self) -> bool:
+        return True
+
+    def begin(self, scenes: Sequence[Scene]) -> None:
+        self._began, self._scenes = time.monotonic(), len(scenes)
+        self._send(list(scenes))
+
+    def answer(self) -> list[Outcome] | None:
+        try:
+            if not self.pipe.poll():
+                self._check()
+                return None
+            message = self.pipe.recv()
+        except (EOFError, OSError):
+            raise Lost(cause_of_death(self._process)) from None
+        if message is None:  # the process has started: the timeout of the scenes begins
+            self._up, self._began = True, time.monotonic()
+        if isinstance(message, BaseException):
+            raise message
+        return message  # type: ignore[no-any-return]
+
+    def kill(self) -> None:
+        self._process.kill()
+        self._process.join()
+        self.pipe.close()
+
+    def _send(self, message: object) -> None:
+        with suppress(OSError):  # when the process is gone, ``answer`` reports it
+            self.pipe.send(message)
+
+    def _check(self) -> None:
+        """Raise Lost when the worker exceeds its time or memory, or was stopped."""
+        allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
+        if time.monotonic() - self._began > allowed:
+            raise Lost(f"no answer within {allowed:.0f} s")
+        if _resident(self._process.pid) > self._memory:
+            raise Lost(f"held more than {self._memory / 2**30:.1f} GiB of memory")
+        if not _is_stopped(self._process.pid):
+            self._stopped = None
+        elif self._stopped is None:
+            self._stopped = time.monotonic()
+            LOG.warning("worker %s is stopped; in %g s another takes its place", self._process.pid, STOPPED)
+        elif time.monotonic() - self._stopped > STOPPED:
+            raise Lost(f"was stopped for {STOPPED:g} s")
+
+
+def _wait(workers: Sequence[Any]) -> None:
+    connection.wait([worker.pipe for worker in workers], timeout=LOOK)
+
+
+def _serve(pipe: Any) -> None:
+    """A worker's main loop: scenes in, outcomes out, until the pipe is closed."""
+    forks.settle_in(pipe.recv())
+    make: Callable[[], Evaluator] = pipe.recv()
+    evaluator: Evaluator | None = None
+    pipe.send(None)
+    while True:
+        try:
+            scenes = pipe.recv()
+        except EOFError:
+            return
+        try:
+            evaluator = evaluator or make()
+            pipe.send(evaluate_safely(evaluator, scenes))
+        except (VlafuzzError, KeyboardInterrupt, Lost) as error:  # for the parent to raise
+            pipe.send(error)
+
+
+def cause_of_death(process: Any) -> str:
+    """How a process that has closed its pipe ended, as a predicate for messages."""
+    process.join(5.0)
+    code = process.exitcode
+    if code is not None and code < 0:
+        return f"was killed by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+def _is_stopped(pid: int | None) -> bool:
+    """Whether a signal has stopped a process (SIGSTOP); False where the system does not report it."""
+    with suppress(OSError, IndexError):
+        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
+    return False
+
+
+def _resident(pid: int | None) -> int:
+    """Resident memory in bytes; 0 where the system does not report it."""
+    try:
+        pages = int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1])
+    except (OSError, IndexError, ValueError):
+        return 0
+    return pages * os.sysconf("SC_PAGE_SIZE")

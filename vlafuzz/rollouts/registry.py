@@ -1,0 +1,107 @@
+"""Executors by name."""
+
+import importlib.util
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install, suggestion
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.harness import release
+from vlafuzz.rollouts.capacity import most_workers
+from vlafuzz.rollouts.executor import Executor, LocalExecutor
+from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
+from vlafuzz.rollouts.policies import is_built_in, is_shared, make_policy
+from vlafuzz.rollouts.processes import ProcessExecutor
+from vlafuzz.rollouts.shared import SharedPolicy, share
+from vlafuzz.rollouts.worker_pool import TIMEOUT
+from vlafuzz.worlds.evaluation import SteppedEvaluator
+
+EXECUTORS = ("local", "processes", "ray")
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where scenes are evaluated.
+
+    Attributes:
+        executor: one of ``EXECUTORS``; None for local with one worker, else processes.
+        address: of a ray cluster; None to start one here.
+        lanes: scenes at a time in this process, see ``LockstepExecutor``; None for as many as the server of
+            a policy takes in a batch, for other policies one.
+    """
+
+    workers: int = 1
+    executor: str | None = None
+    address: str | None = None
+    lanes: int | None = None
+
+    @property
+    def kind(self) -> str:
+        return self.executor or ("local" if self.workers == 1 else "processes")
+
+    def check(self) -> None:
+        """Raise UsageError for a wrong flag, PrerequisiteError when ray is not installed."""
+        check_number("--workers", self.workers, 1)
+        if self.kind not in EXECUTORS:
+            raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))
+        if self.kind == "local" and self.workers > 1:
+            message = f"--executor local: it has one worker, not {self.workers}"
+            raise UsageError(message, hint="--executor processes")
+        if self.address is not None and self.kind != "ray":
+            message = f"--address {self.address}: the executor {self.kind} has no address"
+            raise UsageError(message, hint="add --executor ray")
+        if self.address not in (None, "auto") and not re.fullmatch(r"[^/:]+:\d{1,5}", self.address or ""):
+            message = f"--address {self.address}: no address of a ray cluster"
+            raise UsageError(message, hint="expected auto or host:port")
+        if self.kind == "ray" and importlib.util.find_spec("ray") is None:
+            raise PrerequisiteError("--executor ray needs the package 'ray'", install("ray"))
+
+
+def default_workers(policy: str, most: int | None = None) -> int:
+    """Processes for a policy of that name, and for as many tasks at a time as there are at most.
+
+    A policy of the user's own gets one, as it may hold a model of any size. So does one that workers share.
+    """
+    workers = most_workers() if is_built_in(policy) and not is_shared(policy) else 1
+    return workers if most is None else min(workers, most)
+
+
+def lanes_at(place: Place, policy: Policy) -> int:
+    """Scenes at a time in this process."""
+    if place.kind != "local":
+        return 1
+    return place.lanes or lanes_for(policy)
+
+
+def policy_at(place: Place, name: str) -> Policy:
+    """The policy of that name, or its stand-in when workers share it."""
+    if place.kind != "local" and is_shared(name):
+        return share(name, everywhere=place.kind == "ray")
+    return make_policy(name)
+
+
+def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Policy) -> Executor:
+    """The executor at that place; PrerequisiteError when no ray cluster answers.
+
+    Args:
+        make: creates an evaluator from a policy, or without one from a policy of its own; picklable.
+        policy: from ``policy_at``; closed with the executor at the latest.
+    """
+    if place.kind == "local":
+        lanes = lanes_at(place, policy)
+        return LockstepExecutor(make, policy, lanes) if lanes > 1 else LocalExecutor(make(policy))
+    options: dict[str, Any] = {}
+    if isinstance(policy, SharedPolicy):
+        make = partial(make, policy)
+        # Workers may wait for each other at every step.
+        options = {"timeout": TIMEOUT * place.workers, "after": policy.close}
+    else:
+        release(policy)  # each worker creates its own
+    if place.kind == "processes":
+        return ProcessExecutor(make, place.workers, **options)
+    from vlafuzz.rollouts.ray import RayExecutor  # loads ray
+
+    return RayExecutor(make, place.workers, address=place.address, **options)

@@ -1,0 +1,97 @@
+"""Scores of outcomes for strategies, and the cells of failures."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.scene import Scene
+
+
+class Measure(Protocol):
+    """Measures how far scenes are from nominal.
+
+    ``groups``: operators that are reset together, see ``Space``.
+    """
+
+    @property
+    def groups(self) -> Mapping[str, Sequence[str]]: ...
+
+    def severity(self, scene: Scene) -> float:
+        """The severity of a scene, 0 at nominal."""
+
+    def severities(self, scene: Scene) -> Mapping[str, float]:
+        """The severity of every operator, in [0, 1]."""
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        """The part of a failure's cell that is known before a rollout."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """The feedback on a proposal for its strategy.
+
+    Attributes:
+        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR).
+        severity: the scene's distance from nominal.
+        slack: how early the slowest rollout succeeded, in (0, 1]; 0 unless PASSED.
+        cell: of a failure, see ``cell``; None unless FAILED.
+    """
+
+    verdict: Verdict
+    progress: float | None
+    severity: float
+    slack: float = 0.0
+    cell: str | None = None
+
+    @property
+    def failed(self) -> bool:
+        return self.verdict is Verdict.FAILED
+
+    @property
+    def rolled_out(self) -> bool:
+        """Whether the verdict is about the policy."""
+        return self.verdict >= Verdict.PASSED
+
+    @property
+    def ease(self) -> float:
+        """How far the scene is from an early failure of the policy, in [0, 2]; infinite if not judged.
+
+        Failures rank before passes and by progress; passes rank by their time of success, as a policy that
+        succeeds late is assumed to be close to failing.
+        """
+        return math.inf if self.progress is None else self.progress + self.slack
+
+
+Objective = Callable[[Scene, Outcome, Measure], Score]
+
+
+def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
+    """The default objective."""
+    severities = space.severities(scene)
+    known = outcome.verdict >= Verdict.PASSED and math.isfinite(outcome.progress)
+    passed, failed = outcome.verdict is Verdict.PASSED, outcome.verdict is Verdict.FAILED
+    return Score(
+        verdict=outcome.verdict,
+        progress=outcome.progress if known else None,
+        severity=space.severity(scene),
+        slack=min(map(_slack, outcome.rollouts), default=0.0) if passed else 0.0,
+        cell=cell(scene, outcome, severities, space) if failed else None,
+    )
+
+
+def _slack(rollout: Rollout) -> float:
+    """1 for success at the first step, 1/2 at the second, 1/3 at the third."""
+    done = np.flatnonzero(rollout.trace >= 1.0)
+    return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
+
+
+def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], space: Measure) -> str:
+    """A coarse, readable location of a failure: ``grasp|camera-position+light|x0y3``.
+
+    Consists of the lost stage and the scene's ``site``. Failures in one cell often have the same cause.
+    """
+    return f"{outcome.lost_stage or 'none'}|{space.site(scene, severities)}"

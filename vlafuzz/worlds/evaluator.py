@@ -1,0 +1,126 @@
+"""SceneEvaluator: checks that scenes are fair and runs a policy in them; what all worlds have in common."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Rejection, Rollout
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import CameraRequest, Observation, Policy
+from vlafuzz.policies.clients import wire
+from vlafuzz.policies.harness import Harness, release
+from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.stepping import Asking, Evaluation, drive
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.recording import Recording
+
+
+class SceneEvaluator(ABC):
+    """Runs a policy in scenes of one task.
+
+    Args:
+        conditions: all that determines an outcome beside the scene; their ``policy`` is only a name.
+        stages: names of the task's stages.
+        recording: keeps frames and observations.
+        checked: whether validity is checked before a rollout.
+
+    Attributes:
+        seed: of the next rollouts; initially that of the conditions.
+    """
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        stages: tuple[str, ...],
+        *,
+        recording: Recording | None = None,
+        checked: bool = True,
+    ) -> None:
+        self._conditions, self._policy, self._stages = conditions, policy, stages
+        self._checked, self._recording, self.seed = checked, recording, conditions.seed
+
+    @abstractmethod
+    def check(self, scene: Scene) -> Rejection | None:
+        """Why a scene is not fair; None if it is."""
+
+    @abstractmethod
+    def begin(self, scene: Scene, seed: int) -> Episode:
+        """A rollout in a fair scene, for callers that step through it themselves."""
+
+    @abstractmethod
+    def renew(self) -> None:
+        """Use a new environment for the next scene."""
+
+    @property
+    def recorded(self) -> CameraRequest | None:
+        """The camera of the recording, if it has one."""
+        return self._recording.camera if self._recording else None
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        return [drive(self.evaluation(scene), self._policy) for scene in scenes]
+
+    def close(self) -> None:
+        self.renew()
+        release(self._policy)
+
+    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
+        """See ``SteppedEvaluator``."""
+        try:
+            rejection = self.check(scene) if self._checked else None
+            if rejection is not None:
+                return Outcome.invalid(rejection.check, rejection.reason)
+            rollouts: tuple[Rollout, ...] = ()
+            first = self.seed if seed is None else seed
+            for number in range(first, first + self._conditions.repeats):
+                rollouts += ((yield from self._repeated(scene, number)),)
+        except PrerequisiteError:
+            raise  # other scenes would raise it too
+        except PolicyError as error:
+            return Outcome.error(f"policy: {error.cause}: {error}", unanswered=error.cause in wire.UNANSWERED)
+        except Exception as error:  # a crash of the simulator is not a failure of the policy
+            self.renew()  # after an exception only a new environment is clean
+            return Outcome.error(f"simulator: {type(error).__name__}: {error}")
+        return Outcome.of(rollouts, self._stages)
+
+    def _repeated(self, scene: Scene, seed: int) -> Asking[Rollout]:
+        """A rollout, begun again at most twice if the policy's server was lost or too late."""
+        for pause in wire.PAUSES:
+            try:
+                return (yield from self._rollout(scene, seed))
+            except PolicyError as error:
+                wire.check_repeatable(error, pause, wire.UNANSWERED)
+            yield pause
+        return (yield from self._rollout(scene, seed))
+
+    def _rollout(self, scene: Scene, seed: int) -> Asking[Rollout]:
+        began = time.perf_counter()
+        if self._recording is not None:
+            self._recording.clear()
+        episode = self.begin(scene, seed)
+        harness = Harness(self._policy, episode.start)
+        self._record(episode)
+        while not episode.over:
+            if harness.empty:
+                chunk = yield self._observe(episode)
+                assert chunk is not None
+                harness.accept(chunk)
+            episode.advance(harness.next_action())
+            self._record(episode)
+        return episode.rollout(time.perf_counter() - began)
+
+    def _observe(self, episode: Episode) -> Observation:
+        observation = episode.observe()
+        if self._recording is not None:
+            self._recording.observations.append(observation)
+        return observation
+
+    def _record(self, episode: Episode) -> None:
+        if self._recording is not None:
+            self._recording.note(episode)

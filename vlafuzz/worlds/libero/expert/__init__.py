@@ -1,0 +1,212 @@
+"""A scripted expert for LIBERO's pick-and-place tasks: sees the simulator's state, acts as models do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.worlds.libero.env import METRES, RADIANS, LiberoEnv
+from vlafuzz.worlds.libero.expert.grasps import Grasp, find_grasps, obstacles, surface
+from vlafuzz.worlds.libero.stages import find_shapes, held
+from vlafuzz.worlds.libero.suites import PLACING, Atom
+
+Array = NDArray[np.float64]
+HOVER = 0.08  # metres above a grasp, from where the hand comes down
+CARRY = 0.06  # metres between what is carried and all that stands around
+DROP = 0.01  # metres above its place at which a thing is let go
+FAST = 2.0  # errors are asked for that many times: the controller covers a part of them in a step
+CLOSE = 0.008  # metres from a place that count as there
+PATIENCE = 60  # control steps for one move
+STUCK = 8  # control steps without a millimetre of movement that end a move, too
+SPREAD = 0.6  # of half a region's size: how far from its middle things go that share it
+TRIES = 4  # for each thing
+
+
+def can_solve(env: LiberoEnv) -> bool:
+    """Whether the task only needs things carried: nothing to push, no doors, drawers or knobs to move.
+
+    The environment is in its initial state 0 afterwards.
+    """
+    wanted = [atom for atom in env.task.goal if atom[0] not in PLACING]
+    drawers = [atom for atom in env.task.goal if atom[0] in PLACING and _moves(env, atom[2])]
+    env.reset()
+    pushed = env.task.instruction.startswith("push")
+    return not drawers and not pushed and all(env.holds(atom) for atom in wanted)
+
+
+def _moves(env: LiberoEnv, place: str) -> bool:
+    """Whether a region is on something with a joint, such as a drawer."""
+    site = env.robosuite.object_sites_dict.get(place)
+    return bool(site is not None and getattr(site, "joints", None))
+
+
+class Expert:
+    """Solves a task from the environment's present state on.
+
+    ``for action in Expert(env).actions(): env.step(action)``; it looks at the state before each action.
+
+    Args:
+        attempt: index of the grasp with which it begins.
+        pace: control steps for which each action is executed.
+        tries: for each thing.
+    """
+
+    def __init__(self, env: LiberoEnv, attempt: int = 0, *, pace: int = 1, tries: int = TRIES) -> None:
+        self._env, self._pace = env, pace
+        self._attempts = range(attempt, attempt + tries)
+        self._gain = 1.0 if pace == 1 else 2.0
+        robot = env.robosuite.robots[0]
+        self._site = robot.eef_site_id
+        self._upright = env.data.site_xmat[self._site].reshape(3, 3).copy()
+        self._upright = _level(self._upright)
+
+    def actions(self) -> Iterator[Array]:
+        """Actions ``(7,)`` until everything is at its place, or no try is left."""
+        for atom in self._env.task.goal:
+            for attempt in self._attempts:
+                if atom[0] not in PLACING or self._env.holds(atom):
+                    break
+                yield from self._place(atom, attempt)
+        yield from self._wait(10, gripper=-1.0)
+
+    def _place(self, atom: Atom, attempt: int) -> Iterator[Array]:
+        _, name, goal = atom
+        if self._holds(name):
+            yield from self._bring(name, goal, self._yaw())
+            return
+        grasps = find_grasps(self._env, name)
+        if not grasps:
+            yield from self._wait(5, gripper=-1.0)
+            return
+        grasp = grasps[0] if attempt == 0 else _other(grasps, attempt)
+        yield from self._take(grasp)
+        if not self._holds(name):
+            yield from self._move(self._shifted(up=HOVER), grasp.yaw, gripper=-1.0)
+            return
+        yield from self._bring(name, goal, grasp.yaw)
+
+    def _take(self, grasp: Grasp) -> Iterator[Array]:
+        above = grasp.position + np.array([0.0, 0.0, HOVER])
+        high = above.copy()
+        high[2] = max(above[2], self._hand()[2])
+        yield from self._move(high, grasp.yaw, gripper=-1.0, close=0.03)
+        yield from self._move(above, grasp.yaw, gripper=-1.0)
+        yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
+        yield from self._wait(10, gripper=1.0)
+
+    def _bring(self, name: str, goal: str, yaw: float) -> Iterator[Array]:
+        """Carry what the hand holds over its goal, lower it and let go."""
+        place, clear = self._goal(goal)
+        place = place + self._share(name, goal)
+        around = obstacles(self._env, name)  # such as the drawer that it lies in
+        clear = max([clear, *around[:, 2]])
+        up = max(clear + CARRY - self._lowest(name), 0.05)
+        yield from self._move(self._shifted(up=up), yaw, gripper=1.0, close=0.015)
+        if not self._holds(name):
+            return
+        for _ in range(2):  # a thing may turn in the hand on its way
+            aside = (place - self._middle(name))[:2]
+            yield from self._move(self._shifted(aside), yaw, gripper=1.0, close=0.01)
+        down = place[2] + DROP - self._lowest(name)
+        yield from self._move(self._shifted(up=down), yaw, gripper=1.0)
+        yield from self._wait(8, gripper=-1.0)
+        yield from self._move(self._shifted(up=HOVER), yaw, gripper=-1.0, close=0.03)
+
+    def _goal(self, goal: str) -> tuple[Array, float]:
+        """Where the lowest point of a thing is to go, and the height that its way there must clear."""
+        env = self._env
+        bodies = env.bodies
+        if goal in bodies:
+            points = surface(env, bodies[goal], 3000)
+            place = env.data.xpos[bodies[goal]].copy()
+            inner = points[np.linalg.norm((points - place)[:, :2], axis=1) < 0.03]
+            place[2] = inner[:, 2].max() if len(inner) else points[:, 2].max()
+            return place, float(points[:, 2].max())
+        site = env.data.site(goal)
+        half = env.model.site_size[site.id]
+        place = site.xpos.copy()
+        parent = getattr(env.robosuite.object_sites_dict[goal], "parent_name", None)
+        if parent not in bodies:
+            return place, float(place[2])
+        place[2] -= float(np.abs(site.xmat.reshape(3, 3) @ half)[2])
+        points = surface(env, bodies[parent], 3000)
+        near = points[np.linalg.norm((points - place)[:, :2], axis=1) < 0.2]
+        return place, float(near[:, 2].max()) if len(near) else float(place[2])
+
+    def _share(self, name: str, goal: str) -> Array:
+        """Where a thing goes from the middle of a region on which others go too."""
+        things = [atom[1] for atom in self._env.task.goal if atom[0] == "on" and atom[2] == goal]
+        if len(things) < 2:
+            return np.zeros(3)
+        points = surface(self._env, self._env.bodies[name], 2000)
+        narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
+        half = self._env.model.site_size[self._env.data.site(goal).id]
+        share = np.zeros(3)
+        share[narrow] = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
+        return share
+
+    def _move(self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE) -> Iterator[Array]:
+        stuck = max(STUCK // self._pace, 2)
+        earlier = [np.full(3, np.inf)] * stuck
+        for _ in range(PATIENCE // self._pace):
+            hand, turn = self._hand(), self._turn(yaw)
+            away = target - hand
+            arrived = np.linalg.norm(away) < close and np.linalg.norm(turn) < 0.1
+            if arrived or (np.linalg.norm(hand - earlier[-stuck]) < 0.001 and np.linalg.norm(turn) < 0.1):
+                return
+            earlier.append(hand)
+            gain = self._gain / self._pace
+            moved, turned = gain * FAST * away / METRES, gain * turn / RADIANS
+            yield np.concatenate([np.clip(moved, -1, 1), np.clip(turned, -1, 1), [gripper]])
+
+    def _wait(self, steps: int, *, gripper: float) -> Iterator[Array]:
+        for _ in range(-(-steps // self._pace)):
+            yield np.array([0.0] * 6 + [gripper])
+
+    def _hand(self) -> Array:
+        return np.array(self._env.data.site_xpos[self._site])
+
+    def _shifted(self, aside: Array | tuple[float, float] = (0.0, 0.0), *, up: float = 0.0) -> Array:
+        """A place relative to the hand's own, metres."""
+        return np.asarray(self._hand() + np.array([*aside, up]))
+
+    def _turn(self, yaw: float) -> Array:
+        """The rotation vector that brings the hand upright to a yaw."""
+        wanted = Rotation.from_rotvec([0.0, 0.0, yaw]).as_matrix() @ self._upright
+        now = self._env.data.site_xmat[self._site].reshape(3, 3)
+        return np.asarray(Rotation.from_matrix(wanted @ now.T).as_rotvec())
+
+    def _yaw(self) -> float:
+        """The hand's yaw from the robot's own, radians."""
+        now = self._env.data.site_xmat[self._site].reshape(3, 3) @ self._upright.T
+        return float(np.arctan2(now[1, 0], now[0, 0]))
+
+    def _holds(self, name: str) -> bool:
+        return held(self._env, find_shapes(self._env, name))
+
+    def _lowest(self, name: str) -> float:
+        return float(surface(self._env, self._env.bodies[name], 2000)[:, 2].min())
+
+    def _middle(self, name: str) -> Array:
+        return np.array(self._env.data.xpos[self._env.bodies[name]])
+
+
+def _level(rotation: Array) -> Array:
+    """The nearest hand's rotation whose z points straight down."""
+    x = rotation[:, 0] * [1.0, 1.0, 0.0]
+    x, z = x / np.linalg.norm(x), np.array([0.0, 0.0, -1.0])
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def _other(grasps: list[Grasp], attempt: int) -> Grasp:
+    """A grasp away from the best one: further down the list, at another place or yaw."""
+    best = grasps[0]
+    different = [
+        grasp
+        for grasp in grasps
+        if np.linalg.norm(grasp.position - best.position) > 0.02 or abs(grasp.yaw - best.yaw) > 0.5
+    ]
+    return different[min(len(different) - 1, 10 * (attempt - 1))] if different else best

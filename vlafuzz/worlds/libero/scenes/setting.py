@@ -1,0 +1,134 @@
+"""How a scene is set up in an environment of LIBERO: places, light, camera, the arm's joints.
+
+Where nothing deviates, the state is the suite's own, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import SceneError
+from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.scenes.casts import cast
+from vlafuzz.worlds.libero.scenes.standing import Standing
+
+Array = NDArray[np.float64]
+VIEW = CAMERAS[0]
+# Axes of MuJoCo's camera frame (right, up, backwards) in ours (forward, left, up)
+_OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+
+
+class Setting:
+    """Sets scenes up in one environment, which has the things that they need.
+
+    It knows the environment's own light and camera.
+    """
+
+    def __init__(self, env: LiberoEnv) -> None:
+        self.env, self._task, model = env, env.task, env.model
+        self._lamps = [
+            (model, name, getattr(model, name).copy())
+            for name in ("light_ambient", "light_diffuse", "light_specular")
+        ]
+        head = model.vis.headlight
+        self._lamps += [
+            (head, name, getattr(head, name).copy()) for name in ("ambient", "diffuse", "specular")
+        ]
+        self._camera = env.model.camera(VIEW).id
+        self._eye = model.cam_pos[self._camera].copy()
+        self._turn = model.cam_quat[self._camera].copy()
+        self._standing = Standing(env) if env.more else None
+
+    def begin(self, scene: Scene) -> None:
+        """Begin an episode in a scene.
+
+        Raises:
+            SceneError: its things are not those of the task, or there is no such initial state.
+        """
+        env, number = self.env, scene.start.state
+        task, added = cast(self._task, scene), tuple(placed.object for placed in scene.confounders)
+        if number >= len(env.states):
+            problem = f"start.state: {task} has {len(env.states)} initial states, not {number + 1}"
+            raise SceneError(problem)
+        if missing := {*task.things, *added} - {*self._task.things, *env.more}:
+            raise SceneError(f"{', '.join(sorted(missing))}: not in this environment of {task}")
+        env.cast(task, added)
+        state = env.states[number].copy()
+        positions = state[1 : 1 + env.model.nq]
+        if self._standing:
+            self._swap(self._standing, positions)
+        self._place(scene, positions)
+        if self._standing:
+            self._add(self._standing, scene, positions)
+        self._light(scene.light.intensity)
+        self._aim(scene.camera)
+        env.restore(state)
+
+    def _swap(self, standing: Standing, positions: Array) -> None:
+        """Have other things stand where those of the task do."""
+        for own, name in zip(self._task.things, self.env.task.things, strict=True):
+            if name != own:
+                at, new = self.env.address(own), self.env.address(name)
+                bottom = standing.bottom(positions, own)
+                positions[new : new + 7] = standing.pose(name, positions[at : at + 2].copy(), bottom)
+                self.env.put_away(positions, own)
+
+    def _place(self, scene: Scene, positions: Array) -> None:
+        """Move things and joints in the ``(nq,)`` positions of an initial state."""
+        placed, riders = {placement.object: placement for placement in scene.targets}, self.env.task.riders
+        middles = {name: self.env.address(name) for name in placed}
+        start = {name: positions[at : at + 2].copy() for name, at in middles.items()}
+        for name, at in middles.items():
+            carrier, chain = riders.get(name), [placed[name]]
+            while carrier is not None:  # what stands on something goes along with it
+                chain.append(placed[carrier])
+                _turned(positions, at, start[carrier], placed[carrier])
+                carrier = riders.get(carrier)
+            _turned(positions, at, positions[at : at + 2].copy(), placed[name])
+            for axis, offset in enumerate((sum(p.x for p in chain), sum(p.y for p in chain))):
+                if offset:
+                    positions[at + axis] += offset
+        arm = self.env.robosuite.robots[0]._ref_joint_pos_indexes
+        for joint, degrees in zip(arm, astuple(scene.initial_pose), strict=True):
+            if degrees:
+                positions[joint] += math.radians(degrees)
+
+    def _add(self, standing: Standing, scene: Scene, positions: Array) -> None:
+        """Have the confounders stand on table or floor."""
+        for placed in scene.confounders:
+            at, place = self.env.address(placed.object), np.array([placed.x, placed.y])
+            positions[at : at + 7] = standing.pose(placed.object, place)
+            _turned(positions, at, place, placed)
+
+    def _light(self, intensity: float) -> None:
+        for owner, name, usual in self._lamps:
+            getattr(owner, name)[:] = usual * intensity
+
+    def _aim(self, camera: Camera) -> None:
+        model, number = self.env.model, self._camera
+        model.cam_pos[number], model.cam_quat[number] = self._eye, self._turn
+        if camera == Camera():
+            return
+        model.cam_pos[number] = self._eye + camera.offset
+        turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True)
+        own = Rotation.from_matrix(_OURS.T @ turn.as_matrix() @ _OURS)
+        turned = Rotation.from_quat(self._turn, scalar_first=True) * own
+        model.cam_quat[number] = turned.as_quat(scalar_first=True)
+
+
+def _turned(positions: Array, at: int, about: Array, placement: Placement) -> None:
+    """Turn the free joint at an address by a placement's yaw about a vertical through a point."""
+    if not placement.yaw:
+        return
+    turn = Rotation.from_euler("z", placement.yaw, degrees=True)
+    away = np.array([*(positions[at : at + 2] - about), 0.0])
+    positions[at : at + 2] = about + turn.apply(away)[:2]
+    quaternion = Rotation.from_quat(positions[at + 3 : at + 7], scalar_first=True)
+    positions[at + 3 : at + 7] = (turn * quaternion).as_quat(scalar_first=True)

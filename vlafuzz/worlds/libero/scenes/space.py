@@ -1,0 +1,238 @@
+"""The scenes of LIBERO: the suites' own initial states, and what the operators make of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter
+
+from vlafuzz.common.assets import operators_dir
+from vlafuzz.common.reading import read_yaml, validated
+from vlafuzz.errors import CatalogueError, SceneError, UsageError
+from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model.scene import Placement, Scene, Start
+from vlafuzz.model.space import Values
+from vlafuzz.worlds.libero.scenes.casts import doubles, extras, recast, swaps
+from vlafuzz.worlds.libero.scenes.objects import load_objects
+from vlafuzz.worlds.libero.scenes.room import room_of
+from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
+from vlafuzz.worlds.libero.tasks import task as task_named
+from vlafuzz.worlds.manipulation.base import Layout, Span
+from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet
+from vlafuzz.worlds.manipulation.operators import (
+    EXTRAS,
+    CameraOrientation,
+    CameraPosition,
+    ConfounderCount,
+    ConfounderOrientation,
+    ConfounderPosition,
+    ConfounderType,
+    Light,
+    TargetOrientation,
+    TargetPosition,
+    TargetType,
+    Wording,
+)
+from vlafuzz.worlds.manipulation.parts import HINT, REDRAWS, RESTARTS, Parts, index_of
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.space import TableSpace
+
+# What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
+OBJECTS = "60b651b6641f1773"
+RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
+_WORDINGS = TypeAdapter(list[str])
+_OWN = (TargetPosition, TargetOrientation, BystanderPosition, BystanderOrientation)  # of the suite's things
+# Operators whose genes are those of the tabletop, beside the extras. LIBERO has no backdrops of ours.
+_SHARED = (
+    TargetType.name,
+    ConfounderType.name,
+    ConfounderPosition.name,
+    ConfounderOrientation.name,
+    ConfounderCount.name,
+    Light.name,
+    CameraPosition.name,
+    CameraOrientation.name,
+    Wording.name,
+    *sorted(EXTRAS - {"backdrop"}),
+)
+
+
+def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
+    """One of the suite's own initial states, by default 0, with nothing changed."""
+    found = find_task(task)
+    things = tuple(Placement(name, REST, 0.0, 0.0) for name in found.things)
+    return Scene(task, things, found.instruction, robot=robot, start=Start(state))
+
+
+@cache
+def load_wordings() -> tuple[str, ...]:
+    """How an instruction is said, ``{instruction}`` standing for the suite's own, which comes first.
+
+    Raises:
+        CatalogueError: the file is malformed, or a wording lacks the instruction.
+    """
+    path, hint = operators_dir() / "libero-wordings.yaml", "expected a list of wordings"
+    wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
+    for wording in wordings:
+        if "{instruction}" not in wording:
+            raise CatalogueError(f"{path}: {wording!r} does not say {{instruction}}", hint)
+    return tuple(wordings)
+
+
+class LiberoComposer:
+    """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
+
+    def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
+        self._libero, self._nominal = task, nominal_scene(str(task), robot)
+        slots = _slots(operators, task)
+        nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
+        self.layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
+        placing = [gene for kind in _OWN for gene in self._placing(operators, kind.name)]
+        shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
+        self.genes = [gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1]
+        self._parts = Parts(self.genes)
+
+    def _placing(self, operators: OperatorSet, name: str) -> Iterator[Gene]:
+        """The genes of the places or yaws of the suite's own things."""
+        operator, concerned = operators.operators[name], self._libero.concerned
+        bystanders = isinstance(operator, (BystanderPosition, BystanderOrientation))
+        slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
+        for slot in slots:
+            share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
+            if isinstance(operator, (TargetPosition, BystanderPosition)):
+                yield Gene(name, f"targets.{slot}.x", "real", _grid(operator.x, share))
+                yield Gene(name, f"targets.{slot}.y", "real", _grid(operator.y, share))
+            elif isinstance(operator, (TargetOrientation, BystanderOrientation)):
+                yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values. A thing that is there already is replaced by the next one."""
+        names, around = list[str](), list[str]()
+        for slot in self.layout.of("targets"):
+            names.append(self._chosen(values, slot, lambda name: name not in names))
+        task = recast(self._libero, tuple(names))
+        for slot in self.layout.of("confounders")[: int(values["confounders"])]:
+            around.append(
+                self._chosen(values, slot, lambda name: name not in around and not doubles(task, name))
+            )
+        placed = [
+            Placement(name, REST, *(values.get(f"{slot}.{part}", 0.0) for part in ("x", "y", "yaw")))
+            for slot, name in zip(self.layout.used(len(around)), [*names, *around], strict=True)
+        ]
+        return Scene(
+            task=self._nominal.task,
+            targets=tuple(placed[: len(names)]),
+            instruction=_said(task)[int(values.get("instruction", 0))],
+            confounders=tuple(placed[len(names) :]),
+            robot=self._nominal.robot,
+            **self._parts.composed(values),
+        )
+
+    def _chosen(self, values: Mapping[str, float], slot: str, fits: Callable[[str], bool]) -> str:
+        """The name that a slot's value stands for, or the next one that fits."""
+        options, index = self.layout.slots[slot], int(values.get(f"{slot}.object", 0))
+        return next(filter(fits, options[index:] + options[:index]), options[index])
+
+    def values(self, scene: Scene) -> Values:
+        """The values of everything that a scene has; NaN where no index stands for it."""
+        values = self._parts.values(scene) | {"confounders": len(scene.confounders)}
+        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
+            for slot, placement in zip(self.layout.of(part), placements, strict=False):
+                values |= self._placed(slot, placement)
+        try:
+            said = _said(recast(self._libero, tuple(placed.object for placed in scene.targets)))
+        except SceneError:  # other things, which stand for no index either
+            said = ()
+        return values | {"instruction": math.nan if scene.then else index_of(said, scene.instruction)}
+
+    def _placed(self, slot: str, placement: Placement) -> Values:
+        known = placement.object in self.layout.slots[slot] and placement.quaternion is None
+        return {f"{slot}.object": index_of(self.layout.slots[slot], placement.object)} | {
+            f"{slot}.{part}": getattr(placement, part) if known else math.nan for part in ("x", "y", "yaw")
+        }
+
+
+def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...]]:
+    """The slots of a task's scenes, with the things allowed in each, the suite's own first.
+
+    Raises:
+        UsageError: the operators name an object that is swapped or added nowhere.
+    """
+    types, around = operators.get(TargetType).names, operators.get(ConfounderType).names
+    _check_names(TargetType.name, types, load_objects().words)
+    _check_names(ConfounderType.name, around, load_objects().added)
+    targets = [
+        (names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)
+    ]
+    added = tuple(name for name in extras(task) if around is None or name in around)
+    slots = {f"targets.{number}": names for number, names in enumerate(targets)}
+    count = min(operators.get(ConfounderCount).high, len(added))
+    return slots | {f"confounders.{number}": added for number in range(count)}
+
+
+def _check_names(operator: str, names: Iterable[str] | None, known: Collection[str]) -> None:
+    for name in names or ():
+        if name not in known:
+            raise UsageError(f"{operator}: names: no {name!r} in LIBERO", hint=f"known: {', '.join(known)}")
+
+
+@cache
+def _said(task: LiberoTask) -> tuple[str, ...]:
+    """The wordings of a task's instruction."""
+    return tuple(wording.replace("{instruction}", task.instruction) for wording in load_wordings())
+
+
+def _grid(span: Span, share: float) -> Grid:
+    """A share of a range about zero."""
+    return Grid(share * span.low, share * span.high, span.step, 0.0)
+
+
+class LiberoSpace(TableSpace):
+    """Every scene that the operators can make of a task's initial states."""
+
+    def __init__(self, operators: OperatorSet, task: str, robot: str) -> None:
+        of_task = operators.in_task(task)
+        self.composer = LiberoComposer(of_task, find_task(task), robot)
+        super().__init__(task_named(task), rig(robot), of_task, self.composer)
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        return super().conditions | {"catalogue_digest": OBJECTS, "packs": "[]"}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), (self.operators, self.task.name, self.robot)
+
+    def sample(self, rng: np.random.Generator) -> Scene:
+        """A random scene with room for everything. What else is fair is judged by physics, before a rollout.
+
+        Raises:
+            UsageError: the ranges leave no room.
+        """
+        for _ in range(RESTARTS):
+            drawn = self.composer.compose({path: self.draw(path, rng) for path in self.by_path})
+            if (scene := self.repaired(drawn, rng)) is not None:
+                return scene
+        raise UsageError(f"{self.task.name}: no scene in these ranges has room for everything", hint=HINT)
+
+    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
+        """The scene, with things moved that are too close to others or out of reach; None without room."""
+        room, slots = room_of(self.task.name), self.composer.layout.used(len(scene.confounders))
+        for _ in range(REDRAWS):
+            if not (misplaced := room.crowded(scene) | room.out_of_reach(scene).keys()):
+                return scene
+            slot = slots[rng.choice(sorted(misplaced))]
+            again = {path: self.draw(path, rng) for path in (f"{slot}.x", f"{slot}.y")}
+            scene = self.composer.compose(self.values(scene) | again)
+        return None
+
+    def misnamed(self, scene: Scene) -> str | None:
+        """The instruction of another task of the suite, if possible about something that is here."""
+        task = find_task(self.task.name)
+        others = [other for other in find_tasks(task.suite) if other.instruction != task.instruction]
+        here = [other for other in others if other.carried and set(other.carried) < set(task.things)]
+        return next((other.instruction for other in here + others), None)

@@ -1,0 +1,141 @@
+"""LIBERO's tasks on robosuite. Its packages are an extra, and nothing of them is loaded before it is used."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, ClassVar
+
+from vlafuzz import __version__
+from vlafuzz.errors import UsageError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Solver
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.task import Task
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.mini.policy import mini_libero
+from vlafuzz.worlds.audit import AuditedSuite, Scope
+from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.libero.expert.policy import LiberoExpert
+from vlafuzz.worlds.libero.packages import require, versions
+from vlafuzz.worlds.libero.pictures.opengl import opengl
+from vlafuzz.worlds.libero.scenes.objects import load_objects
+from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.suites import SUITES
+from vlafuzz.worlds.libero.tasks import task
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO, rig
+from vlafuzz.worlds.manipulation.space import check_varied, named_operators
+from vlafuzz.worlds.manipulation.stored import stored_operators
+
+if TYPE_CHECKING:
+    from vlafuzz.policies.clients.interface import Interface
+    from vlafuzz.worlds.recording import Recording
+
+
+class Libero:
+    """A ``World``; its tasks are named ``SUITE/NUMBER``."""
+
+    usual, robots = False, tuple(OF_LIBERO)
+    tasks = tuple(f"{suite}/{number}" for suite in SUITES for number in range(10))
+    policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
+        "libero-expert": LiberoExpert,
+        "mini-libero": mini_libero,
+    }
+
+    @property
+    def objects(self) -> Collection[str]:
+        return load_objects().words
+
+    @property
+    def simulator(self) -> str:
+        found = versions()
+        return (
+            f"vlafuzz {__version__}/mujoco {found.mujoco}/robosuite {found.robosuite}/libero {found.libero}"
+        )
+
+    def renderer(self) -> str:
+        return opengl()
+
+    def has(self, task: str) -> bool:
+        return task.startswith("libero") and "/" in task
+
+    def task(self, name: str) -> Task:
+        return task(name)
+
+    def robot(self, name: str) -> Rig:
+        return rig(name)
+
+    def default_policy(self, robot: str) -> str:
+        hint = (
+            "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
+        )
+        raise UsageError("LIBERO's scenes have no default policy", hint=hint)
+
+    def begin_early(self, policy: str | None) -> None:
+        """Nothing: its packages are loaded where a task is built."""
+
+    def preload(self) -> None:
+        """Nothing, likewise."""
+
+    def conditions_of(self, scene: Scene) -> dict[str, str]:
+        return {}
+
+    def check_pictures(self) -> None:
+        require()
+
+    def operators(self, wanted: Wanted) -> OperatorSet:
+        return named_operators(rig(wanted.robot), wanted.operators, wanted.vary)
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> LiberoSpace:
+        if operators is None:
+            operators = self.operators(wanted)
+        assert isinstance(operators, OperatorSet)
+        space = LiberoSpace(operators, wanted.task, wanted.robot)
+        check_varied(space)
+        return space
+
+    def stored_space(
+        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
+    ) -> LiberoSpace:
+        operators = stored_operators(source, conditions)
+        if vary is not None:
+            operators = operators.only(vary)
+        return LiberoSpace(operators, conditions.task, conditions.robot)
+
+    def evaluator(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        space: Space | None,
+        *,
+        recording: Recording | None,
+        checked: bool,
+    ) -> SceneEvaluator:
+        from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
+
+        return LiberoEvaluator(conditions, policy, recording=recording, checked=checked)
+
+    def solvers(self) -> Mapping[Solver, TryingPolicy]:
+        return {"expert": LiberoExpert()}
+
+    def demonstrator(self, interface: Interface) -> Demonstrator:
+        from vlafuzz.worlds.libero.expert.demonstrator import LiberoDemonstrator
+
+        return LiberoDemonstrator(interface)
+
+    def stills(self, conditions: Conditions, space: Space) -> Stills:
+        from vlafuzz.worlds.libero.evaluator import LiberoStills
+
+        return LiberoStills(conditions.task)
+
+    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
+        from vlafuzz.worlds.libero.audit import audit
+
+        return audit(suite, scope)
+
+
+WORLD = Libero()

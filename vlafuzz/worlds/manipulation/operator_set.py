@@ -1,0 +1,240 @@
+"""OperatorSet: the operators with their ranges, read from YAML and narrowed by the user."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, Field, ValidationError
+
+from vlafuzz.common.assets import operators_dir
+from vlafuzz.common.reading import read_yaml
+from vlafuzz.common.text import shortened
+from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.worlds.manipulation.base import Operator, Strict, Visible
+from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
+
+DEFAULT = "tabletop"
+TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
+_NO_OPERATORS = ("instructions", "jitter", "libero-objects", "libero-wordings")
+Kind = TypeVar("Kind", bound=Operator)
+_Raw = dict[str, dict[str, Any]]
+_Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _TaskPart(Strict):
+    min_distance: _Distance | None = None
+    visible: Any = None  # bounds; False for no such check
+    operators: _Raw = Field(default_factory=dict)
+
+
+class _File(_TaskPart):
+    extends: str | None = None
+    vary: list[str] | None = None
+    tasks: dict[str, _TaskPart] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperatorSet:
+    """All operators with their ranges, and which of them vary; the others stay nominal.
+
+    Attributes:
+        source: the file that was read.
+        min_distance: between the centres of any two objects, metres.
+        visible: bounds within which the targets count as visible; None where that is not checked.
+        tasks: the sets of the tasks whose ranges differ.
+    """
+
+    source: Path
+    min_distance: float
+    operators: Mapping[str, Operator]
+    varied: frozenset[str]
+    visible: Visible | None = None
+    tasks: Mapping[str, OperatorSet] = field(default_factory=dict)
+
+    def only(self, names: Iterable[str]) -> OperatorSet:
+        """The same set with only these operators varying.
+
+        Raises:
+            UsageError: no such operator, or one that has nothing to vary.
+        """
+        varied = dict.fromkeys(names)
+        for name in varied:
+            if name not in OPERATORS:
+                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, OPERATORS))
+        idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]
+        if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
+            raise UsageError(
+                f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0",
+                hint=f"vary {ConfounderCount.name} as well, or give it another nominal value in a file",
+            )
+        tasks = {name: replace(part, varied=frozenset(varied)) for name, part in self.tasks.items()}
+        return replace(self, varied=frozenset(varied), tasks=tasks)
+
+    def in_task(self, task: str) -> OperatorSet:
+        """The set for a task."""
+        return self.tasks.get(task, self)
+
+    def get(self, kind: type[Kind]) -> Kind:
+        """The operator of a kind."""
+        operator = self.operators[kind.name]
+        assert isinstance(operator, kind)
+        return operator
+
+    @cached_property
+    def decisive(self) -> dict[str, Operator]:
+        """The operators without extras that do not vary: those decide nothing."""
+        return {
+            name: operator
+            for name, operator in self.operators.items()
+            if name in self.varied or name not in EXTRAS
+        }
+
+    @cached_property
+    def digest(self) -> str:
+        """32 hexadecimal digits: equal for sets that vary the same operators in the same ranges."""
+        parts = [f"{task}={part.digest}" for task, part in sorted(self.tasks.items())]
+        ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.decisive.items())]
+        text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts])
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+
+def load_operators(source: str | Path | None = None) -> OperatorSet:
+    """Read a set of operators: a file, or the name of a shipped one (``tabletop`` by default).
+
+    Raises:
+        CatalogueError: the file is wrong; the message names file and key.
+    """
+    path = _find(str(source or DEFAULT), beside=None)
+    return _make(path, _with_extras(_read(path, ())))
+
+
+def _find(source: str, beside: Path | None) -> Path:
+    shipped = {path.stem: path for path in operators_dir().glob("*.yaml") if path.stem not in _NO_OPERATORS}
+    if source in shipped:
+        return shipped[source]
+    path = (beside.parent / source) if beside else Path(source)
+    if not os.path.isfile(path):  # unlike path.is_file(), false for a name that is too long
+        raise CatalogueError(f"operators: no file {str(path)!r}", hint=suggestion(source, shipped))
+    return path
+
+
+def _read(path: Path, extended: tuple[Path, ...]) -> _File:
+    """A file, completed by the files that it extends."""
+    if path.resolve() in extended:
+        raise CatalogueError(f"{path}: extends: goes round in a circle")
+    file = _validated(path, "", _File, read_yaml(path, CatalogueError))
+    if file.extends is None:
+        return file
+    return _merged(_read(_find(file.extends, beside=path), (*extended, path.resolve())), file)
+
+
+def _with_extras(file: _File) -> _File:
+    """A file, with the shipped extras and bounds of visibility where it leaves them out."""
+    complete = not EXTRAS - file.operators.keys() and file.visible is not None
+    shipped = file if complete else _read(_find(DEFAULT, beside=None), ())
+    extras = {name: keys for name, keys in shipped.operators.items() if name in EXTRAS}
+    visible = shipped.visible if file.visible is None else file.visible
+    return file.model_copy(update={"operators": extras | file.operators, "visible": visible})
+
+
+def _merged(base: _File, file: _File) -> _File:
+    tasks = {name: _overlaid(base.tasks.get(name, _TaskPart()), part) for name, part in file.tasks.items()}
+    vary = base.vary if file.vary is None else file.vary
+    return _File(**dict(_overlaid(base, file)), vary=vary, tasks=base.tasks | tasks)
+
+
+def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
+    nearest = base.min_distance if over.min_distance is None else over.min_distance
+    visible = base.visible if over.visible is None else over.visible
+    if isinstance(visible, dict) and isinstance(base.visible, dict):
+        visible = base.visible | visible
+    changed = {name: base.operators.get(name, {}) | keys for name, keys in over.operators.items()}
+    return _TaskPart(min_distance=nearest, visible=visible, operators=base.operators | changed)
+
+
+def _make(path: Path, file: _File) -> OperatorSet:
+    missing = [f"operators.{name}" for name in OPERATORS if name not in file.operators]
+    if file.min_distance is None or missing:
+        key = "min_distance" if file.min_distance is None else missing[0]
+        hint = "`extends: tabletop` fills in what a file leaves out"
+        raise CatalogueError(f"{path}: {key}: missing", hint=hint)
+    vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
+    _known(path, "tasks", file.tasks, TASKS)
+    whole = _ranges(path, "", file, frozenset(vary))
+    tasks = {
+        name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied)
+        for name, part in file.tasks.items()
+    }
+    try:
+        return replace(whole, tasks=tasks).only(vary)
+    except UsageError as error:
+        raise CatalogueError(f"{path}: vary: {error.message}", hint=error.hint) from None
+
+
+def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> OperatorSet:
+    """The set of one task, or of all others."""
+    _known(path, f"{where}operators", part.operators, OPERATORS)
+    operators = {
+        name: _validated(path, f"{where}operators.{name}", kind, part.operators[name])
+        for name, kind in OPERATORS.items()
+    }
+    assert part.min_distance is not None
+    return OperatorSet(
+        source=path,
+        min_distance=part.min_distance,
+        operators=operators,
+        varied=varied,
+        visible=None if part.visible is False else _validated(path, f"{where}visible", Visible, part.visible),
+    )
+
+
+def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise CatalogueError(f"{path}: {where}: unknown name {name!r}", hint=suggestion(name, known))
+
+
+S = TypeVar("S", bound=BaseModel)
+
+
+def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
+    """Data validated as a model.
+
+    Raises:
+        CatalogueError: file, key and value in a sentence, with a suggestion for a misspelt key.
+    """
+    try:
+        return kind.model_validate(raw)
+    except ValidationError as error:
+        problems = error.errors(include_url=False)
+    misspelt = (problem for problem in problems if problem["type"] == "extra_forbidden")
+    problem = next(misspelt, problems[0])  # a misspelt key explains a missing one
+    keys = [str(key) for key in problem["loc"]]
+    place = ".".join([where, *keys] if where else keys) or "the file"
+    if problem["type"] == "extra_forbidden":
+        raise CatalogueError(
+            f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1]))
+        )
+    message = problem["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
+    complete = problem["type"] in ("missing", "value_error")  # the message has the value, or there is none
+    got = "" if complete else f", got {shortened(problem['input'])}"
+    raise CatalogueError(
+        f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
+        hint="operators/README.md says what each key means; `vlafuzz operators` shows the ranges in use",
+    )
+
+
+def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
+    """The valid keys at the place of an unknown one."""
+    for key in keys:
+        inner = kind.model_fields[key].annotation if key in kind.model_fields else None
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return list(_TaskPart.model_fields)  # the only model inside a mapping
+        kind = inner
+    return list(kind.model_fields)

@@ -1,0 +1,63 @@
+"""Label images: convex bodies, painted through a camera without a renderer."""
+
+from collections.abc import Sequence
+from itertools import accumulate
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint8]
+Polygon = NDArray[np.int32]  # in OpenCV's fixed-point coordinates
+WIDTH = 256  # pixels
+SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
+NEAREST = 0.01  # metres; a body that reaches nearer to the camera's plane cannot be painted
+_NONE: Polygon = np.zeros((0, 1, 2), dtype=np.int32)
+
+
+def blank(view: CameraPose) -> Labels:
+    """An empty label image ``(height, WIDTH)`` of a view."""
+    return np.zeros((round(WIDTH / view.aspect), WIDTH), dtype=np.uint8)
+
+
+def paint(picture: Labels, parts: Sequence[Array], view: CameraPose, label: int) -> None:
+    """Paint convex parts, ``(k, 3)`` corners each, over what is there."""
+    fill(picture, polygons(parts, view), label)
+
+
+def polygons(parts: Sequence[Array], view: CameraPose) -> list[Polygon]:
+    """The outline of each convex part in a label image; an empty one for a part that cannot be painted."""
+    uv, depth = view.project(np.concatenate(parts))
+    size = [WIDTH, round(WIDTH / view.aspect)]
+    points = np.round((uv * size - 0.5) * 2**SUBPIXEL).astype(np.int32)
+    ends = list(accumulate(map(len, parts)))
+    spans = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
+    near = np.minimum.reduceat(depth, [0, *ends[:-1]]) <= NEAREST
+    drawn = zip(spans, near, strict=True)
+    return [_NONE if too_near else cv2.convexHull(points[span]) for span, too_near in drawn]
+
+
+def fill(picture: Labels, outlines: Sequence[Polygon], label: int) -> None:
+    """Paint ``polygons`` over what is there."""
+    for outline in outlines:
+        if len(outline):
+            cv2.fillConvexPoly(picture, outline, label, lineType=cv2.LINE_8, shift=SUBPIXEL)
+
+
+def area_alone(parts: Sequence[Array], view: CameraPose) -> int:
+    """Pixels of a whole outline with nothing before it, those beyond the image included."""
+    alone = blank(view)
+    paint(alone, parts, view, 1)
+    return max(area_beyond(parts, view), int(np.count_nonzero(alone)))
+
+
+def area_beyond(parts: Sequence[Array], view: CameraPose) -> int:
+    """Area of the whole outline in pixels if it extends beyond the image; else 0."""
+    uv, _ = view.project(np.concatenate(parts))
+    if np.all((uv >= 0) & (uv <= 1)):
+        return 0
+    hull = cv2.convexHull((uv * [WIDTH, round(WIDTH / view.aspect)]).astype(np.float32))
+    return round(float(cv2.contourArea(hull)))

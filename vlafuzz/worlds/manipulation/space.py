@@ -1,0 +1,241 @@
+"""TableSpace: what spaces share whose scenes are things on a table, seen by a camera under lamps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+import numpy as np
+
+from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.model.genes import Gene
+from vlafuzz.model.scene import Camera, Placement, Scene, in_words
+from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
+from vlafuzz.model.task import Task
+from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
+from vlafuzz.worlds.manipulation.operators import (
+    EXTRAS,
+    OPERATORS,
+    CameraOrientation,
+    CameraPosition,
+    ConfounderCount,
+    ConfounderOrientation,
+    ConfounderPosition,
+    ConfounderType,
+    Light,
+    TargetOrientation,
+    TargetPosition,
+    TargetType,
+    Wording,
+)
+from vlafuzz.worlds.manipulation.parts import camera
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.stored import operators_json, visible_json
+
+_GRID = 4  # rows and columns of the workspace in a site
+# The targets' types are in no group: they are what a failure is about.
+GROUPS: dict[str, tuple[str, ...]] = {
+    CONFOUNDERS: (
+        ConfounderType.name,
+        ConfounderPosition.name,
+        ConfounderOrientation.name,
+        ConfounderCount.name,
+    ),
+    **{
+        kind.name: (kind.name,)
+        for kind in (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
+    },
+    **{name: (name,) for name in OPERATORS if name in EXTRAS},
+}
+
+
+class TableSpace(Space):
+    """Every scene that the operators can make of a task at a robot's table.
+
+    Attributes:
+        operators: those of the task, where it has ranges of its own.
+    """
+
+    groups, subject = GROUPS, TargetType.name
+    # A confounder may stand where a target belongs, and the target where that confounder does.
+    blocking = (TargetPosition.name, ConfounderPosition.name)
+
+    def __init__(self, task: Task, rig: Rig, operators: OperatorSet, composer: Composer) -> None:
+        super().__init__(task, rig.robot, operators, composer)
+        self.rig = rig
+        self._turned = Embedding([gene for gene in self.genes if gene.operator != CameraPosition.name])
+        moved = [gene for gene in self.genes if gene.path == "camera.distance"]
+        self._farthest = moved[0].grid.high if moved else 0.0
+
+    @property
+    def operators(self) -> OperatorSet:
+        assert isinstance(self._operators, OperatorSet)
+        return self._operators
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        operators = self.operators
+        return {
+            "min_distance": operators.min_distance,
+            "visible": visible_json(operators.visible),
+            "operators": operators_json(operators),
+            "operators_digest": operators.digest,
+        }
+
+    def embed(self, scene: Scene) -> Vector:
+        """See ``Space.embed``; the camera's position is a point in space."""
+        values = self._composer.values(scene)
+        numbers = self._turned.numbers(values)
+        if self._farthest:
+            numbers += [number / (2 * self._farthest) for number in camera(values).offset]
+        return np.array(numbers)
+
+    def jittered(self, scene: Scene, number: int) -> Scene:
+        return load_jitter().apply(scene, number)
+
+    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
+        """``camera-position+light|x0y3``: with the first target's position in a 4 × 4 grid."""
+        target, workspace = scene.targets[0], self.rig.workspace
+        column, row = _bin(target.x, workspace.x), _bin(target.y, workspace.y)
+        return f"{super().site(scene, severities)}|x{column}y{row}"
+
+    def things(self, scene: Scene) -> Sequence[Placement]:
+        return scene.confounders
+
+    def with_things(self, scene: Scene, things: Sequence[Any]) -> Scene:
+        return replace(scene, confounders=tuple(things))
+
+    def subjects(self, scene: Scene) -> Sequence[str]:
+        slots = {gene.slot for gene in self.by_path.values() if gene.operator == TargetType.name}
+        return [_name(one) for slot, one in enumerate(scene.targets) if f"targets.{slot}" in slots]
+
+    def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
+        """Confounders have their number and, if it matters what they are, their kinds: ``1,can``."""
+        if operators == CONFOUNDERS:
+            others = self.reset(scene, [ConfounderType.name], start).confounders
+            pairs = zip(scene.confounders, others, strict=True)
+            kinds = {one.object.rpartition("_")[2] for one, other in pairs if one.object != other.object}
+            return ",".join([str(len(scene.confounders)), *sorted(kinds)])
+        if operators == Light.name:
+            return "dark" if scene.light.intensity < start.light.intensity else "bright"
+        if operators == CameraPosition.name:  # the axis along which it is farthest off
+            offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
+            axis, by = max(((axis, a - b) for axis, a, b in offsets), key=lambda moved: abs(moved[1]))
+            return f"{'-' if by < 0 else '+'}{axis}"
+        return None
+
+    def option(self, scene: Scene, gene: Gene, value: float) -> str:
+        if gene.path.endswith(".rest"):
+            slot = gene.slot.partition(".")[2]
+            return scene.targets[int(slot)].rest + (str(int(slot) + 1) if slot != "0" else "")
+        return super().option(scene, gene, value)
+
+    def described(self, scene: Scene, operators: str, other: Scene) -> str:
+        if operators == CONFOUNDERS:
+            same = scene.confounders == other.confounders
+            return "" if same else "; ".join(map(_described, scene.confounders)) or "none"
+        if operators == Light.name:
+            return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
+        if operators == CameraPosition.name:
+            return "" if scene.camera.offset == other.camera.offset else _offset(scene.camera)
+        if operators == CameraOrientation.name:
+            return _fields(scene.camera, other.camera, ("roll", "pitch", "yaw"))
+        if operators == Wording.name:
+            same = scene.instructions == other.instructions
+            return "" if same else f"“{' / '.join(scene.instructions)}”"
+        kind = OPERATORS[operators]
+        if issubclass(kind, Extra) and kind.part != "targets":
+            shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
+            return _fields(shown, usual, [field.name for field in fields(shown)])
+        return self._targets(operators, scene.targets, other.targets)
+
+    def _targets(self, operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
+        """What differs of the targets that an operator is about."""
+        slots = {gene.slot for gene in self.by_path.values() if gene.operator == operator}
+        parts = []
+        for number, (target, other) in enumerate(zip(targets, others, strict=False)):
+            if f"targets.{number}" in slots and (words := _words(operator, target, other)):
+                parts.append((f"{_name(target)}: " if len(targets) > 1 else "") + ", ".join(words))
+        return "; ".join(parts)
+
+
+CAMERA = frozenset({CameraPosition.name, CameraOrientation.name})
+
+
+def named_operators(rig: Rig, source: str | None, vary: Sequence[str]) -> OperatorSet:
+    """The operators with the ranges of a file, or those that fit the robot.
+
+    Raises:
+        CatalogueError: the file is wrong.
+        UsageError: no such operator, or one that has nothing to vary.
+    """
+    operators = load_operators(source or rig.operators)
+    if vary:
+        return operators.only(vary)
+    return operators.only(operators.varied - CAMERA) if rig.photos else operators  # photos fit one view only
+
+
+def check_varied(space: TableSpace) -> None:
+    """Raise a UsageError if an operator is to vary that has nothing to vary in this task."""
+    offered = {gene.operator for gene in space.by_path.values()}
+    idle = space.operators.varied - offered
+    if idle and space.genes:  # some of a world's tasks lack what varies there by default
+        idle -= load_operators(space.rig.operators).varied
+    for name in sorted(idle):
+        hint = f"known: {', '.join(sorted(offered))}"
+        raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
+
+
+def check_names(operators: OperatorSet, known: Collection[str]) -> None:
+    """Raise a UsageError where operators name an object that is not known."""
+    for part in (operators, *operators.tasks.values()):
+        targets, around = part.get(TargetType), part.get(ConfounderType)
+        for operator, names in ((targets, targets.names), (targets, targets.onto), (around, around.names)):
+            for name in names or ():
+                if name not in known:
+                    raise UsageError(f"{operator.name}: no object {name!r}", hint=suggestion(name, known))
+
+
+def _bin(value: float, bounds: tuple[float, float]) -> int:
+    low, high = bounds
+    share = (value - low) / (high - low)
+    return int(min(max(share * _GRID, 0), _GRID - 1))
+
+
+def _words(operator: str, target: Placement, other: Placement) -> list[str]:
+    words = []
+    moved = (target.x, target.y) != (other.x, other.y)
+    if operator in (TargetPosition.name, BystanderPosition.name) and moved:
+        words.append(f"x {target.x:g} m, y {target.y:g} m")
+    if operator in (TargetOrientation.name, BystanderOrientation.name):
+        if target.rest != other.rest:
+            words.append(f"rests {target.rest}")
+        if target.yaw != other.yaw:
+            words.append(f"yaw {target.yaw:g}°")
+        if target.quaternion != other.quaternion:
+            words.append("turned freely" if target.quaternion else f"rests {target.rest}")
+    return words
+
+
+def _described(placement: Placement) -> str:
+    return f"{_name(placement)} at x {placement.x:g} m, y {placement.y:g} m"
+
+
+def _name(placement: Placement) -> str:
+    return placement.object.replace("_", " ")
+
+
+def _offset(shown: Camera) -> str:
+    if math.isclose(shown.distance, 0):
+        return "0 m off"
+    return f"{shown.distance:g} m off, azimuth {shown.azimuth:g}°, elevation {shown.elevation:g}°"
+
+
+def _fields(part: object, other: object, names: Sequence[str]) -> str:
+    """The fields of a part of a scene that differ from another's."""
+    differing = [name for name in names if getattr(part, name) != getattr(other, name)]
+    return ", ".join(in_words(name, getattr(part, name)) for name in differing)

@@ -1,0 +1,158 @@
+"""Images of rollouts: recordings with captions or without, and their encoding."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import cv2
+import imageio.v3 as imageio
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.files import write_whole, writing
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import CameraRequest, Observation, Outlines
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.episode import Episode
+
+Picture = NDArray[np.uint8]
+_CAPTION = 44  # height of the strip under a frame, pixels
+_INK, _RED = (235, 235, 235), (220, 40, 40)
+_HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
+
+
+class Recording:
+    """Collects frames and observations of one rollout.
+
+    Without frames no renderer is needed. Captions show the instruction and the progress.
+
+    Args:
+        size: height of a frame in pixels; 0 for no frames.
+        hz: frames a second of the rollout, if it has more control steps; None for one a step.
+    """
+
+    def __init__(self, size: int = 480, *, captions: bool = True, hz: int | None = None) -> None:
+        self.camera = CameraRequest("recording", size, size) if size else None
+        self._captions, self._hz, self._stride = captions, hz, 1
+        self.frames: list[Picture] = []
+        self.observations: list[Observation] = []
+
+    def clear(self) -> None:
+        self.frames, self.observations = [], []
+
+    def note(self, episode: Episode) -> None:
+        """Keep a frame of the present state, if it is time for one."""
+        self._stride = max(1, round(episode.hz / self._hz)) if self._hz else 1
+        if self.camera is None or len(episode.actions) % self._stride:
+            return
+        frame = episode.picture(self.camera.name)
+        if self._captions:
+            monitor = episode.monitor
+            stages = " > ".join(monitor.reached) or "-"
+            seconds = len(monitor.trace) / episode.hz
+            status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
+            frame = _captioned(frame, episode.instruction, status)
+        self.frames.append(frame.copy())
+
+    def mark(self, trace: NDArray[np.float32], says: str) -> None:
+        """Frame in red, with a word, all that comes after the last progress of a rollout.
+
+        Args:
+            trace: ``(steps,)`` progress after each control step.
+        """
+        stuck = (int(np.argmax(trace)) + 1) // self._stride if len(trace) else 0
+        for index in range(stuck, len(self.frames)):
+            frame = self.frames[index].copy()
+            height, width = frame.shape[:2]
+            cv2.rectangle(frame, (1, 1), (width - 2, height - 2), _RED, 3)
+            (long, high), _ = cv2.getTextSize(says, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 2)
+            cv2.rectangle(frame, (1, 1), (long + 18, high + 18), _RED, cv2.FILLED)
+            cv2.putText(frame, says, (10, high + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _INK, 2, cv2.LINE_AA)
+            self.frames[index] = frame
+
+    def write_video(self, path: Path, hz: int) -> None:
+        """Write an MP4 in real time.
+
+        Raises:
+            UsageError: the file cannot be written.
+        """
+        _write(path, _held(self.frames), extension=".mp4", fps=hz, codec="libx264", macro_block_size=4)
+
+    def contact_strip(self, columns: int = 4) -> Picture:
+        """``columns`` frames side by side, evenly spaced from the first to the last."""
+        chosen = np.linspace(0, len(self.frames) - 1, columns).round().astype(int)
+        return np.concatenate([self.frames[index] for index in chosen], axis=1)
+
+    def seen(self) -> Picture:
+        """The policy's first observation: its camera images, or outlines in their colours."""
+        first = self.observations[0]
+        pictures = list(first.images.values())
+        if first.outlines is not None:
+            pictures.append(draw_outlines(first.outlines))
+        if not pictures:
+            raise UsageError("this policy asks for no pictures", hint="leave --seen out")
+        height = max(picture.shape[0] for picture in pictures)
+        return np.concatenate([_padded(picture, height) for picture in pictures], axis=1)
+
+
+def draw_outlines(outlines: Outlines, size: int = 256) -> Picture:
+    """Outlines in their apparent colours on the table's, with the hand as a cross."""
+    picture = np.full((size, size, 3), np.round(outlines.table * 255), dtype=np.uint8)
+    for thing in outlines.things:
+        u, v = np.minimum((thing.pixels * size).astype(int), size - 1).T
+        picture[v, u] = np.round(thing.colour * 255)
+    if outlines.hand is not None:
+        u, v = (outlines.hand * size).astype(int).tolist()
+        cv2.drawMarker(picture, (u, v), (255, 0, 255), cv2.MARKER_CROSS, 12, 2)
+    return picture
+
+
+def write_picture(path: Path, picture: Picture) -> None:
+    """Write a PNG.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
+    _write(path, picture, extension=".png")
+
+
+def to_mp4(frames: list[Picture], fps: int) -> bytes:
+    """H.264 video, small enough for dozens of them in a page."""
+    video = imageio.imwrite(
+        "<bytes>",
+        _held(frames),
+        extension=".mp4",
+        fps=fps,
+        codec="libx264",
+        quality=None,
+        macro_block_size=4,  # frames are 300 pixels wide where a robot's camera is 4:3 or 5:4
+        output_params=["-crf", "24", "-preset", "slow", "-movflags", "+faststart"],
+    )
+    return bytes(video)
+
+
+def to_jpeg(picture: Picture) -> bytes:
+    """JPEG of a few kilobytes."""
+    return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))
+
+
+def _held(frames: list[Picture]) -> Picture:
+    return np.stack(frames + [frames[-1]] * _HELD_FRAMES)
+
+
+def _write(path: Path, pixels: Picture, **options: Any) -> None:
+    with writing(path):
+        write_whole(path, imageio.imwrite("<bytes>", pixels, **options))
+
+
+def _captioned(picture: Picture, *lines: str) -> Picture:
+    strip = np.zeros((_CAPTION, picture.shape[1], 3), dtype=np.uint8)
+    for row, line in enumerate(lines):
+        cv2.putText(strip, line, (6, 17 + 19 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
+    return np.concatenate([picture, strip])
+
+
+def _padded(picture: Picture, height: int) -> Picture:
+    return np.pad(picture, ((0, height - picture.shape[0]), (0, 0), (0, 0)))

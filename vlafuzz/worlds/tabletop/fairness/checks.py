@@ -1,0 +1,241 @@
+"""Checks without a simulator whether a scene is fair. They never change a scene."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from vlafuzz.common.text import ambiguous
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Backdrop, Camera, Placement, Scene
+from vlafuzz.worlds.manipulation.base import Visible
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.rig import Hand, Rig
+from vlafuzz.worlds.manipulation.rigs.robots import RIGS, rig
+from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, apart, extents, footprint, solid
+from vlafuzz.worlds.tabletop.fairness.visible import unseen
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.state import TableTask
+from vlafuzz.worlds.tabletop.tasks import TASKS
+
+CHECKS = ("semantic", "geometry", "unseen", "settling", "solved")
+OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
+MARGIN = 0.004  # clearance on each side of an object inside a container, metres
+DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
+IN_VIEW = 0.9  # least share of a target's hull vertices in the image; its centre must be in it as well
+_ROUNDING = 1e-9
+
+
+def check_static(
+    scene: Scene,
+    catalogue: Catalogue,
+    min_distance: float,
+    visible: Visible | None = None,
+    *,
+    outlines: bool = False,
+) -> Rejection | None:
+    """Run the checks that need no simulator, cheapest first.
+
+    Args:
+        min_distance: of centres, metres.
+        visible: bounds within which the targets count as visible; None to skip that check.
+        outlines: whether the policy gets outlines in flat colours instead of pictures.
+    """
+    rejection = check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)
+    if rejection or visible is None:
+        return rejection
+    problem = unseen(scene, catalogue, visible, outlines=outlines)
+    return Rejection("unseen", problem) if problem else None
+
+
+def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
+    """Check the values of a scene apart from the positions."""
+    problem = next(_problems(scene, catalogue), None)
+    return Rejection("semantic", problem) if problem else None
+
+
+def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
+    """The problems in a sentence each. Only the first is used: later checks assume that there is none."""
+    yield from _unknown(scene)
+    if not all(instruction.strip() for instruction in scene.instructions):
+        yield "an instruction is empty"
+    if scene.light.intensity < 0:
+        yield f"light: an intensity of {scene.light.intensity:g} is negative"
+    task = TASKS[scene.task]
+    if len(scene.targets) != task.targets:
+        yield f"{task.name} names {task.targets} target(s), the scene has {len(scene.targets)}"
+    for placement in scene.placements:
+        yield from _placement_problems(placement, catalogue)
+    setup = rig(scene.robot)
+    if setup.photos and scene.camera != Camera():
+        yield f"camera: the background of {scene.robot} is a photo, which fits the nominal view only"
+    if setup.photos and scene.backdrop != Backdrop():
+        yield f"backdrop: the background of {scene.robot} is a photo, which hides table and wall"
+    models = [catalogue[placement.object] for placement in scene.placements]
+    for a, b in combinations(models, 2):
+        if ambiguous(a.spoken, b.spoken):
+            yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
+    yield from _task_problems(task, scene.targets, models, setup.hand)
+
+
+def _unknown(scene: Scene) -> Iterator[str]:
+    if "/" in scene.task:
+        yield f"{scene.task} is of another world, which checks its scenes when they are run"
+    if scene.task not in TASKS:
+        yield f"unknown task {scene.task!r}"
+    if scene.robot not in RIGS:
+        yield f"unknown robot {scene.robot!r}"
+    if scene.frame:
+        yield f"its coordinates are in the frame of {scene.frame}, not of its robot"
+
+
+def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
+    if placement.object not in catalogue:
+        yield f"unknown object {placement.object!r}"
+    if not placement.scale > 0:
+        yield f"{placement.object}: a scale of {placement.scale:g} is not positive"
+    if placement.quaternion is not None:
+        if not math.isclose(math.hypot(*placement.quaternion), 1.0, abs_tol=1e-3):
+            yield f"{placement.object}: the quaternion {placement.quaternion} is not of length 1"
+    elif placement.rest not in (known := [pose.name for pose in catalogue[placement.object].stable_poses]):
+        yield f"{placement.object}: unknown rest pose {placement.rest!r}, it has {', '.join(known)}"
+
+
+def _task_problems(
+    task: TableTask, targets: tuple[Placement, ...], models: list[ObjectModel], hand: Hand
+) -> Iterator[str]:
+    if problem := cannot_grasp(targets[0], models[0], hand):
+        yield problem
+    if task.onto and (problem := cannot_place(task.onto, targets[0], models[0], targets[1], models[1])):
+        yield problem
+
+
+def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
+    """Why a gripper cannot grasp an object from above; None for raw orientations, which have no grasps."""
+    if model.role != "graspable":
+        return f"{model.spoken} is not graspable"
+    if a.quaternion is not None:
+        return None
+    grasps = [(grasp.width * a.scale, grasp.z * a.scale) for grasp in model.stable_pose(a.rest).grasps]
+    if not any(hand.takes(*grasp) for grasp in grasps):
+        width, height = min(grasps, default=(0.0, 0.0))
+        if grasps and height > hand.highest:
+            lifts = f"the hand can lift from at most {hand.highest:g} m"
+            return f"{model.spoken}, {a.rest}, is grasped at a height of {height:.3f} m: {lifts}"
+        problem = f"{width:.3f} m wide" if grasps else "without a grasp"
+        least = f"{hand.thinnest:g} to" if hand.thinnest else "up to"
+        return f"{model.spoken}, {a.rest}, is {problem}: the gripper takes {least} {hand.widest:g} m"
+    return None
+
+
+def cannot_place(
+    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
+) -> str | None:
+    """Why ``a`` in its orientation cannot stay on the ``support`` or in the ``container`` ``b``."""
+    a, b = (replace(placement, x=0.0, y=0.0, yaw=0.0) for placement in (a, b))
+    return _cannot_place(onto, a, model_a, b, model_b)
+
+
+@lru_cache(maxsize=4096)
+def _cannot_place(
+    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
+) -> str | None:
+    if onto == "container":
+        return _cannot_put_in(a, model_a, b, model_b)
+    if not model_b.supports:
+        return f"nothing can be put on {model_b.spoken}"
+    if a.quaternion is None and model_a.stable_pose(a.rest).rolls and not _is_dished(model_b):
+        return f"{model_a.spoken}, {a.rest}, rolls off {model_b.spoken}"
+    sides = extents(footprint(a, model_a).polygon)
+    short, long = float(sides.min()), float(sides.max())
+    width = float(extents(footprint(b, model_b).polygon).min())
+    if short > width or long * (1 - 2 * OVERHANG) > width:
+        size = f"{long:.3f} x {short:.3f} m"
+        return f"{model_a.spoken}, {size}, is too large for {model_b.spoken}, {width:.3f} m across"
+    return None
+
+
+def _is_dished(model: ObjectModel) -> bool:
+    tops = [float(part[:, 2].max()) for part in model.parts]
+    return max(tops) - min(tops) >= DISH
+
+
+def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
+    container = model_b.container
+    if container is None:
+        return f"nothing can be put into {model_b.spoken}"
+    inside = np.array([container.width, container.depth]) * b.scale - 2 * MARGIN
+    if not np.any(np.all(extents(footprint(a, model_a).polygon) <= inside, axis=1)):
+        size = f"{container.width:g} x {container.depth:g} m inside"
+        lies = f", {a.rest}," if a.rest else ""  # raw orientations have no name
+        return f"{model_a.spoken}{lies} does not fit into {model_b.spoken}, {size}"
+    return None
+
+
+def check_geometry(scene: Scene, catalogue: Catalogue, min_distance: float) -> Rejection | None:
+    """Check the positions in a scene that passes ``check_semantic``. ``min_distance``: of centres, metres."""
+    setup = rig(scene.robot)
+    models = [catalogue[placement.object] for placement in scene.placements]
+    outlines = [footprint(*pair) for pair in zip(scene.placements, models, strict=True)]
+    named = list(zip((model.spoken for model in models), outlines, strict=True))
+    problems = (
+        *(off_workspace(name, outline, setup) for name, outline in named),
+        *(out_of_reach(name, outline, setup) for name, outline in named[: len(scene.targets)]),
+        *(too_close(a, b, min_distance) for a, b in combinations(named, 2)),
+    )
+    for problem in problems:
+        if problem:
+            return Rejection("geometry", problem)
+    for placement, model in zip(scene.targets, models, strict=False):
+        problem = out_of_view(placement, model, setup, scene.camera)
+        if problem:
+            return Rejection("geometry", problem)
+    return None
+
+
+Named = tuple[str, Footprint]
+
+
+def off_workspace(name: str, outline: Footprint, setup: Rig) -> str | None:
+    """Why an outline is not entirely inside the rig's surface or workspace."""
+    space = setup.surface or setup.workspace
+    low, high = outline.polygon.min(axis=0), outline.polygon.max(axis=0)
+    for axis, (first, last), start, end in zip("xy", (space.x, space.y), low, high, strict=True):
+        if start < first - _ROUNDING or end > last + _ROUNDING:
+            covered = f"covers {axis} from {start:.3f} to {end:.3f} m"
+            return f"{name}: {covered}, the workspace ends at {first:g} and {last:g} m"
+    return None
+
+
+def out_of_reach(name: str, outline: Footprint, setup: Rig) -> str | None:
+    """Why the robot's hand does not reach an object's centre."""
+    distance = math.dist(outline.centre, setup.base[:2])
+    if distance > setup.reach:
+        return f"{name}: {distance:.3f} m from the {setup.robot}'s base, its reach is {setup.reach:g} m"
+    return None
+
+
+def too_close(a: Named, b: Named, min_distance: float) -> str | None:
+    """Why two objects are too close to each other."""
+    distance = math.dist(a[1].centre, b[1].centre)
+    if distance < min_distance - _ROUNDING:
+        return f"{a[0]} and {b[0]}: {distance:.3f} m between their centres, less than {min_distance:g} m"
+    if not apart(a[1], b[1]):
+        return f"{a[0]} and {b[0]}: their footprints overlap"
+    return None
+
+
+def out_of_view(placement: Placement, model: ObjectModel, setup: Rig, camera: Camera) -> str | None:
+    """Why an object is not in view: its centre and ``IN_VIEW`` of its hull vertices must be."""
+    points = solid(placement, model)
+    middle = (placement.x, placement.y, points[:, 2].max() / 2)
+    uv, depth = camera_pose(setup.view, camera).project(np.vstack([points, middle]))
+    seen = np.all((uv >= 0) & (uv <= 1), axis=1) & (depth > 0)
+    share = float(seen[:-1].mean())
+    if share < IN_VIEW or not seen[-1]:
+        return f"{model.spoken}: {share:.0%} of it is in view; {IN_VIEW:.0%} and its centre must be"
+    return None

@@ -1,0 +1,171 @@
+"""The space that objects of a scene occupy, their outlines on the table, and how close they stand. Metres."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.hulls import outline
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+
+Array = NDArray[np.float64]
+MARKER = "dummy_"  # prefix of planes that mark a place in SIMPLER's tasks and occupy no space
+
+
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """A convex outline from above: ``polygon`` (k, 2), counter-clockwise, within ``radius`` of ``centre``."""
+
+    centre: tuple[float, float]
+    polygon: Array
+    radius: float
+
+
+def footprint(placement: Placement, model: ObjectModel) -> Footprint:
+    """The outline of an object where it is placed."""
+    polygon, radius = _outline(model, placement.rest, placement.quaternion)
+    turned = (polygon * placement.scale) @ _turn(placement).T
+    centre = _centre(placement, model)
+    return Footprint(centre, turned + centre, radius * placement.scale)
+
+
+def solid(placement: Placement, model: ObjectModel) -> Array:
+    """``(m, 3)`` hull vertices of an object where it is placed."""
+    points = _standing(model, placement.rest, placement.quaternion) * placement.scale
+    return np.column_stack([points[:, :2] @ _turn(placement).T + _centre(placement, model), points[:, 2]])
+
+
+def pose_of(placement: Placement, model: ObjectModel) -> tuple[Array, Array]:
+    """Rotation ``(3, 3)`` and position ``(3,)`` of an object, scaled already, where it is placed."""
+    if placement.quaternion is not None:
+        turn = model.turned(placement.quaternion)
+        return turn, np.array([*_centre(placement, model), -float((model.vertices @ turn[2]).min())])
+    pose = model.stable_pose(placement.rest)
+    about = np.eye(3)
+    about[:2, :2] = _turn(placement)
+    return about @ rotation_matrix(pose.quaternion), np.array([placement.x, placement.y, pose.height])
+
+
+def apart(a: Footprint, b: Footprint) -> bool:
+    """Whether two outlines are disjoint, that is, an edge of one of them separates them."""
+    if math.dist(a.centre, b.centre) > a.radius + b.radius:
+        return True
+    return _separates(a.polygon, b.polygon) or _separates(b.polygon, a.polygon)
+
+
+def extents(polygon: Array) -> Array:
+    """``(90, 2)`` extents along and across 90 directions, every 2 degrees."""
+    along = polygon @ _AXES  # (k, 180): 45 columns on is across
+    sides = along.max(axis=0) - along.min(axis=0)
+    return np.asarray(np.stack([sides[:90], np.roll(sides, -45)[:90]], axis=1))
+
+
+_ANGLES = np.radians(np.arange(0.0, 360.0, 2.0))
+_AXES = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])
+
+
+def _separates(a: Array, b: Array) -> bool:
+    edges = np.roll(a, -1, axis=0) - a
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)  # outwards
+    return bool(np.any((b @ normals.T).min(axis=0) >= (a * normals).sum(axis=1)))
+
+
+def _centre(placement: Placement, model: ObjectModel) -> tuple[float, float]:
+    if placement.quaternion is None:
+        return placement.x, placement.y
+    x, y, _ = model.shift(placement.quaternion) * placement.scale
+    return placement.x + float(x), placement.y + float(y)
+
+
+def _turn(placement: Placement) -> Array:
+    if placement.quaternion is not None:
+        return np.eye(2)
+    angle = math.radians(placement.yaw)
+    return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+
+
+@lru_cache(maxsize=512)
+def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None) -> Array:
+    if quaternion:
+        turn = model.turned(quaternion)
+    else:
+        turn = Rotation.from_quat(model.stable_pose(rest).quaternion, scalar_first=True).as_matrix()
+    points = model.vertices @ turn.T
+    points[:, 2] -= points[:, 2].min()
+    return np.asarray(points)
+
+
+@lru_cache(maxsize=512)
+def _outline(
+    model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None
+) -> tuple[Array, float]:
+    polygon = (
+        outline(_standing(model, rest, quaternion)[:, :2])
+        if quaternion
+        else model.stable_pose(rest).footprint
+    )
+    return polygon, float(np.linalg.norm(polygon, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Crowding:
+    """The crowding of a scene with at least two objects. ``nearest``: between two centres, metres.
+
+    ``overlap``: of any two footprints; None if an object is not in the catalogue.
+    """
+
+    nearest: float
+    overlap: bool | None
+
+
+def crowding(scene: Scene, catalogue: Catalogue) -> Crowding | None:
+    """The crowding of a scene; None with fewer than two objects."""
+    things = [thing for thing in scene.placements if not thing.object.rpartition(":")[2].startswith(MARKER)]
+    pairs = list(combinations(things, 2))
+    if not pairs:
+        return None
+    nearest = min(math.dist((a.x, a.y), (b.x, b.y)) for a, b in pairs)
+    return Crowding(nearest, _overlap(things, catalogue))
+
+
+def share_closer(scenes: Iterable[Crowding], metres: float) -> float | None:
+    """Share of the scenes with centres closer than this; None without scenes."""
+    return share([scene.nearest < metres for scene in scenes])
+
+
+def share_overlapping(scenes: Iterable[Crowding]) -> float | None:
+    """Share of the scenes with overlapping footprints; None if that is not known of all scenes."""
+    overlaps = [scene.overlap for scene in scenes]
+    return None if None in overlaps else share([bool(overlap) for overlap in overlaps])
+
+
+def share(flags: list[bool]) -> float | None:
+    """Share of true flags; None without flags."""
+    return round(sum(flags) / len(flags), 4) if flags else None
+
+
+def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
+    """Whether the footprints of all things are known."""
+    return all(
+        thing.object in catalogue and thing.scale > 0 and _has_pose(thing, catalogue) for thing in things
+    )
+
+
+def _has_pose(thing: Placement, catalogue: Catalogue) -> bool:
+    if thing.quaternion is not None:
+        return math.hypot(*thing.quaternion) > 1e-6
+    return thing.rest in [pose.name for pose in catalogue[thing.object].stable_poses]
+
+
+def _overlap(things: list[Placement], catalogue: Catalogue) -> bool | None:
+    if not is_known(things, catalogue):
+        return None
+    outlines = [footprint(thing, catalogue[thing.object]) for thing in things]
+    return any(not apart(a, b) for a, b in combinations(outlines, 2))

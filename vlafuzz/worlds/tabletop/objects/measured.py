@@ -1,0 +1,308 @@
+"""Builds an object of a pack from its meshes alone: convex parts, stable poses and grasps are measured.
+
+As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's environments and ManiSkill's
+``ycb.py``), each connected part of the collision mesh becomes its convex hull.
+"""
+
+import colorsys
+import io
+import math
+import zlib
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from PIL import Image
+from scipy.spatial import ConvexHull, QhullError
+
+from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
+from vlafuzz.errors import CatalogueError
+from vlafuzz.worlds.tabletop.objects.build import stable_pose, write_parts
+from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
+from vlafuzz.worlds.tabletop.objects.model import Container, Fit, ObjectModel, Role, StablePose
+from vlafuzz.worlds.tabletop.objects.packs import PackObject
+from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
+from vlafuzz.worlds.tabletop.objects.shapes import PROMINENT
+from vlafuzz.worlds.tabletop.objects.skin import ROUGH, SRGB
+from vlafuzz.worlds.tabletop.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
+
+FRICTION = 0.5  # as in the reference's environments
+MOST_CORNERS = 64  # of a part; PhysX takes 255
+LEAST = 1e-9  # cubic metres; smaller parts are dropped
+TALL, ROUND = 1.2, 1.15  # least height / width and most width / depth of an object that stands along y
+SUPPORTS = {"plate", "cloth"}
+HEAVIEST = 3.0  # a Panda's payload, kilograms; heavier objects are places
+TRIED, KEPT = 8, 4  # the most stable poses that are examined, and that are kept
+SEARCHED = 24  # the most that are examined if none of those has a grasp
+ALIKE = 0.003  # two stable poses whose heights differ by less are one, metres
+UPRIGHT = 0.7  # least cosine to the vertical
+LONGEST = 2.0  # metres; a larger mesh is in other units
+MOST_FACES, MOST_PARTS = 200_000, 500
+PAINTED = "textured-vertices.glb"
+COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
+
+
+def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
+    """Build an object and write its meshes into ``folder``; the visual mesh only if the pack has none.
+
+    Raises:
+        CatalogueError: the mesh cannot be read, or has no stable pose.
+    """
+    meshes = _parts(spec)
+    turn = _turn(np.concatenate(meshes), tall_y=spec.tall_y)
+    points = [part @ turn.T * spec.scale for part in meshes]
+    every = np.concatenate(points)
+    centre = (every.min(axis=0) + every.max(axis=0)) / 2
+    body = solid([_reduced(part - centre) for part in points])
+    supports = not SUPPORTS.isdisjoint(spec.spoken.split())
+    mass, cavity = body.volume * spec.density, _cavity(spec, body)
+    is_place = supports or cavity is not None or mass > HEAVIEST
+    poses = _stable_poses(name, body, graspable=not is_place)
+    fit = Fit(spec.scale, quaternion(turn), -centre)
+    visual, colour = _looks(spec, body, fit, folder)
+    return ObjectModel(
+        name=name,
+        spoken=spec.spoken,
+        role=_role(spec, poses, is_place=is_place),
+        mass=round(mass, 6),
+        friction=FRICTION,
+        colour=colour,
+        parts=body.parts,
+        vertices=body.hull,
+        visual=visual,
+        collision=write_parts(body.parts, folder),
+        stable_poses=poses[:1] if is_place else poses,
+        supports=supports,
+        container=cavity if poses[0].name == "upright" else None,
+        density=spec.density,
+        fit=fit,
+        box=turn @ spec.sides if spec.sides else None,
+    )
+
+
+def _role(spec: PackObject, poses: Sequence[StablePose], *, is_place: bool) -> Role:
+    if spec.marks:
+        return "marker"
+    return "place" if is_place else "graspable" if poses[0].grasps else "obstacle"
+
+
+def _cavity(spec: PackObject, body: Solid) -> Container | None:
+    """The cavity; that of a marker is its rectangle."""
+    if not spec.marks:
+        return find_cavity(body.parts)
+    width, depth, height = np.ptp(body.hull, axis=0).round(4)
+    return Container(float(width), float(depth), float(height) / 2, float(height) / 2)
+
+
+def _parts(spec: PackObject) -> list[Array]:
+    """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
+    data = _read(spec.collision)
+    try:
+        kind = spec.collision.suffix[1:]
+        loaded = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        whole = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
+        _check_bounds(whole, spec.scale)
+        whole.merge_vertices()
+        pieces = [np.asarray(piece.vertices) for piece in whole.split(only_watertight=False)]
+    except Exception as error:  # trimesh's readers raise all kinds of errors for damaged files
+        raise CatalogueError(f"{spec.collision}: no mesh: {error}") from None
+    if len(pieces) > MOST_PARTS:
+        raise CatalogueError(f"{spec.collision}: {len(pieces)} separate parts, expected at most {MOST_PARTS}")
+    kept = [piece for piece in pieces if _volume(piece) * spec.scale**3 > LEAST]
+    if not kept:
+        raise CatalogueError(f"{spec.collision}: nothing solid in it")
+    return kept
+
+
+def _check_bounds(mesh: trimesh.Trimesh, scale: float) -> None:
+    """Raise a ValueError for a mesh of other than a moderate number of faces between points in space."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or not np.isfinite(vertices).all():
+        raise ValueError("its vertices are not three finite numbers each")
+    if not 0 < len(faces) <= MOST_FACES or faces.min() < 0 or faces.max() >= len(vertices):
+        raise ValueError(f"it has {len(faces)} faces, expected 1 to {MOST_FACES} between its vertices")
+    longest = float(np.ptp(vertices, axis=0).max()) * scale
+    if longest > LONGEST:
+        raise ValueError(f"it is {longest:.3g} m long, expected at most {LONGEST} m: is it in metres?")
+
+
+def _volume(points: Array) -> float:
+    try:
+        return float(ConvexHull(points).volume)
+    except (QhullError, ValueError):  # too few points, or all in a plane
+        return 0.0
+
+
+def _turn(points: Array, *, tall_y: bool) -> Array:
+    """The rotation ``(3, 3)`` after which z is up."""
+    x, y, z = np.ptp(points, axis=0)
+    stands_along_y = tall_y and y > TALL * max(x, z) and max(x, z) < ROUND * min(x, z)
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if stands_along_y else np.eye(3)
+
+
+def _reduced(points: Array) -> Array:
+    """The prominent corners of a hull: PhysX drops the others, and limits their number."""
+    every = corners(points)
+    if len(every) <= MOST_CORNERS:
+        return every
+    outwards = np.array([(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)])
+    chosen = sorted(set(np.argmax(every @ outwards.T, axis=0).tolist()))
+    while len(chosen) < MOST_CORNERS:
+        planes = ConvexHull(every[chosen]).equations
+        beyond = (every @ planes[:, :3].T + planes[:, 3]).max(axis=1)
+        farthest = int(beyond.argmax())
+        if beyond[farthest] < PROMINENT:
+            break
+        chosen.append(farthest)
+    return np.asarray(every[chosen])
+
+
+def _stable_poses(name: str, body: Solid, *, graspable: bool) -> tuple[StablePose, ...]:
+    """The stable poses, upright first, then by tilt; only those with a grasp if any of them has one."""
+    turns = sorted(stable_turns(body), key=lambda turn: (-(turn.up >= UPRIGHT), -turn.tilt))
+    poses = [_stable_pose(turn, body, graspable=graspable) for turn in _distinct(turns, body)]
+    if not poses:
+        raise CatalogueError(f"{name}: there is no pose in which it stays put")
+    held = [pose for pose in poses if pose.grasps]
+    if graspable and not held:  # about as wide as the gripper: it may fit on some faces
+        more = (_stable_pose(turn, body, graspable=True) for turn in turns[:SEARCHED])
+        held = [pose for pose in more if pose.grasps][:1]
+    kept = (held or poses)[:KEPT]
+    kinds = [pose.name for pose in kept]
+    counts = [kinds[: number + 1].count(kind) for number, kind in enumerate(kinds)]
+    return tuple(
+        replace(pose, name=pose.name if count == 1 else f"{pose.name}_{count}")
+        for pose, count in zip(kept, counts, strict=True)
+    )
+
+
+def _stable_pose(stable: Stable, body: Solid, *, graspable: bool) -> StablePose:
+    return stable_pose(_kind(stable.up), stable.turn, body, rolls=stable.rolls, graspable=graspable)
+
+
+def _distinct(turns: Sequence[Stable], body: Solid) -> list[Stable]:
+    """The turns that differ in height, at most one of them upright and one inverted."""
+    kept: dict[tuple[float, float], Stable] = {}
+    for turn in turns:
+        heights = body.hull @ turn.turn[2]
+        low, high = float(heights.min()), float(heights.max())
+        alike = any(abs(low - bottom) + abs(high - top) < ALIKE for bottom, top in kept)
+        kind = _kind(turn.up)
+        repeated = kind != "lying" and any(_kind(other.up) == kind for other in kept.values())
+        if not alike and not repeated and len(kept) < TRIED:
+            kept[low, high] = turn
+    return list(kept.values())
+
+
+def _kind(up: float) -> str:
+    return "upright" if up >= UPRIGHT else "inverted" if up <= -UPRIGHT else "lying"
+
+
+def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
+    """The visual mesh and its mean colour: of textures or vertices, else from the name."""
+    files = sorted(spec.collision.parent.iterdir())
+    pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
+    shown = _embedded(spec.visual) if spec.visual and not pictures else [_mean(file) for file in pictures]
+    if not shown and (painted := _painted(spec)):
+        painted.mesh.export(folder / PAINTED, include_normals=True)
+        return folder / PAINTED, painted.colour
+    hues = [COLOURS[word] for word in spec.spoken.split() if word in COLOURS]
+    hue = hues[0] if hues else zlib.crc32(spec.spoken.encode()) % 360 / 360
+    colour = np.round(np.mean(shown, axis=0) if shown else colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
+    return spec.visual or _write_plain(body, fit, colour, folder / "visual.glb"), colour
+
+
+class _Painted(NamedTuple):
+    mesh: trimesh.Trimesh
+    colour: Array
+
+
+def _painted(spec: PackObject) -> _Painted | None:
+    """The mesh, with a texture instead of its vertices' colours, which SAPIEN ignores; None if it has none.
+
+    Every face gets a texel, the mean of its corners, and the mean colour is that of the surface.
+    """
+    source = spec.visual or spec.collision
+    kind = source.suffix[1:]
+    if kind == "dae":  # trimesh does not read it
+        return None
+    data = _read(source)
+    try:
+        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        shown = mesh.visual
+        if not isinstance(shown, trimesh.visual.ColorVisuals) or not shown.defined:
+            return None
+        _check_bounds(mesh, spec.scale)
+        colours = np.asarray(shown.face_colors[:, :3], dtype=np.float64) / 255
+    except Exception as error:
+        raise CatalogueError(f"{source}: no mesh: {error}") from None
+    if kind == "glb":  # glTF's are linear, those of other formats sRGB
+        colours = colours ** (1 / SRGB)
+    side = math.ceil(math.sqrt(len(colours)))
+    texels = np.zeros((side * side, 3), dtype=np.uint8)
+    texels[: len(colours)] = np.round(colours * 255)
+    row, column = np.divmod(np.arange(len(colours)), side)
+    uv = np.stack([column + 0.5, side - row - 0.5], axis=1) / side
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=Image.fromarray(texels.reshape(side, side, 3)),
+        metallicFactor=0.0,
+        roughnessFactor=ROUGH,
+    )
+    flat = trimesh.Trimesh(
+        mesh.vertices[mesh.faces].reshape(-1, 3),
+        np.arange(3 * len(colours)).reshape(-1, 3),
+        vertex_normals=mesh.vertex_normals[mesh.faces].reshape(-1, 3),
+        visual=trimesh.visual.TextureVisuals(np.repeat(uv, 3, axis=0), material=material),
+        process=False,
+    )
+    return _Painted(flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4))
+
+
+def _embedded(visual: Path) -> list[Array]:
+    """The mean colours of the textures in a GLB."""
+    if visual.suffix != ".glb":
+        return []
+    data = _read(visual)
+    try:
+        meshes = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
+        materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
+        textures = [getattr(material, "baseColorTexture", None) for material in materials]
+        return [_mean_of(texture) for texture in textures if texture is not None]
+    except Exception as error:
+        raise CatalogueError(f"{visual}: no mesh: {error}") from None
+
+
+def _mean(file: Path) -> Array:
+    try:
+        return _mean_of(decoded(_read(file), "PNG", "JPEG"))
+    except ValueError as error:
+        raise CatalogueError(f"{file}: {error}") from None
+
+
+def _read(file: Path) -> bytes:
+    return read_bytes(file, CatalogueError, most=MOST_BYTES, inside=file.parent)
+
+
+def _mean_of(picture: Image.Image) -> Array:
+    """Mean sRGB in [0, 1] without black and white pixels, which fill the unused parts of a texture."""
+    if picture.width * picture.height > MOST_PIXELS:
+        raise ValueError(f"a texture of {picture.width} x {picture.height} pixels")
+    flat = np.asarray(picture.convert("RGB").resize((64, 64))).reshape(-1, 3) / 255
+    used = flat[(flat.max(axis=1) > 0.06) & (flat.min(axis=1) < 0.95)]
+    return np.asarray((used if len(used) else flat).mean(axis=0), dtype=np.float64)
+
+
+def _write_plain(body: Solid, fit: Fit, colour: Array, file: Path) -> Path:
+    """Write the solid as the visual mesh, in one colour and in the frame of the pack's mesh."""
+    corners_of_faces = [part[triangles(part)].reshape(-1, 3) for part in body.parts]  # edges stay sharp
+    vertices = (np.concatenate(corners_of_faces) - fit.position) @ fit.turn / fit.scale
+    mesh = trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), process=False)
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=ROUGH
+    )
+    mesh.visual = trimesh.visual.TextureVisuals(material=material)
+    mesh.export(file, include_normals=True)
+    return file

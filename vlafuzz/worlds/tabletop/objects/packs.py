@@ -1,0 +1,244 @@
+"""Packs: objects in a folder of the user's, with the layout of SIMPLER, VLATest and ManiSkill.
+
+    FOLDER/info_*.json              scales and density of every object, by name
+    FOLDER/models/NAME/collision.*  the collision mesh: obj or ply
+    FOLDER/models/NAME/textured.*   the visual mesh: glb, dae or obj, with textures beside it; optional
+
+In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the built-in objects have similar
+names.
+"""
+
+import hashlib
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, Field, TypeAdapter
+
+from vlafuzz.common.assets import FOLDERS, listed
+from vlafuzz.common.reading import read_bytes, read_json, validated
+from vlafuzz.errors import CatalogueError, UsageError
+from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES, check_references
+from vlafuzz.worlds.tabletop.objects.schema import Length, Strict
+
+_SOLIDS = ("collision.obj", "collision.ply")
+_LOOKS = ("textured.glb", "textured.dae", "textured.obj")
+_LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
+_PLAIN = re.compile(r"[\w. -]{1,100}")
+_SAYS = "says where it is"
+_UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
+_MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
+_MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those that are used
+
+
+class PackObject(Strict):
+    """One object of a pack. The dump identifies it by the ``content`` of its files, not by their paths.
+
+    Attributes:
+        density: of the solid, kilograms per cubic metre.
+        sides: of the bounding box in the info file, along the mesh's axes, metres; None without one.
+        tall_y: whether an object that is tall and round along y stands along y; all others have z up.
+        marks: whether the object is a plane that stands for a place.
+        visual: None if the pack has no visual mesh.
+        version: of the builder; raise it when the same files result in a different object.
+    """
+
+    spoken: str
+    scale: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
+    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
+    sides: tuple[float, float, float] | None
+    tall_y: bool
+    marks: bool
+    content: str
+    collision: Path = Field(exclude=True)
+    visual: Path | None = Field(exclude=True)
+    version: int = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Pack:
+    """The objects of a folder.
+
+    Attributes:
+        digest: hash of everything that determines the objects: the files' bytes, scales and densities.
+        objects: by their names in the pack.
+        left_out: names without a collision mesh.
+    """
+
+    name: str
+    folder: Path
+    digest: str
+    objects: dict[str, PackObject]
+    left_out: tuple[str, ...]
+
+
+class _Box(BaseModel):
+    min: tuple[float, float, float]
+    max: tuple[float, float, float]
+
+    def sides(self, scale: float) -> tuple[float, float, float]:
+        x, y, z = (scale * (high - low) for low, high in zip(self.min, self.max, strict=True))
+        return x, y, z
+
+
+class _Info(BaseModel):
+    """An entry of an info file. Some bounding boxes are wrong; only the published criteria use them."""
+
+    bbox: _Box | None = None
+    scales: Annotated[list[Length], Field(min_length=1)] = [1.0]
+    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] = 1000.0
+
+
+_INFOS = TypeAdapter(dict[str, _Info])
+
+
+def open_packs(source: str) -> tuple[Pack, ...]:
+    """The pack in a folder, or the packs in its subfolders; or the known pack of that name.
+
+    Raises:
+        UsageError: there is none.
+    """
+    if packs := _packs_in(Path(source)):
+        return packs
+    if Path(source).is_dir():
+        raise UsageError(f"{source}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
+    known = tuple(known_packs())
+    named = tuple(pack for pack in known if pack.name == source)
+    if not named:
+        names = f", or a pack's name: {', '.join(pack.name for pack in known)}" if known else ""
+        raise UsageError(f"{source}: no such folder", hint=f"give the folder of a pack{names}")
+    return named[:1]
+
+
+def known_packs() -> Iterator[Pack]:
+    """The packs in the folders of ``$VLAFUZZ_PACKS``, and YCB if ManiSkill has downloaded it."""
+    for folder in listed():
+        yield from _packs_in(Path(folder))
+    assets = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
+    yield from _packs_in(assets / "data" / "assets" / "mani_skill2_ycb")
+
+
+def find_pack(name: str, digest: str, folder: str) -> Pack:
+    """A pack that was used before, from its former folder or among those known here.
+
+    Falls back to a changed pack of that name, which changes the catalogue's digest.
+
+    Raises:
+        UsageError: there is no such pack any more.
+    """
+    here = [*_packs_in(Path(folder)), *known_packs()]
+    same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]
+    if not same:
+        raise UsageError(
+            f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}",
+            hint=f"{FOLDERS}=FOLDER {_SAYS}",
+        )
+    return replace(same[0], name=name)
+
+
+def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
+    """The known packs that objects of these names are from.
+
+    Raises:
+        UsageError: a pack is not known here.
+    """
+    named = sorted({name.partition(":")[0] for name in objects if ":" in name})
+    known = {pack.name: pack for pack in known_packs()} if named else {}
+    for name in named:
+        if name not in known:
+            missing = f"there are objects of the pack {name!r}, which is not here"
+            raise UsageError(missing, hint=f"{FOLDERS}=FOLDER {_SAYS}")
+    return tuple(known[name] for name in named)
+
+
+def spoken(name: str) -> str:
+    """What an instruction calls an object: its name without the words that only distinguish meshes."""
+    words = name.replace("-", "_").split("_")
+    return " ".join(word for word in words if not _UNSPOKEN.fullmatch(word)) or name
+
+
+def _packs_in(folder: Path) -> tuple[Pack, ...]:
+    if _is_pack(folder):
+        return (_read(folder),)
+    inside = sorted(folder.iterdir()) if os.path.isdir(folder) else []
+    return tuple(_read(path) for path in inside if _is_pack(path))
+
+
+def _read(folder: Path) -> Pack:
+    objects: dict[str, PackObject] = {}
+    left_out = []
+    for name, info in _infos(folder):
+        solid = _first(folder / "models" / name, _SOLIDS)
+        if solid is None:
+            left_out.append(name)
+        elif name in _MARKERS or not name.startswith(_MARKER):
+            objects[name] = _object(folder, name, info, solid)
+    if not objects:
+        raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
+    facts = {name: entry.model_dump(mode="json") for name, entry in objects.items()}
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+    return Pack(_pack_name(folder), folder.resolve(), digest, objects, tuple(left_out))
+
+
+def _is_pack(folder: Path) -> bool:
+    return os.path.isdir(folder / "models") and any(folder.glob("info_*.json"))
+
+
+def _pack_name(folder: Path) -> str:
+    bare = re.sub(r"^mani_skill2_|[-_]dataset$", "", folder.resolve().name.lower())
+    return re.sub(r"[^a-z0-9_-]", "-", bare)
+
+
+def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
+    """The info files' entries; of several for one object, the one with the largest scale: real size."""
+    entries: dict[str, _Info] = {}
+    for path in sorted(folder.glob("info_*.json")):
+        read = validated(_INFOS, read_json(path, CatalogueError, inside=folder), path, CatalogueError)
+        for name, info in read.items():
+            if name in (".", "..") or not _PLAIN.fullmatch(name):  # names are also those of folders
+                wrong = f"{path}: {name!r}: expected a name of at most 100 letters, digits, '_', '-', '.'"
+                raise CatalogueError(wrong)
+            if name not in entries or info.scales[0] > entries[name].scales[0]:
+                entries[name] = info
+    return sorted(entries.items())
+
+
+def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
+    scale, box = info.scales[0], info.bbox
+    return PackObject(
+        spoken=_MARKERS.get(name) or spoken(name),
+        scale=scale,
+        density=info.density,
+        sides=box.sides(scale) if box else None,
+        marks=name in _MARKERS,
+        tall_y="custom" in _pack_name(folder) or any(folder.glob("info_*custom*.json")),
+        content=_content(solid.parent, folder),
+        collision=solid,
+        visual=_first(solid.parent, _LOOKS),
+    )
+
+
+def _first(folder: Path, names: Iterable[str]) -> Path | None:
+    return next((folder / name for name in names if (folder / name).is_file()), None)
+
+
+def _content(folder: Path, pack: Path) -> str:
+    digest = hashlib.sha256()
+    for file in sorted(folder.iterdir()):
+        if not file.is_dir():
+            status = file.lstat()
+            found = _hash(file, pack, status.st_size, status.st_mtime_ns, status.st_ino)
+            digest.update(f"{file.name} {found}\n".encode())
+    return digest.hexdigest()[:20]
+
+
+@lru_cache(maxsize=4096)
+def _hash(file: Path, pack: Path, *_: int) -> str:
+    """Hash of a file's bytes, checked and cached until it changes, since a catalogue is loaded often."""
+    check_references(file, pack)
+    return hashlib.sha256(read_bytes(file, CatalogueError, most=MOST_BYTES, inside=pack)).hexdigest()

@@ -1,0 +1,203 @@
+"""Draws the objects' textures with Pillow; no other pictures are used. Boxes have a cell for each face."""
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from vlafuzz.worlds.tabletop.objects.canvas import MOTIFS, Canvas, dot, rgb, speckle, write
+from vlafuzz.worlds.tabletop.objects.hulls import Array
+from vlafuzz.worlds.tabletop.objects.schema import Box, ObjectSpec
+
+WALL = (0.12, 0.87)  # v at the lower and upper end of a can's straight wall
+CAP = 0.84  # v at which a bottle's cap begins
+METRE = 0.2  # side of a woven surface that the texture covers, metres
+STALK_UV = (0.01, 0.995)
+LEAF_UV = (0.99, 0.995)
+SILVER = (0.78, 0.79, 0.81)
+SIDE = 512  # of a texture, and a box face's longer side, pixels
+CELL = 1 / 3  # width of a face's cell, as a share of the texture
+REPEATS = 3  # of a label around a can, so that it is always in view
+
+
+def paint(spec: ObjectSpec) -> Image.Image:
+    """The base colour texture of an object."""
+    size = (768, 576) if spec.look.pattern == "label" else (SIDE, SIDE)
+    image = Image.new("RGB", size, rgb(spec.colour))
+    canvas = Canvas(image, ImageDraw.Draw(image), spec.colour, spec.look)
+    if isinstance(spec.shape, Box):
+        paint_box(canvas, spec.shape.size)
+    elif spec.shape.kind == "bottle":
+        paint_bottle(canvas)
+    else:
+        PAINTERS[spec.look.pattern](canvas)
+    return image
+
+
+def paint_plain(canvas: Canvas) -> None:
+    """The base colour, slightly uneven."""
+    speckle(canvas, 0.04)
+
+
+def paint_label(canvas: Canvas) -> None:
+    """A can: metal ends, and the label three times around the wall."""
+    image, draw, colour, look = canvas
+    width, height = image.size
+    for row in range(height):
+        v = 1 - row / height
+        if not 0.09 < v < 0.9:
+            draw.line([(0, row), (width, row)], rgb(SILVER, 0.72 if v > 0.955 or v < 0.05 else 1.0))
+    top, bottom = round((1 - WALL[1]) * height), round((1 - WALL[0]) * height)
+    part = width // REPEATS
+    label = Image.new("RGB", (part, bottom - top), rgb(colour))
+    MOTIFS[look.motif](Canvas(label, ImageDraw.Draw(label), colour, look))
+    high = label.size[1]
+    write(ImageDraw.Draw(label), look.word, (part * 0.12, high * 0.22, part * 0.88, high * 0.62), look.ink)
+    for k in range(REPEATS):
+        image.paste(label, (k * part, top))
+
+
+def paint_bottle(canvas: Canvas) -> None:
+    """A paper label around the body and a cap."""
+    image, draw, colour, look = canvas
+    width, height = image.size
+    speckle(canvas, 0.02, 4)
+    for v in np.arange(0.08, 0.24, 0.04):
+        draw.line([(0, (1 - v) * height), (width, (1 - v) * height)], rgb(colour, 0.8), 5)
+    draw.rectangle([0, 0, width, (1 - CAP) * height], rgb(look.accent))
+    top, bottom = 0.42 * height, 0.68 * height
+    draw.rectangle([0, top, width, bottom], rgb((1, 1, 1)))
+    draw.line([(0, bottom - 8), (width, bottom - 8)], rgb(look.ink), 10)
+    for k in range(REPEATS):
+        part = width / REPEATS
+        write(draw, look.word, (part * (k + 0.12), top + 15, part * (k + 0.88), bottom - 25), look.ink)
+
+
+def paint_fruit(canvas: Canvas) -> None:
+    """Pale streaks from the dimple down; the topmost rows have the colours of stalk and leaf."""
+    image, draw, colour, look = canvas
+    width, height = image.size
+    random = np.random.default_rng(5)
+    for x, start, length in random.random((90, 3)):
+        top = height * (0.06 + 0.25 * start)
+        mix = [0.75 * c + 0.25 * a for c, a in zip(colour, look.accent, strict=True)]
+        draw.line([(x * width, top), (x * width, top + height * (0.1 + 0.35 * length))], rgb(mix), 2)
+    draw.rectangle([0, 0, width, height * 0.05], rgb(look.accent, 0.85))
+    draw.rectangle([0, 0, width // 2, 4], rgb((0.35, 0.22, 0.1)))
+    draw.rectangle([width // 2, 0, width, 4], rgb(look.ink))
+
+
+def paint_peel(canvas: Canvas) -> None:
+    """Small dimples, and a green navel at the top."""
+    image, draw, colour, look = canvas
+    width, height = image.size
+    for x, y in np.random.default_rng(5).random((1800, 2)):
+        dot(draw, x * width, y * height, 2, [0.86 * part for part in colour])
+    draw.rectangle([0, 0, width, height * 0.05], rgb(look.accent))
+
+
+def paint_rings(canvas: Canvas) -> None:
+    """A carrot: dark rings across, and the green of its leaves at the bottom."""
+    image, draw, colour, look = canvas
+    width, height = image.size
+    for x, y, length in np.random.default_rng(5).random((70, 3)):
+        row = y * height
+        draw.line([(x * width, row), (x * width + (0.05 + 0.2 * length) * width, row)], rgb(colour, 0.72), 2)
+    draw.rectangle([0, height * 0.95, width, height], rgb(look.accent))
+
+
+def paint_calyx(canvas: Canvas) -> None:
+    """An eggplant: a green star of leaves around the thin end."""
+    image, draw, _, look = canvas
+    width, height = image.size
+    points = [(k * width / 12, height * (0.72 if k % 2 else 0.87)) for k in range(13)]
+    draw.polygon([(0, height), *points, (width, height)], rgb(look.accent))
+    draw.rectangle([0, height * 0.97, width, height], rgb(look.accent, 0.7))
+
+
+def paint_weave(canvas: Canvas) -> None:
+    _, draw, colour, look = canvas
+    step = SIDE // 16
+    for i in range(16):
+        for j in range(16):
+            flat = (i + j) % 2
+            x, y = i * step, j * step
+            draw.rectangle([x, y, x + step, y + step], rgb(look.accent, 0.55))
+            inset = (0, 4) if flat else (4, 0)
+            box = [x + inset[0], y + inset[1], x + step - inset[0], y + step - inset[1]]
+            draw.rectangle(box, rgb(colour if flat else look.accent))
+
+
+def paint_rim(canvas: Canvas) -> None:
+    """A plate: two coloured lines, on the rim and around the middle."""
+    image, draw, _, look = canvas
+    width, height = image.size
+    for low, high in ((0.19, 0.30), (0.40, 0.43)):
+        draw.rectangle([0, (1 - high) * height, width, (1 - low) * height], rgb(look.accent))
+
+
+_ROUND = (paint_label, paint_plain, paint_fruit, paint_peel, paint_rings, paint_calyx, paint_weave, paint_rim)
+PAINTERS = {painter.__name__.removeprefix("paint_"): painter for painter in _ROUND}
+
+
+def cell(face: int, square: Array) -> Array:
+    """UV of points ``(n, 2)`` in the unit square of a face: +x, -x, +y, -y, +z, -z, in rows of three."""
+    margin = 0.004
+    corner = np.array([face % 3 * CELL, 0.5 - face // 3 * 0.5])
+    return np.asarray(corner + margin + square * (np.array([CELL, 0.5]) - 2 * margin))
+
+
+def paint_box(canvas: Canvas, size: tuple[float, float, float]) -> None:
+    """Paint the six faces of a box into their cells."""
+    width, height = canvas.image.size
+    for face in range(6):
+        axis = face // 2
+        wide = size[1] if axis != 1 else size[0]
+        high = size[2] if axis < 2 else size[0]
+        scale = SIDE / max(wide, high)
+        pixels = (max(8, round(wide * scale)), max(8, round(high * scale)))
+        image = Image.new("RGB", pixels, rgb(canvas.colour))
+        part = Canvas(image, ImageDraw.Draw(image), canvas.colour, canvas.look)
+        BOX_PAINTERS[canvas.look.pattern](part, face, 1 / scale)
+        at = (round(face % 3 * width * CELL), face // 3 * height // 2)
+        canvas.image.paste(image.resize((round(width * CELL) + 1, height // 2)), at)
+
+
+def box_plain(canvas: Canvas, face: int, pixel: float) -> None:
+    """Darker edges."""
+    width, height = canvas.image.size
+    canvas.draw.rectangle([0, 0, width - 1, height - 1], None, rgb(canvas.colour, 0.8), max(2, width // 24))
+
+
+def box_pores(canvas: Canvas, face: int, pixel: float) -> None:
+    """A sponge: pores, and a scouring pad at the bottom, visible as a stripe on the sides."""
+    width, height = canvas.image.size
+    for x, y, r in np.random.default_rng(11 + face).random((170, 3)):
+        reach = (0.0006 + 0.0016 * r * r) / pixel
+        dot(canvas.draw, x * width, y * height, reach, [0.72 * part for part in canvas.colour])
+    if face != 4:
+        top = 0 if face == 5 else 0.78 * height
+        canvas.draw.rectangle([0, top, width, height], rgb(canvas.look.accent))
+
+
+def box_stripes(canvas: Canvas, face: int, pixel: float) -> None:
+    width, height = canvas.image.size
+    for at in np.arange(0.012, 1.0, 0.03):
+        canvas.draw.rectangle([at / pixel, 0, (at + 0.009) / pixel, height], rgb(canvas.look.accent))
+    if face >= 4:
+        hem = round(0.004 / pixel)
+        canvas.draw.rectangle([0, 0, width - 1, height - 1], None, rgb(canvas.look.accent), hem)
+
+
+def box_checks(canvas: Canvas, face: int, pixel: float) -> None:
+    """Gingham: stripes in both directions, in the full colour where they cross."""
+    width, height = canvas.image.size
+    mix = tuple((a + b) / 2 for a, b in zip(canvas.colour, canvas.look.accent, strict=True))
+    step = 0.0225 / pixel
+    for i in range(int(width / step) + 1):
+        for j in range(int(height / step) + 1):
+            count = i % 2 + j % 2
+            fill = (canvas.colour, mix, canvas.look.accent)[count]
+            canvas.draw.rectangle([i * step, j * step, (i + 1) * step, (j + 1) * step], rgb(fill))
+
+
+_FLAT = (box_plain, box_pores, box_stripes, box_checks)
+BOX_PAINTERS = {painter.__name__.removeprefix("box_"): painter for painter in _FLAT}

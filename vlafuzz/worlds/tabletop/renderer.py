@@ -1,0 +1,223 @@
+"""Probes whether this machine can render, by a tiny picture in a child process, since drivers may crash.
+
+``python -m vlafuzz.worlds.tabletop.renderer`` prints one line and exits with 0 or 3.
+"""
+
+import ctypes
+import json
+import os
+import struct
+import subprocess
+import sys
+from concurrent.futures import Future
+from dataclasses import dataclass
+from functools import cache
+from threading import Thread
+from typing import Any, NamedTuple
+
+from vlafuzz.errors import PrerequisiteError
+
+HINT = (
+    "install mesa-vulkan-drivers 24.3 or newer and libvulkan1, as scripts/setup does on Debian and Ubuntu; "
+    "with a GPU, its maker's Vulkan driver"
+)
+# SAPIEN's default pack would first compute a reflectance table, for 6 s on a CPU.
+SHADER_PACK = "trivial"
+CPU_CAPS = "GALLIUM_OVERRIDE_CPU_CAPS"  # limits the instructions that lavapipe uses
+_CHILD = "from vlafuzz.worlds.tabletop.renderer import _draw; _draw()"
+
+
+@dataclass(frozen=True)
+class Renderer:
+    """The result of the probe; ``problem`` is None if rendering works."""
+
+    device: str | None
+    driver: str | None
+    problem: str | None
+
+    @property
+    def works(self) -> bool:
+        return self.problem is None
+
+    @property
+    def name(self) -> str:
+        return ", ".join(part for part in (self.device, self.driver) if part)
+
+    def __str__(self) -> str:
+        if self.works:
+            return f"rendering works: {self.name}"
+        return f"rendering does not work: {self.problem}" + (f" ({self.name})" if self.name else "")
+
+
+def probe(timeout: float = 120.0) -> Renderer:
+    """Draw one picture in a new process within ``timeout`` seconds."""
+    environment = {"LP_NUM_THREADS": "0", **os.environ}
+    try:
+        child = subprocess.run(
+            [sys.executable, "-c", _CHILD],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=timeout,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Renderer(None, None, f"no picture within {timeout:.0f} s")
+    except OSError as error:
+        return Renderer(None, None, f"no process for it: {error.strerror}")
+    answers = [line for line in child.stdout.splitlines() if line.startswith("{")]
+    if answers:
+        return Renderer(**json.loads(answers[-1]))
+    if child.returncode < 0:
+        hidden = os.environ.get("CUDA_VISIBLE_DEVICES") == ""
+        perhaps = ", as NVIDIA's may where CUDA_VISIBLE_DEVICES is empty" if hidden else ""
+        return Renderer(None, None, f"the driver crashed with signal {-child.returncode}{perhaps}")
+    last = (child.stderr.strip() or "no output").splitlines()[-1]
+    return Renderer(None, None, f"exit code {child.returncode}: {last}")
+
+
+@cache
+def begin_probe() -> Future[Renderer]:
+    """Begin the probe whose result is that of ``probe_once``; it takes the better part of a second."""
+    result = Future[Renderer]()
+    Thread(target=lambda: result.set_result(probe()), daemon=True).start()
+    return result
+
+
+def probe_once() -> Renderer:
+    """The result of the first probe of this process."""
+    return begin_probe().result()
+
+
+def keep_to_avx() -> None:
+    """Before SAPIEN loads a driver: with vectors of 128 bits, lavapipe 25.0 crashes on AVX-512 processors."""
+    if os.environ.get("LP_NATIVE_VECTOR_WIDTH") == "128":
+        os.environ.setdefault(CPU_CAPS, "avx")
+
+
+def in_use() -> str:
+    """Device and driver of the first probe, with the limit that is set for it."""
+    keep_to_avx()
+    name, caps = probe_once().name, os.environ.get(CPU_CAPS)
+    return f"{name}, {CPU_CAPS}={caps}" if caps and "llvmpipe" in name else name
+
+
+def check_renderer() -> None:
+    """Make sure that pictures can be drawn.
+
+    Raises:
+        PrerequisiteError: they cannot.
+    """
+    renderer = probe_once()
+    if not renderer.works:
+        raise PrerequisiteError(
+            f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install"
+        )
+
+
+def _draw() -> None:
+    """Main function of the child process; prints a ``Renderer`` as JSON."""
+    seen, problem = VulkanDevice(None, None), None
+    try:
+        chosen = rendering_device()
+        listed = vulkan_devices()
+        first = listed[0] if listed else seen
+        seen = next((device for device in listed if device.device == chosen.name), first)
+        if not _picture(chosen).any():
+            problem = "the picture is black"
+    except ImportError as error:
+        problem = f"SAPIEN cannot be imported: {error}"
+    except RuntimeError as error:
+        problem = str(error) if seen.device else f"Vulkan finds no device ({error})"
+    sys.stdout.write(json.dumps({**seen._asdict(), "problem": problem}) + "\n")
+    sys.stdout.flush()
+    os._exit(0)  # without unloading the driver, which may crash
+
+
+def rendering_device() -> Any:
+    """SAPIEN's device: the GPU where CUDA finds one and Vulkan has a driver for it, else what Vulkan has."""
+    import sapien
+
+    try:
+        device = sapien.Device("cuda")
+        sapien.render.RenderSystem(device)
+    except RuntimeError:
+        return sapien.Device("cpu")
+    return device
+
+
+def _picture(device: Any) -> Any:
+    """The colours of 16 × 16 pixels with a white box in view."""
+    import sapien
+
+    sapien.render.set_camera_shader_dir(SHADER_PACK)
+    scene = sapien.Scene([sapien.physx.PhysxCpuSystem(), sapien.render.RenderSystem(device)])
+    builder = scene.create_actor_builder()
+    builder.add_box_visual(half_size=[0.1, 0.1, 0.1], material=[1.0, 1.0, 1.0])
+    builder.set_initial_pose(sapien.Pose([1.0, 0.0, 0.0]))
+    builder.build_static(name="box")
+    camera = scene.add_camera("camera", 16, 16, 1.0, 0.1, 10.0)
+    scene.update_render()
+    camera.take_picture()
+    return camera.get_picture("Color")[..., :3]
+
+
+class VulkanDevice(NamedTuple):
+    """A device listed by Vulkan, and its driver with the version."""
+
+    device: str | None
+    driver: str | None
+
+
+# Vulkan's structures, in the format of ``struct``. Each begins with its type and the address of the next.
+_APPLICATION = "iPPIPII"  # name, version, engine, its version, version of the interface
+_INSTANCE = "iPIPIPIP"  # flags, application, layers and extensions with their counts
+_DRIVER = "iPi256s256s4x"  # number, name, version
+_DEVICE = "iP20x256s1024x"  # name; room for limits and more, of which Vulkan writes 548 bytes
+_DRIVER_TYPE, _DEVICE_TYPE = 1000196000, 1000059001
+_VULKAN_1_2 = (1 << 22) | (2 << 12)
+
+
+def vulkan_devices() -> list[VulkanDevice]:
+    """Vulkan's devices; empty without Vulkan. Loads the drivers, so call it in a child process."""
+    try:
+        vulkan = ctypes.CDLL("libvulkan.so.1")
+    except OSError:
+        return []
+    instance, count, handles = ctypes.c_void_p(), ctypes.c_uint32(16), (ctypes.c_void_p * 16)()
+    application = _filled(_APPLICATION, 0, 0, 0, 0, 0, 0, _VULKAN_1_2)
+    info = _filled(_INSTANCE, 1, 0, 0, ctypes.addressof(application), 0, 0, 0, 0)
+    if vulkan.vkCreateInstance(info, None, ctypes.byref(instance)) != 0:
+        return []
+    if vulkan.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), handles) < 0:
+        return []
+    return [_described(vulkan, handle) for handle in handles[: count.value] if handle]
+
+
+def _filled(form: str, *values: int | bytes) -> ctypes.Array[ctypes.c_char]:
+    return ctypes.create_string_buffer(struct.pack(form, *values))
+
+
+def _described(vulkan: ctypes.CDLL, handle: int) -> VulkanDevice:
+    driver = _filled(_DRIVER, _DRIVER_TYPE, 0, 0, b"", b"")
+    device = _filled(_DEVICE, _DEVICE_TYPE, ctypes.addressof(driver), b"")
+    vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), device)
+    _, _, _, driver_name, version = struct.unpack_from(_DRIVER, driver)
+    _, _, device_name = struct.unpack_from(_DEVICE, device)
+    name, info, shown = (_text(field) for field in (driver_name, version, device_name))
+    return VulkanDevice(shown, info if info.startswith("Mesa") else f"{name} {info}")
+
+
+def _text(field: bytes) -> str:
+    return field.partition(b"\0")[0].decode()
+
+
+def main() -> int:
+    """Print the result; 0, or 3 if rendering does not work."""
+    result = probe()
+    print(result)  # noqa: T201 - a small program of its own
+    return 0 if result.works else 3
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,134 @@
+"""ManiSkillEvaluator runs a policy in scenes on the tabletop."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import Knowing, Observation, Policy, PolicySpec
+from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.stored import stored_visible
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.knowledge import Calibration, Privileged
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
+from vlafuzz.worlds.tabletop.sim.objects import models_of
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.settle import Settled, settle, start_poses
+from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.tasks import task as task_named
+
+
+class TabletopEpisode(Episode):
+    """Begins a rollout of a scene in an environment."""
+
+    def __init__(
+        self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions
+    ) -> None:
+        self._env, self._spec = env, spec
+        self._state = env.begin(scene, seed)
+        env.applied().check(scene, env.poses, env.rig)
+        super().__init__(scene, seed, conditions, env.monitor, env.task.stage_names)
+
+    @property
+    def hz(self) -> int:
+        return self._env.control_hz
+
+    def observe(self) -> Observation:
+        env, spec, scene, state = self._env, self._spec, self.scene, self._state
+        return Observation(
+            episode=self.start.episode,
+            step=len(self.actions),
+            instruction=self.instruction,
+            images={camera.name: env.seen(camera.name) for camera in spec.cameras},
+            state=proprioception(state, env.rig.opening) if spec.state else None,
+            outlines=outlines(env.models, state, env.view, env.light, env.table_colour)
+            if spec.silhouettes
+            else None,
+            privileged=Privileged(scene, env.models, state, self.success_now) if spec.privileged else None,
+            calibration=Calibration(env.view, env.light, env.models[: env.task.targets])
+            if spec.calibrated
+            else None,
+        )
+
+    def picture(self, camera: str) -> NDArray[np.uint8]:
+        return self._env.picture(camera)
+
+    def _horizon(self) -> int:
+        return self._env.rig.seconds * self._env.control_hz
+
+    def _execute(self, action: NDArray[np.float64]) -> None:
+        self._state = self._env.advance(action, self._spec.action.relative_to)
+
+    def _states_hash(self) -> str:
+        return self._env.world.states_hash
+
+
+def proprioception(state: State, opening: float) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), share of its ``opening``."""
+    turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
+    return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
+
+
+class ManiSkillEvaluator(SceneEvaluator):
+    """Runs a policy in scenes of one task; ``catalogue`` has their objects."""
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        catalogue: Catalogue,
+        *,
+        recording: Recording | None = None,
+        checked: bool = True,
+    ) -> None:
+        self._task, self._catalogue = task_named(conditions.task), catalogue
+        super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
+        self._visible = stored_visible(conditions)
+        self._env: TabletopEnv | None = None
+        if isinstance(policy, Knowing):
+            policy.know(catalogue)
+
+    def check(self, scene: Scene) -> Rejection | None:
+        if scene.task != self._task.name:
+            return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
+        distance, spec = self._conditions.min_distance, self._policy.spec
+        flat = spec.silhouettes and not spec.cameras and not spec.calibrated
+        rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
+        return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
+
+    def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
+        env, spec = self._environment(scene.robot), self._policy.spec
+        return TabletopEpisode(env, spec, scene, seed, self._conditions)
+
+    def renew(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    def _environment(self, robot: str) -> TabletopEnv:
+        if self._env is not None and self._env.rig.robot != robot:
+            self.renew()
+        if self._env is None:
+            spec = self._policy.spec
+            cameras = spec.cameras
+            if extra := self.recorded:
+                cameras += (replace(extra, width=rig(robot).view.width(extra.height)),)
+            self._env = make_env(
+                self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._conditions.placement
+            )
+        return self._env
+
+
+def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:
+    """Settle a scene whose objects are in the catalogue."""
+    models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
+    poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
+    return settle(task_named(scene.task), models, scene.placements, setup.table, poses)

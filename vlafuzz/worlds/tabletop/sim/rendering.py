@@ -1,0 +1,140 @@
+"""Rendering: the device, the shaders, whether a scene has a renderer, and its lights."""
+
+import hashlib
+import json
+import os
+import re
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import sapien
+from mani_skill.render.shaders import ShaderConfig
+
+from vlafuzz.common import assets
+from vlafuzz.worlds.manipulation.rigs.rig import Lights
+from vlafuzz.worlds.tabletop.renderer import rendering_device
+
+# The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
+# which there are none: without it the pictures are the same.
+_NAME = "samplerBRDFLUT"
+_TABLE = re.compile(r"^layout\(.*\) uniform sampler2D samplerBRDFLUT;$", re.MULTILINE)
+_LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
+# What is opaque needs no background behind it: the same pictures, 6 % sooner.
+_COLOUR = "vec4 color = texture(samplerColorRaw, inUV);"
+_OPAQUE = f"{_COLOUR}\n  if (color.a == 1) {{ outColor = color; return; }}"
+_FORMATS = {
+    "Color": "r8g8b8a8unorm",
+    "ColorRaw": "r8g8b8a8unorm",
+    "PositionSegmentation": "r16g16b16a16sint",
+}
+
+
+def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
+    """The renderer of a scene; None if it only has physics."""
+    try:
+        return scene.render_system
+    except RuntimeError:  # raised by SAPIEN if there is none
+        return None
+
+
+def render_backend() -> str:
+    """ManiSkill's name of the rendering device."""
+    os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
+    return "sapien_cuda" if rendering_device().is_cuda() else "sapien_cpu"
+
+
+def use_shaders() -> ShaderConfig:
+    """Use our shaders for all cameras that are added from now on: SAPIEN keeps them globally."""
+    pack = _shader_pack()
+    sapien.render.set_camera_shader_dir(str(pack))
+    for name, format_ in _FORMATS.items():
+        sapien.render.set_picture_format(name, format_)
+    return _config(pack)
+
+
+@cache
+def _config(pack: Path) -> ShaderConfig:
+    return ShaderConfig(
+        shader_pack=str(pack),
+        texture_names={"Color": ["rgb"]},
+        texture_transforms={"Color": lambda data: {"rgb": data[..., :3]}},
+    )
+
+
+@cache
+def _shader_pack() -> Path:
+    """SAPIEN's fastest shader pack without needless work, in the user's cache."""
+    source = Path(sapien.__file__).parent / "vulkan_shader"
+    shaders = {
+        f"{name}/{file.name}": _quick(file.read_text(encoding="utf-8"))
+        for name in ("minimal", "common")
+        for file in sorted((source / name).iterdir())
+    }
+    digest = hashlib.sha256(json.dumps(shaders).encode()).hexdigest()[:20]
+    folder = assets.made_once(
+        f"shaders/{digest}",
+        lambda folder: _fill(shaders, folder),
+        lambda folder: all((folder / name).is_file() for name in shaders),
+    )
+    return folder / "minimal"
+
+
+def _quick(shader: str) -> str:
+    """The shader without needless work; unchanged where SAPIEN has changed it, which is only slower."""
+    without = _LOOKUP.sub("vec2(0)", _TABLE.sub("", shader))
+    return (shader if _NAME in without else without).replace(_COLOUR, _OPAQUE)
+
+
+def _fill(shaders: dict[str, str], folder: Path) -> None:
+    for name, text in shaders.items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+class SceneLights:
+    """Ambient and directional lights. Their entities move with the others into each new PhysX scene."""
+
+    def __init__(self, scene: sapien.Scene, nominal: Lights) -> None:
+        self._nominal = nominal
+        self._lights: list[sapien.render.RenderDirectionalLightComponent] = []
+        for direction, intensity in nominal.directional:
+            light = sapien.render.RenderDirectionalLightComponent()
+            light.color = [intensity] * 3
+            light.disable_shadow()
+            entity = sapien.Entity()
+            entity.name = "light"
+            entity.add_component(light)
+            entity.pose = _looking_along(direction)
+            scene.add_entity(entity)
+            self._lights.append(light)
+
+    def apply(self, scene: sapien.Scene, intensity: float) -> None:
+        """Scale all lights including the ambient one."""
+        scene.render_system.ambient_light = [self._nominal.ambient * intensity] * 3
+        for light, (_, nominal) in zip(self._lights, self._nominal.directional, strict=True):
+            light.color = [nominal * intensity] * 3
+
+    def measure(self, scene: sapien.Scene) -> float:
+        """The factor on the nominal lights, read back from the renderer.
+
+        Raises:
+            ValueError: the lights are not scaled by one factor.
+        """
+        factors = [float(scene.render_system.ambient_light[0]) / self._nominal.ambient]
+        factors += [
+            float(light.color[0]) / nominal
+            for light, (_, nominal) in zip(self._lights, self._nominal.directional, strict=True)
+        ]
+        if max(factors) - min(factors) > 1e-4 * max(factors):
+            raise ValueError(f"lights scaled by {factors}")
+        return factors[0]
+
+
+def _looking_along(direction: tuple[float, float, float]) -> sapien.Pose:
+    forward = np.array(direction) / np.linalg.norm(direction)
+    side = np.cross([0.0, 1.0, 0.0] if abs(forward[1]) < 0.9 else [1.0, 0.0, 0.0], forward)
+    side /= np.linalg.norm(side)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.stack([forward, np.cross(forward, -side), side], axis=1)
+    return sapien.Pose(matrix)

@@ -1,0 +1,189 @@
+"""World: robot, table and objects in PhysX, one scene after the other. Equal scenes have equal trajectories.
+
+CPU PhysX is bitwise repeatable only in a fresh PhysX scene. Rebuilding everything takes 185 ms in ManiSkill;
+here robot and table move into a new, empty PhysX scene (0.2 ms) and only the objects are rebuilt. Moving the
+objects too, or emptying the old scene, changes trajectories.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+
+import numpy as np
+import sapien
+from numpy.typing import NDArray
+from sapien import physx
+
+from vlafuzz.model.scene import InitialPose, Placement
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+from vlafuzz.worlds.tabletop.sim.arm import MetricArm
+from vlafuzz.worlds.tabletop.sim.objects import Link, Pressed, add_object, held_object, object_contacts
+from vlafuzz.worlds.tabletop.sim.rendering import render_system, use_shaders
+from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, State
+
+Array = NDArray[np.float64]
+SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to fail
+_HAND = ("hand", "finger", "gripper")  # parts of the names of the hand's links
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Robot:
+    """The parts of a robot that the world reads and drives, see ``MetricPanda``."""
+
+    articulation: physx.PhysxArticulation
+    joints: tuple[str, ...]
+    arm: MetricArm
+    tcp: Link
+    fingers: tuple[tuple[Link, ...], ...]
+    tool: sapien.Pose | None = None
+
+
+class World:
+    """A robot at a table with the objects of one scene at a time."""
+
+    def __init__(self, scene: sapien.Scene, robot: Robot, rig: Rig, control_hz: int) -> None:
+        self.scene = scene
+        self._robot, self._rig = robot, rig
+        self._substeps, self._hz = substeps(rig, control_hz)
+        self._pads = {link: finger[0] for finger in robot.fingers for link in finger}
+        by_name = dict(zip(rig.joints or robot.joints, rig.rest, strict=True))
+        self._start = np.array([by_name[name] for name in robot.joints], dtype=np.float32)
+        self._arm = [robot.joints.index(name) for name in list(by_name)[: rig.arm_joints]]
+        self._bodies: list[physx.PhysxRigidDynamicComponent] = []
+        self._fresh = True
+        self._touched = False
+        self._before: tuple[Array, Array] | None = None
+
+    def begin(
+        self,
+        models: Sequence[ObjectModel],
+        placements: Sequence[Placement],
+        poses: Sequence[sapien.Pose] | None = None,
+        initial: InitialPose | None = None,
+    ) -> State:
+        """Place the objects and reset the robot; the state at the start.
+
+        By default the objects start at their resting poses, and the arm as the rig does.
+        """
+        if not self._fresh:
+            self._move_over()
+        self._fresh = False
+        self._bodies = []
+        posed = zip(models, placements, poses or [None] * len(models), strict=True)
+        for index, (model, placement, pose) in enumerate(posed):  # building one may raise: keep the others
+            body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
+            self._bodies.append(body)
+        self._reset_robot(initial or InitialPose())
+        self._labels = self._label_bodies()
+        self._touched = False
+        self._before = None
+        self._hash = hashlib.blake2b(digest_size=16)
+        return self._read()
+
+    def step(self, action: Array, relative_to: str = "target") -> State:
+        """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
+        self._robot.arm.command(action, relative_to)
+        self._touched = self._touched or action[6] < 0
+        system = self.scene.physx_system
+        for _ in range(self._substeps):
+            self._robot.arm.advance(1 / self._hz)
+            system.step()
+        return self._read()
+
+    def _read(self) -> State:
+        """The present state, which is added to the hash."""
+        poses = [body.entity_pose for body in self._bodies]
+        places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
+        velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
+        qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
+        exact = (*places, *quaternions, *velocities, qpos, qvel)
+        self._hash.update(b"".join(array.tobytes() for array in exact))
+        tcp = self._robot.tcp.entity_pose
+        if self._robot.tool is not None:
+            tcp = tcp * self._robot.tool
+        contacts, held = self._contacts() if self._touched else (frozenset(), None)
+        positions = np.array(places, dtype=np.float64).reshape(-1, 3)
+        turns = [rotation_matrix(quaternion.tolist()) for quaternion in quaternions]
+        rotations = np.array(turns).reshape(-1, 3, 3)
+        earlier, self._before = self._before, (positions, rotations)
+        return State(
+            positions=positions,
+            rotations=rotations,
+            tcp=tcp.p.astype(np.float64),
+            tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
+            opening=self._robot.arm.gripper.width(qpos),
+            held=held,
+            contacts=contacts,
+            earlier=earlier,
+            seconds=self._substeps / self._hz,
+        )
+
+    @property
+    def states_hash(self) -> str:
+        """Hash of all states so far, bit by bit."""
+        return self._hash.hexdigest()
+
+    @property
+    def refused(self) -> int:
+        """How many commands of this rollout were out of the robot's reach."""
+        return self._robot.arm.refused
+
+    @property
+    def visible(self) -> list[int]:
+        """SAPIEN's numbers of the robot's and objects' bodies in the scene."""
+        shown = [*self._robot.articulation.links, *self._bodies]
+        return [body.entity.per_scene_id for body in shown]
+
+    def pose_of(self, index: int) -> sapien.Pose:
+        return self._bodies[index].entity_pose
+
+    def _move_over(self) -> None:
+        """Move everything but the objects into a new PhysX scene, in the same order."""
+        old, objects = self.scene, {body.entity for body in self._bodies}
+        renderer = render_system(old)
+        new = sapien.Scene([physx.PhysxCpuSystem(), *([renderer] if renderer else [])])
+        new.physx_system.timestep = old.physx_system.timestep
+        if renderer:
+            use_shaders()  # cameras use the shaders that are set when they are added
+        stay = [entity for entity in old.entities if entity not in objects]
+        for entity in old.entities:
+            old.remove_entity(entity)
+        for entity in stay:
+            new.add_entity(entity)
+        self.scene = new
+
+    def _reset_robot(self, initial: InitialPose) -> None:
+        robot, start = self._robot.articulation, self._start.copy()
+        start[self._arm] += np.radians(astuple(initial)[: len(self._arm)])
+        robot.root_pose = sapien.Pose(self._rig.base)
+        robot.qpos = start
+        robot.qvel = np.zeros(robot.dof, dtype=np.float32)
+        robot.qf = np.zeros(robot.dof, dtype=np.float32)
+        self._robot.arm.reset()
+        offsets = np.degrees(robot.qpos - self._start)[self._arm].tolist()
+        self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
+
+    def _label_bodies(self) -> dict[object, int | str]:
+        links = self._robot.articulation.links
+        labels: dict[object, int | str] = {
+            link: HAND if any(part in link.name for part in _HAND) else ARM for link in links
+        }
+        labels |= {body: index for index, body in enumerate(self._bodies)}
+        return labels | dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
+
+    def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
+        pairs: set[tuple[int, int | str]] = set()
+        pressed: Pressed = {finger[0]: {} for finger in self._robot.fingers}
+        for index, other, body, impulses in object_contacts(self.scene.physx_system, self._labels):
+            pairs.add((index, other))
+            if body in self._pads:
+                pressed[self._pads[body]].setdefault(index, []).extend(impulses)
+        return frozenset(pairs), held_object(pressed, self._hz)
+
+
+def substeps(rig: Rig, control_hz: int) -> tuple[int, int]:
+    """Physics steps per control step and per second: the integers nearest to the rig's rate."""
+    count = round(rig.physics_hz / control_hz)
+    return count, count * control_hz
