@@ -103,7 +103,7 @@ def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
     code = (
-        "import sys; from vlafuzz import renderer; from vlafuzz.cli import doctor;"
+        "import sys; from vlafuzz.worlds.tabletop import renderer; from vlafuzz.cli import doctor;"
         "doctor.machine = lambda watch: iter(()); doctor.doctor();"
         "print([name for name in ('numpy', 'pydantic', 'scipy', 'torch') if name in sys.modules])"
     )

@@ -1,0 +1,1 @@
+"""What any program may need: text, files, reading within bounds, statistics, progress, time limits."""

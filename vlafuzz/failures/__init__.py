@@ -1,0 +1,1 @@
+"""Failures: what triage makes of them, and the corpora that keep them."""

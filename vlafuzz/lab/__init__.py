@@ -1,0 +1,1 @@
+"""What researchers run: comparisons of strategies, studies, coverage. Nothing imports it but its commands."""

@@ -1,0 +1,1 @@
+"""What worlds share whose scenes are things on a table: operators, robots, cameras, jitter."""

@@ -1,0 +1,1 @@
+"""The tabletop: VLATest's tasks on ManiSkill."""

@@ -1,0 +1,1 @@
+"""Scripted controllers of the tabletop: experts, and a policy that sees outlines."""
