@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import print_json, print_list, stdout
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import plural
@@ -24,6 +25,7 @@ def command(
         str | None, typer.Option(help=f"Only those with this evidence: {', '.join(BUCKETS)}.")
     ] = None,
     limit: Annotated[int, typer.Option(help="The most findings to show; 0 for all.")] = 20,
+    trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print all of them as one JSON list.")] = False,
 ) -> None:
     """List the findings of a store or corpus: those of causes first, the strongest first, then by evidence.
@@ -58,8 +60,8 @@ def command(
     for text, line in view.todo:
         stdout().print(f"{text} {line}", soft_wrap=True)
     if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():
-        trust = trust_flag(*(run.policy for run in view.runs))
-        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *trust])
+        needs = trust_flag(*(run.policy for run in view.runs))
+        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *needs])
         minimal = sum(card.bucket == "minimal" for card in cards)
         with Store.open(source) as store:
             takes = forecast(store, minimal, CONTROLS, workers=1)

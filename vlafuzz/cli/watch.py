@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import label_option
+from vlafuzz.cli.flags import TrustFlag, label_option
 from vlafuzz.cli.output import data
 from vlafuzz.errors import check_number
 
@@ -20,6 +20,7 @@ def command(
     port: Annotated[
         int, typer.Option(help="Where to listen on this machine; 0 for any port that is free.")
     ] = 0,
+    trust: TrustFlag = False,
     films: Annotated[
         bool, typer.Option("--films/--no-films", help="Film the newest failure by its stored actions.")
     ] = True,

@@ -102,7 +102,9 @@ def task_of(world: str | None, task: str | None) -> str | None:
     if task and named and task != named:
         raise UsageError(f"--world {world}, --task {task}: two tasks", hint="leave one of the two out")
     wanted = named or task
-    if not wanted and (found.usual or len(found.tasks) == 1):
+    if not wanted and found.usual:
+        return None
+    if not wanted and len(found.tasks) == 1:
         wanted = next(iter(found.tasks))
     if name not in known_worlds() and wanted in found.tasks:
         return f"{name}/{wanted}"

@@ -119,9 +119,9 @@ class SimulatorSceneRunner:
 
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
-        if self._stills is None:
-            self._stills = self._world.stills(self._manifest, self.space)
         try:
+            if self._stills is None:
+                self._stills = self._world.stills(self._manifest, self.space)
             return self._stills.png(scene)
         except PrerequisiteError:
             return None

@@ -1,0 +1,85 @@
+"""A world from outside the package: runs, causes, triage, reports, corpora and regress work on it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.worlds.reacher import Reacher
+from vlafuzz.cli import main
+from vlafuzz.errors import SceneError
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds import world_of
+from vlafuzz.worlds.base import Wanted
+
+WORLD, POLICY = "python:tests.worlds.reacher:Reacher", "python:tests.worlds.reacher:downhill"
+TASK = f"{WORLD}/reach"
+
+
+@pytest.fixture(scope="module")
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("own") / "reacher.db"
+    flags = ["--world", WORLD, "--policy", POLICY, "--budget", "90", "--store", str(path)]
+    assert main(["run", *flags]) == 0
+    return path
+
+
+def space(*vary: str):
+    return Reacher().space(Wanted(task=TASK, robot="own", vary=vary))
+
+
+def test_a_scene_is_values_by_name_and_the_same_when_it_is_read_again():
+    scene = space().nominal()
+    assert dict(scene.values) == {"ball-x": 0.4, "ball-y": 0.4, "strength": 1.0, "bias": 0.0, "glove": "none"}
+    assert Scene.from_json(scene.to_json()) == scene
+    assert space().decode(space().encode(scene)) == scene
+
+
+def test_a_scene_has_targets_or_values():
+    with pytest.raises(SceneError, match="targets: expected at least one, or values"):
+        Scene.from_json('{"task": "x", "instruction": "go", "targets": []}')
+
+
+def test_only_what_varies_is_drawn_and_jittered():
+    usual, scene = dict(space().nominal().values), space("bias").sample(np.random.default_rng(1))
+    near = space("bias").jittered(scene, 1)
+    for other in (scene, near):
+        assert {name for name, value in other.values if value != usual[name]} == {"bias"}
+    assert 0 < abs(dict(near.values)["bias"] - dict(scene.values)["bias"]) < 0.01
+
+
+def test_causes_of_what_the_policy_is_known_to_get_wrong_are_certified(store: Path, capsys):
+    assert main(["triage", str(store), "--limit", "4", "--trust", "--json"]) == 0
+    capsys.readouterr()
+    assert main(["findings", str(store), "--trust", "--json"]) == 0
+    rows = [row for row in json.loads(capsys.readouterr().out) if row["evidence"] == "minimal"]
+    assert rows
+    assert {name for row in rows for name in row["operators"]} <= {"bias", "glove", "strength"}
+    assert {row["witness"] for row in rows} == {"expert"}
+
+
+def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys):
+    assert main(["report", str(store), "--out", str(tmp_path / "r.html"), "--trust", "--no-videos"]) == 0
+    export = ["export", str(store), "--minimal", "--out", str(tmp_path / "corpus"), "--controls", "20"]
+    assert main([*export, "--trust"]) == 0
+    code = main(["regress", str(tmp_path / "corpus"), "--policy", POLICY, "--trust"])
+    assert code in (0, 3)  # 3: where too few controls pass for an alarm
+    assert "0 worse" in capsys.readouterr().out or code == 3
+
+
+def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path, capsys):
+    assert main(["findings", str(store)]) == 2
+    assert "the file names" in capsys.readouterr().err
+
+
+def test_an_unknown_task_or_operator_is_named(capsys):
+    assert main(["run", "--world", f"{WORLD}:fly", "--policy", POLICY, "--budget", "2"]) == 2
+    assert "no task 'fly'" in capsys.readouterr().err
+    assert main(["run", "--world", WORLD, "--policy", POLICY, "--vary", "mass", "--budget", "2"]) == 2
+    assert "unknown operator 'mass'" in capsys.readouterr().err
+
+
+def test_worlds_that_come_with_vlafuzz_are_found_by_their_folders():
+    assert world_of("pick-up").usual
+    assert not world_of("libero_goal/8").usual
