@@ -13,7 +13,7 @@ from strategies.search import Tried
 from vlafuzz.outcome import Outcome
 from vlafuzz.scene import Scene
 from vlafuzz.space import SearchSpace
-from vlafuzz.store.records import Finding
+from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.tasks.tabletop import TASKS
 from vlafuzz.triage.oracle import CERTIFYING
 from vlafuzz.triage.triager import Triager
@@ -96,9 +96,9 @@ class Triages:
             runner = Runner(self._world)
             triaged = Triager(runner, passing=self._passing).triage(Finding(scene, "", 0, 0, ""))
             verdict = None
-            if triaged and triaged.shrunk:
+            if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)
-            certified = triaged is not None and triaged.bucket in ("minimal", "base")
+            certified = isinstance(triaged, Triaged) and triaged.bucket in ("minimal", "base")
             tries = runner.tries
             self._done[scene.digest] = Done(
                 verdict, certified, frozenset(tries), frozenset(_shrinking(tries))
