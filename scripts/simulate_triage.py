@@ -277,7 +277,7 @@ def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
             continue
         done += 1
         triaged = Triager(simulated, None).triage(Finding(scene, "p", 0, 0, ""))
-        assert triaged is not None
+        assert isinstance(triaged, Triaged)
         buckets[triaged.bucket] += 1
         spent.append(triaged.policy_rollouts)
         minimal = triaged.bucket == "minimal"

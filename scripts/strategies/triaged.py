@@ -10,6 +10,7 @@ from itertools import zip_longest
 from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
 from strategies.search import Tried
+<<<<<<< HEAD
 from vlafuzz.failures.triage.oracle import CERTIFYING
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.outcome import Outcome
@@ -17,6 +18,15 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding
 from vlafuzz.worlds.tabletop.space import SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
+=======
+from vlafuzz.outcome import Outcome
+from vlafuzz.scene import Scene
+from vlafuzz.space import SearchSpace
+from vlafuzz.store.records import Finding, Triaged
+from vlafuzz.tasks.tabletop import TASKS
+from vlafuzz.triage.oracle import CERTIFYING
+from vlafuzz.triage.triager import Triager
+>>>>>>> main
 
 NEVER_RESET = frozenset({"target-type"})  # by triage, which therefore does not name it
 
@@ -96,9 +106,9 @@ class Triages:
             runner = Runner(self._world)
             triaged = Triager(runner, passing=self._passing).triage(Finding(scene, "", 0, 0, ""))
             verdict = None
-            if triaged and triaged.shrunk:
+            if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)
-            certified = triaged is not None and triaged.bucket in ("minimal", "base")
+            certified = isinstance(triaged, Triaged) and triaged.bucket in ("minimal", "base")
             tries = runner.tries
             self._done[scene.digest] = Done(
                 verdict, certified, frozenset(tries), frozenset(_shrinking(tries))

@@ -8,8 +8,13 @@ from tests.doubles import failed, manifest
 from tests.triage.planted import CONDITIONS, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.cli import main
+<<<<<<< HEAD
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene_lines import write_scenes
+=======
+from vlafuzz.formats.scene_lines import write_scenes
+from vlafuzz.outcome import Outcome
+>>>>>>> main
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
@@ -52,6 +57,28 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation:+yaw": 3}
     assert {finding["bucket"] for finding in printed["triaged_findings"]} == {"minimal"}
     assert "fails from yaw 2." in printed["triaged_findings"][0]["causes"][0]
+
+
+@pytest.mark.parametrize(
+    ("ends", "code", "said"),
+    [
+        (
+            Outcome.error("policy: connect: no answer", unanswered=True),
+            3,
+            "error: 3 findings could not be judged: policy or simulator broke",
+        ),
+        (Outcome.invalid("static", "unfair"), 0, "3 findings could not be judged: no longer fair"),
+    ],
+)
+def test_findings_that_could_not_be_judged_say_why(
+    ends: Outcome, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr(PlantedRunner, "evaluate", lambda _, scenes, numbers: [ends] * len(scenes))
+    assert main(["triage", "a.db", "--json"]) == code
+    printed = capsys.readouterr()
+    assert said in printed.err.splitlines()
+    found = json.loads(printed.out)
+    assert (found["unjudged"], found["broken"], found["triaged"]) == (3, 3 if code else 0, 0)
 
 
 def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixture[str]):

@@ -104,6 +104,13 @@ def test_a_checkpoint_that_only_breaks_is_an_error():
         search(sides)
 
 
+def test_a_last_checkpoint_whose_errors_could_hide_an_alarm_is_an_error():
+    sides = {name: Planned(lambda n, _: n % 5 > 0, name=name) for name in NAMES}
+    sides[NAMES[-1]] = Planned(lambda n, _: Verdict.ERROR if n % 5 == 1 else n % 5 > 0, name=NAMES[-1])
+    with pytest.raises(PrerequisiteError, match="cannot tell: 160 of 200 rollouts could be judged: policy"):
+        search(sides)
+
+
 @pytest.mark.parametrize("names", [[], ["a"], ["a", "a"]])
 def test_it_takes_two_different_checkpoints(names):
     with pytest.raises(UsageError, match="expected different checkpoints, at least two"):

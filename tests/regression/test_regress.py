@@ -140,6 +140,22 @@ def test_a_verdict_needs_half_of_the_controls():
     assert (result.stopped, result.tells) == ("done", False)
 
 
+@pytest.mark.parametrize(("errors", "tells"), [(7, True), (8, False)])
+def test_a_verdict_needs_the_controls_that_could_have_made_an_alarm(errors: int, tells: bool):
+    """Those that the baseline fails could not."""
+    lost = {number for number in range(60) if number % 5 == 0} | {5 * n + 1 for n in range(errors)}
+    result = compare(
+        probes(),
+        Planned(lambda number, repeat: Verdict.ERROR if number in lost else number % 5 > 0),
+        RECORDED,
+    )
+    assert (result.stopped, result.lacking, result.tells) == ("done", errors, tells)
+    said = (
+        "cannot tell: 40 of 60 controls could be judged; 8 could not be, and 8 that break would make an alarm"
+    )
+    assert (result.verdict == said) is not tells
+
+
 def test_an_outcome_that_is_not_recorded_cannot_be_judged():
     unknown = [replace(probe, passed=None) for probe in probes()]
     result = compare(unknown, Planned(as_recorded), RECORDED)

@@ -16,6 +16,12 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
+<<<<<<< HEAD
+=======
+from vlafuzz.triage.jobs import Allowance
+from vlafuzz.triage.pipeline import Progress, cause_findings, triage
+from vlafuzz.triage.triager import Unjudged
+>>>>>>> main
 
 
 @pytest.fixture
@@ -33,7 +39,7 @@ def test_a_finding_that_was_triaged_is_not_triaged_again(store):
     triage(opened, lambda run: runner, watch=progress.append)
     assert [(each.done, each.findings) for each in progress] == [(0, 1), (1, 1)]
     assert len(opened.triaged()) == 3
-    assert triage(opened, lambda run: pytest.fail("there is nothing to do")) == 0
+    assert triage(opened, lambda run: pytest.fail("there is nothing to do")) == {}
     assert runner.policy_rollouts > spent
 
 
@@ -59,9 +65,9 @@ class Broken(PlantedRunner):
 
 def test_a_finding_that_cannot_be_judged_is_left_for_the_next_time(store):
     opened = store(scenes([TILTED], 2))
-    assert triage(opened, lambda run: Broken([TILTED])) == 2
+    assert triage(opened, lambda run: Broken([TILTED])) == {Unjudged.BROKEN: 2}
     assert opened.triaged() == []
-    assert triage(opened, lambda run: PlantedRunner([TILTED])) == 0
+    assert triage(opened, lambda run: PlantedRunner([TILTED])) == {}
     assert len(opened.triaged()) == 2
 
 
@@ -76,13 +82,13 @@ def dying(run) -> PlantedRunner:
 def test_of_given_findings_the_others_are_left_alone(store):
     opened = store(scenes([TILTED], 3))
     (_, second, third) = opened.findings()
-    assert triage(opened, tilted, findings=[third, second]) == 0
+    assert triage(opened, tilted, findings=[third, second]) == {}
     assert {each.scene for each in opened.triaged()} == {second.scene, third.scene}
 
 
 def test_no_finding_is_begun_once_the_rollouts_are_spent_and_the_next_triage_goes_on(store):
     opened, allowance = store(scenes([TILTED], 4)), Allowance(rollouts=60)
-    assert triage(opened, tilted, allowance=allowance) == 0
+    assert triage(opened, tilted, allowance=allowance) == {}
     done = opened.triaged()
     assert 0 < len(done) < 4
     assert allowance.spent == sum(each.policy_rollouts for each in done) >= 60
@@ -103,7 +109,7 @@ def test_what_the_deadline_interrupts_is_left_as_it_was(store):
             return 100.0 if self.looked < 15 else 0.0
 
     opened = store(scenes([TILTED], 3))
-    assert triage(opened, tilted, allowance=Allowance(deadline=Impatient())) == 0
+    assert triage(opened, tilted, allowance=Allowance(deadline=Impatient())) == {}
     first = opened.triaged()
     assert len(first) < 3
     triage(opened, tilted)
@@ -114,7 +120,7 @@ def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
     made = []
     for workers in (1, 2):
         with Store.open(tmp_path / f"{workers}.db", "write") as store:
-            assert triage(fill(store, scenes([TILTED], 4)), tilted, workers=workers) == 0
+            assert triage(fill(store, scenes([TILTED], 4)), tilted, workers=workers) == {}
             made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
     assert made[0] == made[1]
     assert len(made[0]) == 4
@@ -124,5 +130,5 @@ def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
     opened = store(scenes([TILTED], 2))
     with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
         triage(opened, dying, workers=2)
-    assert triage(opened, tilted) == 0
+    assert triage(opened, tilted) == {}
     assert len(opened.triaged()) == 2

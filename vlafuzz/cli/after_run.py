@@ -103,8 +103,12 @@ def triage_run(
     Args:
         forecast: that of the run, which is corrected by the time that its rollouts took.
     """
+<<<<<<< HEAD
     from vlafuzz.cli.triage import triage_store
     from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
+=======
+    from vlafuzz.cli.triage import AGAIN, broken, triage_store
+>>>>>>> main
     from vlafuzz.store.store import Store
 
     found = None if everything else causes(summary)
@@ -124,7 +128,7 @@ def triage_run(
         each = f"{PER_CAUSE} rollouts or more each, about {duration(one * min(most, found.found))}"
         Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out, --time bounds it")
     try:
-        return triage_store(
+        result = triage_store(
             Path(summary.store),
             workers=plan.triage_workers,
             allowance=allowance,
@@ -133,6 +137,9 @@ def triage_run(
         )
     except typer.Exit:  # the causes so far are shown all the same
         return None
+    if told := broken(result):
+        Bar.note(f"{told}\nhint: {AGAIN}")
+    return result
 
 
 def causes(summary: Summary) -> CauseList | None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -13,15 +15,29 @@ import typer
 
 from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
+<<<<<<< HEAD
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import UsageError, check_number
+=======
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number
+from vlafuzz.plugins import trust_flag
+from vlafuzz.text import duration, plural
+>>>>>>> main
 
 if TYPE_CHECKING:
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.summary import TriageSummary
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
+<<<<<<< HEAD
+=======
+    from vlafuzz.triage.jobs import Allowance
+    from vlafuzz.triage.summary import TriageSummary
+    from vlafuzz.triage.triager import Unjudged
+
+AGAIN = "the next triage tries them again"
+>>>>>>> main
 
 
 def command(
@@ -83,9 +99,17 @@ def command(
         found = all_causes(opened)
     if json:
         print_json(result | {"runs": [{"run": one.run, **one.document()} for one in found]})
-        return
-    for one in found:
-        print_causes(one)
+    else:
+        for one in found:
+            print_causes(one)
+    if told := broken(result):
+        raise PrerequisiteError(told, hint=f"`vlafuzz doctor --policy` examines the policy; {AGAIN}")
+
+
+def broken(result: Mapping[str, Any]) -> str:
+    """How many findings could not be judged as policy or simulator broke; empty where none."""
+    number = result.get("broken", 0)
+    return f"{plural(number, 'finding')} could not be judged: policy or simulator broke" if number else ""
 
 
 def note_alone(store: Path) -> None:
@@ -117,6 +141,11 @@ def triage_store(
     """
     from vlafuzz.failures.triage.pipeline import hours
     from vlafuzz.store.store import Store
+<<<<<<< HEAD
+=======
+    from vlafuzz.triage.pipeline import hours
+    from vlafuzz.triage.triager import Unjudged
+>>>>>>> main
 
     with Store.open(store) as opened:
         trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
@@ -128,9 +157,8 @@ def triage_store(
         summary, unjudged = _triage(store, max_rollouts, limit, workers, allowance, causes_of, thorough, bar)
     if show:
         _print(summary)
-    if unjudged:
-        message = f"{unjudged} findings could not be judged: the policy broke, or they are no longer fair"
-        Bar.note(f"{message}\nhint: the next triage tries them again")
+    if unfair := unjudged[Unjudged.UNFAIR]:
+        Bar.note(f"{plural(unfair, 'finding')} could not be judged: no longer fair")
     left = summary.findings - summary.triaged
     if left and causes_of is None and allowance and allowance.used_up:
         verb = "is" if left == 1 else "are"
@@ -138,7 +166,7 @@ def triage_store(
         with Store.open(store) as opened:
             takes = hours(opened, left)
         Bar.note(f"{plural(left, 'finding')} {verb} left: {over}\nhint: continue with `{again}`{takes}")
-    return asdict(summary) | {"unjudged": unjudged}
+    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
 
 
 def _triage(
@@ -150,11 +178,16 @@ def _triage(
     causes_of: int | None,
     thorough: bool,
     bar: Bar,
+<<<<<<< HEAD
 ) -> tuple[TriageSummary, int]:
     """The summary of the store after triage, and how many findings could not be judged."""
     from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage, usual_workers
     from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
+=======
+) -> tuple[TriageSummary, Counter[Unjudged]]:
+    """The summary of the store after triage, and how many findings could not be judged, by the reason."""
+>>>>>>> main
     from vlafuzz.store.store import Store
 
     noun = "findings" if causes_of is None else "causes"

@@ -113,17 +113,20 @@ def _in_words(probability: float) -> str:
     return percent(probability) if probability < 0.999 else "over 99.9%"
 
 
-def _p_value(last: Comparison) -> float:
+def _p_value(last: Comparison, more: int = 0) -> float:
     """Of a sequential test, which may end early, and of the exact sign test where all controls were run.
 
     Each gets half of alpha. Together they find 97 % or more of losses of 20 points in 200 controls, the first
     one alone 95 %.
+
+    Args:
+        more: controls that are counted as worse in the exact test.
     """
     from scipy.stats import binom
 
     exact = 1.0
     if last.stopped == "done":
-        worse, better = last.controls.worse, last.controls.better
+        worse, better = last.controls.worse + more, last.controls.better
         exact = float(binom.sf(worse - 1, worse + better, 0.5))
     return min(2 * last.p_value, 2 * exact, 1.0)
 
@@ -235,7 +238,8 @@ class _Search:
             deadline=self._deadline,
             watch=self._progress(last),
         )
-        if not compared.tells:
+        found, hidden = (_p_value(compared, more) <= alpha for more in (0, compared.lacking))
+        if not found and (hidden or not compared.tells):
             raise unjudged(side, compared)
         self._see(last, compared)
         self._end(last, [compared])
@@ -307,8 +311,10 @@ def unjudged(side: Side, compared: Comparison) -> PrerequisiteError:
     if compared.stopped == "time":
         message = f"{side.name}: --time is over: {compared.verdict}"
         return PrerequisiteError(message, hint="give more --time; with --answers FILE outcomes are kept")
-    if compared.controls.policy.of:
+    if compared.controls.policy.of and not compared.lacking:
         return PrerequisiteError(f"{side.name}: {compared.verdict}", hint="give a corpus with more controls")
-    details = (f": {scene.detail}" for scene in compared.compared if scene.detail)
-    message = f"{side.name}: cannot tell: no rollout could be judged{next(details, '')}"
+    details = (f": {scene.detail}" for scene in compared.compared if scene.standing == "error")
+    judged = compared.controls.policy.of
+    number = f"{judged} of {compared.tried} rollouts" if judged else "no rollout"
+    message = f"{side.name}: cannot tell: {number} could be judged{next(details, '')}"
     return PrerequisiteError(message, hint="`vlafuzz doctor --policy` examines a checkpoint")

@@ -101,6 +101,13 @@ class Pair(NamedTuple):
         return self.judged and self.policy.passed and not self.baseline.passed
 
     @property
+    def lacking(self) -> bool:
+        """Whether it could not be judged as something broke, and might have been worse."""
+        may_pass = self.baseline.verdict in (Verdict.ERROR, Verdict.PASSED)
+        may_fail = self.policy.verdict in (Verdict.ERROR, Verdict.FAILED)
+        return may_pass and may_fail and not self.judged
+
+    @property
     def discordant(self) -> bool:
         """Whether exactly one of the two failed."""
         return self.worse or self.better

@@ -128,11 +128,20 @@ class Comparison:
         return sum(bool(control.pairs) for control in self.of("control"))
 
     @property
+    def lacking(self) -> int:
+        """Controls that could not be judged, as a policy or the simulator broke, and may be worse."""
+        return sum(pair.lacking for control in self.of("control") for pair in control.pairs)
+
+    @property
     def tells(self) -> bool:
-        """Whether there is a verdict: an alarm, or half of the controls judged, and enough to break."""
+        """Whether there is a verdict: an alarm, or enough controls to break, and to judge.
+
+        These are half of them, and so many that no alarm can be hidden in the others.
+        """
         controls = self.controls
         possible = controls.baseline.count >= self.fewest
-        return self.alarm or (possible and 2 * controls.policy.of >= self.tried)
+        judged = 2 * controls.policy.of >= self.tried and self.lacking < self.needed
+        return self.alarm or (possible and judged)
 
     @property
     def breakable(self) -> int:
@@ -192,6 +201,9 @@ class Comparison:
             judged, enough = controls.policy.of, f"an alarm takes {self.fewest} or more"
             if judged < self.fewest or 2 * judged < self.tried:
                 return f"cannot tell: {judged} of {self.tried} controls could be judged; {enough}"
+            if self.lacking >= self.needed:
+                hidden = f"{self.lacking} could not be, and {self.needed} that break would make an alarm"
+                return f"cannot tell: {judged} of {self.tried} controls could be judged; {hidden}"
             passing = f"{self.baseline} passes {controls.baseline.count} of {judged} controls"
             return f"cannot tell: {passing}, only these can break, and {enough}"
         counts = f"{controls.worse} worse and {controls.better} better of {controls.policy.of} controls ({p})"

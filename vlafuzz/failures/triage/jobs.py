@@ -15,10 +15,19 @@ from vlafuzz.failures.triage.shared_runner import SharedRunner
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding, Repeats, Run, Triaged
+<<<<<<< HEAD:vlafuzz/failures/triage/jobs.py
+=======
+from vlafuzz.triage.known import certified
+from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.triage.runner import SceneRunner
+from vlafuzz.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.triage.shared_runner import SharedRunner
+from vlafuzz.triage.triager import Triager, Unjudged
+>>>>>>> main:vlafuzz/triage/jobs.py
 
 WAVE = 4  # findings that do not know each other's causes
 
-Work = Callable[[Callable[[Finding], Triaged | None], Sequence[Finding]], Iterable[Triaged | None]]
+Work = Callable[[Callable[[Finding], Triaged | Unjudged], Sequence[Finding]], Iterable[Triaged | Unjudged]]
 """Calls a function for findings, several at a time or one by one."""
 
 
@@ -77,7 +86,7 @@ class Job(NamedTuple):
         return Triager(*about, repeats=self.repeats, lessen=self.lessen, deadline=until)
 
 
-def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | None]:
+def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | Unjudged]:
     """Triage in this process, run by run; behind a server, as many findings at a time as it takes scenes."""
     for job in jobs:
         with closing(make(job.run)) as runner:
@@ -90,15 +99,15 @@ def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator
 
 def work_in_processes(
     make: Make, jobs: Sequence[Job], workers: int, allowance: Allowance
-) -> Iterator[Triaged | None]:
+) -> Iterator[Triaged | Unjudged]:
     """Triage as many findings at a time as there are workers, whose rollouts all workers share.
 
     Results come in the order in which they are done.
     """
 
     def work(
-        function: Callable[[Finding], Triaged | None], findings: Sequence[Finding]
-    ) -> Iterator[Triaged | None]:
+        function: Callable[[Finding], Triaged | Unjudged], findings: Sequence[Finding]
+    ) -> Iterator[Triaged | Unjudged]:
         return (triaged for _, triaged in side_by_side(pool, workers, function, findings))
 
     with process_pool(workers) as pool:
@@ -106,7 +115,9 @@ def work_in_processes(
             yield from _in_waves(work, job, PooledRunner(pool, make, job.run), allowance)
 
 
-def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -> Iterator[Triaged | None]:
+def _in_waves(
+    work: Work, job: Job, runner: SceneRunner, allowance: Allowance
+) -> Iterator[Triaged | Unjudged]:
     """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
 
     So results do not depend on how many findings are worked on at a time.
@@ -118,11 +129,11 @@ def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -
         results = list[Triaged]()
         for triaged in work(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
             yield triaged
-            results += [triaged] if triaged else []
+            results += [triaged] if isinstance(triaged, Triaged) else []
         if known is not None:
             in_order = [finding.key for finding in wave]
             known = certified([*known, *sorted(results, key=lambda one: in_order.index(one.key))])
 
 
-def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | None:
-    return None if allowance.used_up else triager.triage(finding)
+def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | Unjudged:
+    return Unjudged.LATE if allowance.used_up else triager.triage(finding)

@@ -1,7 +1,7 @@
 """triage, certify_causes: which findings of a store are triaged, in which order, and at what cost."""
 
 import platform
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain, count, groupby, islice
 from typing import NamedTuple
@@ -14,7 +14,15 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import default_workers
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
+<<<<<<< HEAD:vlafuzz/failures/triage/pipeline.py
 from vlafuzz.worlds.provenance import commit
+=======
+from vlafuzz.text import duration
+from vlafuzz.triage.jobs import Allowance, Job, work_here, work_in_processes
+from vlafuzz.triage.known import certified
+from vlafuzz.triage.pool import Make
+from vlafuzz.triage.triager import Unjudged
+>>>>>>> main:vlafuzz/triage/pipeline.py
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
@@ -84,7 +92,7 @@ def triage(
     workers: int = 1,
     thorough: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
-) -> int:
+) -> Counter[Unjudged]:
     """Triage every finding that was not triaged yet; each result is stored at once.
 
     What an interruption leaves of a finding is stored, too: the next call on this machine goes on from there.
@@ -104,7 +112,7 @@ def triage(
         watch: called after every finding.
 
     Returns:
-        The number of findings that could not be judged, as the policy broke or the scene is no longer fair.
+        The number of findings that could not be judged, by the reason, but for those that the allowance left.
         They are left as they are, and tried again by the next call.
 
     Raises:
@@ -135,7 +143,7 @@ def triage(
     if not thorough:
         jobs = [job._replace(known=_known(store, job)) for job in jobs]
     allowance = allowance or Allowance()
-    done_now, unjudged, rollouts = 0, 0, 0
+    done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))
     if workers == 1:
         results = work_here(runner, jobs, allowance)
@@ -143,14 +151,15 @@ def triage(
         results = work_in_processes(runner, jobs, workers, allowance)
     try:
         for triaged in results:
-            if triaged:
+            if isinstance(triaged, Triaged):
                 allowance.charge(triaged)
                 store.settle(triaged)
                 done.add(triaged.key)
                 rollouts += triaged.policy_rollouts + triaged.expert_rollouts
-            elif allowance.used_up:
+            elif triaged is Unjudged.LATE:
                 continue
-            unjudged += triaged is None
+            else:
+                unjudged[triaged] += 1
             done_now += 1
             watch(Progress(done_now, len(todo), rollouts))
     finally:
@@ -173,7 +182,7 @@ def certify_causes(
     allowance: Allowance | None = None,
     workers: int = 1,
     watch: Callable[[Progress], None] = lambda progress: None,
-) -> int:
+) -> Counter[Unjudged]:
     """Triage the findings that show the commonest causes of a run, which takes about as long as the run.
 
     The next commonest cause takes the place of one that cannot be certified, or that is the same as another,
@@ -186,7 +195,7 @@ def certify_causes(
         The number of findings that could not be judged, see ``triage``.
     """
     budget = next(each.manifest.budget for each in store.runs() if each.id == run)
-    waiting, tried, unjudged = cause_findings(store, run), list[Finding](), 0
+    waiting, tried, unjudged = cause_findings(store, run), list[Finding](), Counter[Unjudged]()
     number, allowance = affordable(budget), allowance or Allowance()
     while number > 0 and waiting and not allowance.used_up:
         some, waiting = waiting[:number], waiting[number:]

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum
 from typing import Any
 
 from vlafuzz.common.deadline import Deadline
@@ -41,8 +42,19 @@ _OF_FINDING = ("scene", "repeats", "failures", "rate", "deviating", "policy_roll
 TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
 
 
-class _BrokenError(Exception):
-    """Policy or simulator broke, or there is no time left, which says nothing about the finding."""
+class Unjudged(Enum):
+    """Why a finding could not be judged."""
+
+    BROKEN = "policy or simulator broke"
+    UNFAIR = "the scene is no longer fair"
+    LATE = "no time was left"
+
+
+class _UnjudgedError(Exception):
+    """What happened says nothing about the finding."""
+
+    def __init__(self, why: Unjudged = Unjudged.BROKEN) -> None:
+        self.why = why
 
 
 @dataclass
@@ -74,8 +86,8 @@ class Triager:
     lessen: bool = field(default=False, kw_only=True)
     deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
-    def triage(self, finding: Finding) -> Triaged | None:
-        """The finding after triage; None where policy or simulator broke, or the deadline has passed."""
+    def triage(self, finding: Finding) -> Triaged | Unjudged:
+        """The finding after triage, or why it could not be judged."""
         began = time.monotonic()
         self.runner.renew()
         alone = replace(self, rolled={})
@@ -83,21 +95,21 @@ class Triager:
             triaged = alone._triage(finding)
             if _at_threshold(triaged):
                 triaged = alone._move_outward(finding, triaged)
-        except _BrokenError:
-            return None
+        except _UnjudgedError as error:
+            return error.why
         return replace(triaged, seconds=time.monotonic() - began)
 
     def roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
         """One rollout in each scene; what is known is not repeated, and no finding pays for it twice."""
         if self.deadline.passed:
-            raise _BrokenError
+            raise _UnjudgedError(Unjudged.LATE)
         tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
         new = [key for key in tries if key not in self.rolled and key not in self.repeats]
         outcomes = self.runner.evaluate([tries[key] for key in new], [number for _, number in new])
         judged = dict(zip(new, map(Judged.of, outcomes), strict=True))
         self.repeats |= {key: one for key, one in judged.items() if one.verdict is not Verdict.ERROR}
         if any(answer.unanswered for answer in judged.values()):
-            raise _BrokenError
+            raise _UnjudgedError
         answers = [self.rolled.get(key) or self.repeats.get(key) or judged[key] for key in tries]
         self.rolled |= {key: self.repeats[key]._replace(rollouts=0) for key in tries if key in self.repeats}
         return answers
@@ -157,7 +169,7 @@ class Triager:
         """
         answer, rate = oracle.answers([scene], lead=LEAD)[0], oracle.rate(scene)
         if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
-            raise _BrokenError
+            raise _UnjudgedError(Unjudged.UNFAIR if answer is Answer.UNFAIR else Unjudged.BROKEN)
         if answer is not Answer.FAILS and not self.runner.deterministic:
             oracle.budget += MOST_TO_CERTIFY
             (longer,) = oracle.certify([scene])
@@ -255,7 +267,7 @@ class Triager:
     def _search(self, scene: Scene) -> Search:
         search = prove(scene, self.runner.solve, self.runner.play)
         if search.broken:
-            raise _BrokenError
+            raise _UnjudgedError
         return search
 
     def _deviating(self, scene: Scene) -> tuple[str, ...] | None:
@@ -278,7 +290,7 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     )
     try:
         answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
-    except _BrokenError:
+    except _UnjudgedError:
         return Answer.BROKEN, Rate.of_counts(0, 0), None
     return answer, rate, oracle.lost(scene) if rate.failures else None
 

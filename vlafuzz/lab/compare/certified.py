@@ -118,6 +118,7 @@ def _triaged(
     """Each finding's number with its result, as they are done."""
 
     def triage(finding: Finding) -> Triaged | None:
-        return job.triager(runner).triage(finding)
+        triaged = job.triager(runner).triage(finding)
+        return triaged if isinstance(triaged, Triaged) else None
 
     return side_by_side(pool, len(batch), triage, batch) if pool else enumerate(map(triage, batch))
