@@ -10,23 +10,13 @@ from itertools import zip_longest
 from strategies.courses import Course, Verdict, judge, touched
 from strategies.faults import World, space_of
 from strategies.search import Tried
-<<<<<<< HEAD
 from vlafuzz.failures.triage.oracle import CERTIFYING
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Finding
+from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.worlds.tabletop.space import SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
-=======
-from vlafuzz.outcome import Outcome
-from vlafuzz.scene import Scene
-from vlafuzz.space import SearchSpace
-from vlafuzz.store.records import Finding, Triaged
-from vlafuzz.tasks.tabletop import TASKS
-from vlafuzz.triage.oracle import CERTIFYING
-from vlafuzz.triage.triager import Triager
->>>>>>> main
 
 NEVER_RESET = frozenset({"target-type"})  # by triage, which therefore does not name it
 

@@ -8,13 +8,9 @@ from tests.doubles import failed, manifest
 from tests.triage.planted import CONDITIONS, Planted
 from tests.triage.runners import PlantedRunner
 from vlafuzz.cli import main
-<<<<<<< HEAD
 from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene_lines import write_scenes
-=======
-from vlafuzz.formats.scene_lines import write_scenes
-from vlafuzz.outcome import Outcome
->>>>>>> main
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 

@@ -12,16 +12,11 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SimulatorError
 from vlafuzz.failures.triage.jobs import Allowance
 from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
+from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
-<<<<<<< HEAD
-=======
-from vlafuzz.triage.jobs import Allowance
-from vlafuzz.triage.pipeline import Progress, cause_findings, triage
-from vlafuzz.triage.triager import Unjudged
->>>>>>> main
 
 
 @pytest.fixture

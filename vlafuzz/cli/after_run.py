@@ -103,12 +103,8 @@ def triage_run(
     Args:
         forecast: that of the run, which is corrected by the time that its rollouts took.
     """
-<<<<<<< HEAD
-    from vlafuzz.cli.triage import triage_store
-    from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
-=======
     from vlafuzz.cli.triage import AGAIN, broken, triage_store
->>>>>>> main
+    from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
     from vlafuzz.store.store import Store
 
     found = None if everything else causes(summary)

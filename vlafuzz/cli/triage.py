@@ -15,29 +15,18 @@ import typer
 
 from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
-<<<<<<< HEAD
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
-from vlafuzz.errors import UsageError, check_number
-=======
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
-from vlafuzz.plugins import trust_flag
-from vlafuzz.text import duration, plural
->>>>>>> main
 
 if TYPE_CHECKING:
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.summary import TriageSummary
+    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
-<<<<<<< HEAD
-=======
-    from vlafuzz.triage.jobs import Allowance
-    from vlafuzz.triage.summary import TriageSummary
-    from vlafuzz.triage.triager import Unjudged
 
 AGAIN = "the next triage tries them again"
->>>>>>> main
 
 
 def command(
@@ -140,12 +129,8 @@ def triage_store(
         thorough: see ``pipeline.triage``.
     """
     from vlafuzz.failures.triage.pipeline import hours
+    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.store.store import Store
-<<<<<<< HEAD
-=======
-    from vlafuzz.triage.pipeline import hours
-    from vlafuzz.triage.triager import Unjudged
->>>>>>> main
 
     with Store.open(store) as opened:
         trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
@@ -178,16 +163,11 @@ def _triage(
     causes_of: int | None,
     thorough: bool,
     bar: Bar,
-<<<<<<< HEAD
-) -> tuple[TriageSummary, int]:
-    """The summary of the store after triage, and how many findings could not be judged."""
+) -> tuple[TriageSummary, Counter[Unjudged]]:
+    """The summary of the store after triage, and how many findings could not be judged, by the reason."""
     from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage, usual_workers
     from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
-=======
-) -> tuple[TriageSummary, Counter[Unjudged]]:
-    """The summary of the store after triage, and how many findings could not be judged, by the reason."""
->>>>>>> main
     from vlafuzz.store.store import Store
 
     noun = "findings" if causes_of is None else "causes"

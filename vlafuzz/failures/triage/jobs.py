@@ -12,18 +12,9 @@ from vlafuzz.failures.triage.pool import Make, PooledRunner, process_pool, side_
 from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.failures.triage.shared_runner import SharedRunner
-from vlafuzz.failures.triage.triager import Triager
+from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding, Repeats, Run, Triaged
-<<<<<<< HEAD:vlafuzz/failures/triage/jobs.py
-=======
-from vlafuzz.triage.known import certified
-from vlafuzz.triage.pool import Make, PooledRunner, process_pool, side_by_side
-from vlafuzz.triage.runner import SceneRunner
-from vlafuzz.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.triage.shared_runner import SharedRunner
-from vlafuzz.triage.triager import Triager, Unjudged
->>>>>>> main:vlafuzz/triage/jobs.py
 
 WAVE = 4  # findings that do not know each other's causes
 

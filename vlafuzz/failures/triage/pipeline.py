@@ -10,19 +10,12 @@ from vlafuzz.common.text import duration
 from vlafuzz.failures.triage.jobs import Allowance, Job, work_here, work_in_processes
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.pool import Make
+from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import default_workers
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
-<<<<<<< HEAD:vlafuzz/failures/triage/pipeline.py
 from vlafuzz.worlds.provenance import commit
-=======
-from vlafuzz.text import duration
-from vlafuzz.triage.jobs import Allowance, Job, work_here, work_in_processes
-from vlafuzz.triage.known import certified
-from vlafuzz.triage.pool import Make
-from vlafuzz.triage.triager import Unjudged
->>>>>>> main:vlafuzz/triage/pipeline.py
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
