@@ -19,9 +19,9 @@ from tests.attack.readers import Reader, Rng
 from tests.attack.wires import ACTIONS, HELLO, array_of, frame_of
 from tests.clients.served import seen, start
 from tests.clients.test_hostile import RESET, accepting
-from vlafuzz.clients import wire
-from vlafuzz.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_vla_eval
 from vlafuzz.errors import PolicyError
+from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.registry import make_policy
 
