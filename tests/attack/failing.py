@@ -23,7 +23,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.harness import Harness
-from vlafuzz.policies.registry import make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 BODY = json.dumps({"actions": ACTIONS.tolist()}).encode()
 PAGE = b"<!doctype html><html><body>502 Bad Gateway</body></html>"
@@ -56,7 +56,7 @@ def _roll(name: str, answers: int) -> None:
     pauses, wire.PAUSES = wire.PAUSES, (0.0, 0.0)
     try:
         policy = make_policy(name)
-        with closing(policy):  # type: ignore[type-var]
+        with closing(policy):
             for episode in ("one", "two", "three"):
                 try:
                     harness = Harness(policy, start(episode))
