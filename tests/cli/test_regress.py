@@ -176,7 +176,7 @@ def test_junit_is_written(capsys: pytest.CaptureFixture[str]):
 
 
 def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("vlafuzz.failures.corpus.policies.probe_once", lambda: SimpleNamespace(works=True))
+    monkeypatch.setattr("vlafuzz.failures.corpus.policies.no_pictures", lambda task: "")
     film = SimpleNamespace(still=b"jpeg")
     monkeypatch.setattr(RuleRunner, "film", lambda self, scene: film, raising=False)
     assert regress("pinhole", "--whole", "--summary", "a.md", "--sarif", "a.sarif") == 1

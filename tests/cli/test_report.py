@@ -35,7 +35,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(FilmDesk, "made", [])
     monkeypatch.setattr(runner, "SimulatorSceneRunner", FilmDesk)
-    monkeypatch.setattr(renderer, "probe", lambda: Renderer("made up", None, None))
+    monkeypatch.setattr(renderer, "probe_once", lambda: Renderer("made up", None, None))
     store(tmp_path / "a.db", triaged=2)
     return tmp_path
 
@@ -62,7 +62,7 @@ def test_films_can_be_fewer(options, films):
 def test_without_a_renderer_the_page_says_why_there_are_no_videos(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(renderer, "probe", lambda: Renderer(None, None, "no Vulkan device"))
+    monkeypatch.setattr(renderer, "probe_once", lambda: Renderer(None, None, "no Vulkan device"))
     assert main(["report", "a.db", "--out", "page.html"]) == 0
     assert "note: no videos: " in capsys.readouterr().err
     assert "No videos: " in Path("page.html").read_text()

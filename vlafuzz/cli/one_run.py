@@ -42,10 +42,10 @@ class Done(NamedTuple):
 def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
     """Say which defaults follow from this machine, where the user would want to know."""
     from vlafuzz.rollouts.capacity import most_workers
-    from vlafuzz.worlds import draws_pictures, world_of
+    from vlafuzz.worlds import no_pictures, world_of
 
     usual = next(iter(world_of(plan.task.name).robots))
-    if "policy" not in flags and plan.manifest.robot == usual and not draws_pictures(plan.task.name):
+    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
     used, batch = plan.place.workers, plan.manifest.batch

@@ -13,7 +13,6 @@ from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
 from vlafuzz.model.scene_lines import is_store
-from vlafuzz.worlds.tabletop.renderer import check_renderer, probe
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.replay import Replayed
@@ -61,18 +60,19 @@ def command(
     from vlafuzz.report.causes import first_shown
     from vlafuzz.report.deviations import unusual
     from vlafuzz.store.store import Store
+    from vlafuzz.worlds import no_pictures, world_of
 
     if digest is None and not first_failure and source.is_file() and is_store(source):
         with Store.open(source) as store:
             digest = first_shown(store, label)
     wanted = find(source, digest, policy, label)
     if film is None:
-        film = not (json or video or picture or seen or trace) and probe().works
+        film = not (json or video or picture or seen or trace) and not no_pictures(wanted.scene.task)
     if film and video is None:
         video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
     filmed = video is not None or picture is not None
     if filmed:
-        check_renderer()
+        world_of(wanted.scene.task).check_pictures()
     from vlafuzz.worlds.recording import Recording
 
     recording = Recording(480 if filmed else 0)

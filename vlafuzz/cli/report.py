@@ -69,11 +69,11 @@ def view_of(source: Path) -> View:
 def _with_films(source: Path, view: View, limit: int) -> View:
     """The view with films, or with a note why there are none."""
     from vlafuzz.report.films import RunFilms, filmed
-    from vlafuzz.worlds.tabletop.renderer import probe
+    from vlafuzz.worlds import no_pictures
 
-    renderer = probe()
-    if not renderer.works:
-        return _without_films(view, f"{renderer}; `vlafuzz doctor` says what to install")
+    problems = [no_pictures(task) for task in dict.fromkeys(run.task for run in view.runs)]
+    if problems and all(problems):
+        return _without_films(view, problems[0])
     with interruptible("interrupted: nothing is written\nhint: --no-videos takes no time") as bar:
         try:
             with closing(RunFilms(source)) as films:

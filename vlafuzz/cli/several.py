@@ -71,11 +71,10 @@ def run_tasks(
 def _config(tasks: Sequence[str], flags: Mapping[str, Any]) -> RunConfig:
     """What all tasks have in common; with a store and a policy."""
     from vlafuzz.campaign.config import RunConfig, default_store
-    from vlafuzz.worlds import default_policy
-    from vlafuzz.worlds.tabletop.tasks import TASKS
+    from vlafuzz.worlds import default_policy, tasks_named
 
     policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
-    name = "all" if set(tasks) == set(TASKS) else "-".join(tasks)
+    name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
     store = default_store(name, policy, flags.get("seed", 0))
     command = shlex.join(["vlafuzz", *sys.argv[1:]])
     return RunConfig(**{"store": store} | dict(flags) | {"policy": policy, "task": None, "command": command})

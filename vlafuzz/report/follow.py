@@ -17,7 +17,7 @@ from vlafuzz.policies.serving.http import BoundedHandler, BoundedServer
 from vlafuzz.report.live import Live
 from vlafuzz.report.page import render
 from vlafuzz.store.records import Manifest, Trial
-from vlafuzz.worlds import draws_pictures
+from vlafuzz.worlds import no_pictures
 from vlafuzz.worlds.evaluation import Film
 
 HOST = "127.0.0.1"
@@ -48,7 +48,7 @@ class Films:
     def _make(self, trial: Trial, run: Manifest) -> None:
         actions = trial.outcome.rollouts[-1].actions if trial.outcome.rollouts else None
         try:
-            if actions is not None and draws_pictures(run.task):
+            if actions is not None and not no_pictures(run.task):
                 runner = scene_runner.SimulatorSceneRunner(self._store, run, "expert")
                 with closing(runner):
                     film = runner.film(trial.scene, actions)

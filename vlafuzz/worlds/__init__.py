@@ -78,13 +78,13 @@ def default_policy(task: str | None = None, robot: str | None = None) -> str:
     return world.default_policy(robot or next(iter(world.robots)))
 
 
-def draws_pictures(task: str) -> bool:
-    """Whether this machine can draw the pictures of a task's world."""
+def no_pictures(task: str) -> str:
+    """Why this machine cannot draw the pictures of a task's world; empty if it can."""
     try:
         world_of(task).check_pictures()
-    except PrerequisiteError:
-        return False
-    return True
+    except PrerequisiteError as error:
+        return f"{error.message}; {error.hint}"
+    return ""
 
 
 def task_of(world: str | None, task: str | None) -> str | None:

@@ -25,7 +25,7 @@ from vlafuzz.failures.triage import scene_runner
 from vlafuzz.model.label import Model
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds import draws_pictures
+from vlafuzz.worlds import no_pictures
 
 
 def compare_policies(
@@ -249,7 +249,7 @@ def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> by
     """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
     worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
     probe = next(worse, None)
-    if probe is None or not draws_pictures(probe.scene.task):
+    if probe is None or no_pictures(probe.scene.task):
         return None
     with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
         film = runner.film(probe.scene)
