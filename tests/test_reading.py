@@ -128,10 +128,14 @@ def test_only_a_moderate_number_is_a_place(value):
 
 
 def test_lines_end_at_line_breaks_alone_and_may_follow_a_byte_order_mark(tmp_path: Path):
-    scene = Scene.from_json(json.dumps(SCENE | {"instruction": "pick\u2028up"}))
-    line = scene.to_json().replace("\\u2028", "\u2028")
+    scene = Scene.from_json(json.dumps(SCENE))
+    line = scene.to_json()
     (tmp_path / "a.jsonl").write_text(f"\ufeff{line}\n{line}\n", encoding="utf-8")
     assert load_scenes(tmp_path / "a.jsonl") == [scene, scene]
+    broken = line.replace("pick up", "pick\u2028up")
+    (tmp_path / "a.jsonl").write_text(f"{line}\n{broken}\n", encoding="utf-8")
+    with pytest.raises(SceneError, match=r"a\.jsonl:2: instruction: it has signs that cannot be seen"):
+        load_scenes(tmp_path / "a.jsonl")
 
 
 def test_lint_judges_all_lines_of_a_file_with_a_rotation_of_length_zero(tmp_path, monkeypatch, capsys):

@@ -25,12 +25,12 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 ROOT = Path(vlafuzz.__file__).parent
 SECRET = "a-private-word"
 READERS = {  # modules that read received folders
-    "objects/measured.py",
-    "objects/packs.py",
-    "objects/references.py",
+    "worlds/tabletop/objects/measured.py",
+    "worlds/tabletop/objects/packs.py",
+    "worlds/tabletop/objects/references.py",
     "policies/mini/policy.py",
-    "regression/folder.py",
-    "sim/maniskill/cameras.py",
+    "failures/corpus/folder.py",
+    "worlds/tabletop/sim/cameras.py",
 }
 OPENERS = {"read_bytes", "read_json", "read_text", "load_scenes"}  # of ours, with a parameter ``inside``
 BARE = {"open", "fromfile", "imread", "load_file", "memmap"} | OPENERS

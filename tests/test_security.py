@@ -131,6 +131,8 @@ def audited() -> list[list[str]]:
 
     def hook(event: str, arguments: tuple) -> None:
         if event in ("open", "os.listdir", "os.scandir", "os.mkdir", "os.rename", "os.remove"):
+            if isinstance(arguments[0], int):  # a descriptor, of a file whose path was recorded
+                return
             for paths in noting:
                 paths.append(str(arguments[0]))
 

@@ -51,9 +51,9 @@ def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
         return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
 
 
-def complaint(capsys: pytest.CaptureFixture[str], *flags: str) -> str:
+def complaint(capsys: pytest.CaptureFixture[str], *flags: str, code: int = 2) -> str:
     capsys.readouterr()
-    assert main(["compare", *SMALL, *HERE, *flags]) == 2
+    assert main(["compare", *SMALL, *HERE, *flags]) == code
     shown = capsys.readouterr().err.splitlines()
     assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
     return shown[0]

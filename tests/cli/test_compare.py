@@ -209,4 +209,4 @@ def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
 
 def test_a_policy_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
-    assert "ended in an error, first: ConnectionError: refused" in complaint(capsys)
+    assert "ended in an error, first: ConnectionError: refused" in complaint(capsys, code=3)

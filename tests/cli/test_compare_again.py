@@ -138,7 +138,7 @@ def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
-    assert "8 scenes in a row had no answer" in complaint(capsys)
+    assert "8 scenes in a row had no answer" in complaint(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]
     assert not (folder / "out" / "compare.json").exists()
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())

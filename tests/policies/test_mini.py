@@ -133,7 +133,7 @@ def test_an_observation_without_a_picture_is_refused():
 def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):
     for problem, name in ((None, "mini"), ("no device", "pinhole")):
         monkeypatch.setattr(
-            "vlafuzz.worlds.tabletop.probe_once", lambda problem=problem: Renderer(None, None, problem)
+            "vlafuzz.worlds.tabletop.world.probe_once", lambda problem=problem: Renderer(None, None, problem)
         )
         assert default_policy() == name
 

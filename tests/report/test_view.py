@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, passed
-from tests.regression.corpora import case, make_corpus
+from tests.regression.corpora import PNG, case, make_corpus
 from tests.regression.test_export import CheckingRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.sim.scenes import nominal
@@ -188,7 +188,7 @@ def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     assert [card.replay for card in shown.cards] == [
         f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
     ]
-    assert shown.cards[0].picture == b"png"
+    assert shown.cards[0].picture == PNG
 
 
 def test_every_deviation_is_described_in_words():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +17,7 @@ from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.clients.interface import Interface, Written, interface_of
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.executor import evaluate_safely
-from vlafuzz.rollouts.setup import make_evaluator, stored_space
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.worlds import world_of
 
@@ -53,7 +52,6 @@ class ExpertRunner:
     def __init__(self, run: Manifest) -> None:
         self._run = replace(run, repeats=1, stop_early=True)
         self.interface: Interface = interface_of(run.policy, run.spec)
-        self._space = stored_space(Path("the run"), run)
         self._demonstrator = world_of(run.task).demonstrator(self.interface)
         self._solving: SceneEvaluator | None = None
         self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
@@ -64,7 +62,7 @@ class ExpertRunner:
         It acts without latency, as it corrects itself at every step; a replay then has the scene's.
         """
         if self._solving is None:
-            self._solving = make_evaluator(self._run, self._demonstrator, space=self._space)
+            self._solving = make_evaluator(self._run, self._demonstrator)
         prompt = replace(scene, latency=Latency())
         tries = self._demonstrator.tries
         for attempt in ((first + number) % tries for number in range(tries)):
@@ -131,7 +129,7 @@ class ExpertRunner:
             player, spec = Player(self.interface.spec), self.interface.spec
             cameras = spec.cameras if pictures else ()
             player.spec = replace(spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
-            self._playing[pictures] = make_evaluator(self._run, player, space=self._space, checked=False)
+            self._playing[pictures] = make_evaluator(self._run, player, checked=False)
         return self._playing[pictures]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, groupby
 from pathlib import Path
@@ -155,11 +155,13 @@ def _root(of: Sequence[int], index: int) -> int:
 def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
     scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
-    spaces = _spaces(source, (failure.run for _, failure in scenes))
+    spaces: Mapping[tuple[str, ...], Space] = {}
     for number in count():
         for scene, failure in scenes:
-            near = spaces[_space_of(failure.run)].jittered
-            shown = near(scene, DEMONSTRATE + number) if number else scene
+            shown = scene
+            if number:
+                spaces = spaces or _spaces(source, (failure.run for _, failure in scenes))
+                shown = spaces[_space_of(failure.run)].jittered(scene, DEMONSTRATE + number)
             yield Wanted(shown, failure.run, number, failure.scene.digest)
 
 

@@ -6,10 +6,13 @@ import pkgutil
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vlafuzz.common.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
-from vlafuzz.worlds.base import World
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.base import World
 
 GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
 
