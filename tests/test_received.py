@@ -137,6 +137,12 @@ GLB = '{{"images": [{{"uri": "{}"}}]}}'
 DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></library_images></COLLADA>"
 
 
+def binary(text: str) -> bytes:
+    """The text as the first part of a GLB."""
+    written = text.encode()
+    return b"glTF\2\0\0\0" + bytes(4) + len(written).to_bytes(4, "little") + b"JSON" + written
+
+
 @pytest.mark.parametrize(
     "outside", ["../../../private", "..\\\\..\\\\..\\\\private", "%2e%2e/../../private", "ABSOLUTE"]
 )
@@ -146,10 +152,42 @@ DAE = "<COLLADA><library_images><image><init_from>{}</init_from></image></librar
 )
 def test_a_mesh_names_no_file_outside(name: str, text: str, outside: str, received: Callable[[str], Path]):
     folder = received("pack")
-    written = text.format(outside.replace("ABSOLUTE", str(folder.parent / "private"))).encode()
-    heads = bytes(12) + len(written).to_bytes(4, "little") + b"JSON" if name.endswith("glb") else b""
-    (folder / "models/brick" / name).write_bytes(heads + written)
+    written = text.format(outside.replace("ABSOLUTE", str(folder.parent / "private")))
+    content = binary(written) if name.endswith("glb") else written.encode()
+    (folder / "models/brick" / name).write_bytes(content)
     with pytest.raises(CatalogueError, match=f"{name}: names .* which is not in the pack"):
+        read_pack(folder)
+
+
+OUT = "../../../private"
+SAMPLED = "<COLLADA><sampler2D><source>{}</source></sampler2D></COLLADA>"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("textured.obj", f"v 0 0 0\rmtllib {OUT}\r".encode()),
+        ("textured.obj", f"v 0 0 0\0mtllib {OUT}\n".encode()),
+        ("textured.obj", f"mtllib \\\r\n{OUT}\n".encode()),
+        ("textured.obj", f"mtl\\\nlib {OUT}\n".encode()),
+        ("a.mtl", f"newmtl a\fmap_Kd {OUT}\n".encode()),
+        ("a.mtl", f"newmtl a\nnorm_ {OUT}\n".encode()),
+        ("textured.dae", SAMPLED.format(OUT).encode()),
+        ("textured.dae", DAE.format(f"{OUT}<!-- -->.png").encode()),
+        ("textured.dae", DAE.format(f"{OUT}<![CDATA[.png]]>").encode()),
+        ("textured.dae", b'<!DOCTYPE C [<!ENTITY a "nowhere">]>' + DAE.format(f"&a;/../{OUT}").encode()),
+        ("textured.glb", b"mtllib ../../../x\nv\n{}"),
+        ("textured.glb", binary(f'{{"images": [{{"uri": "{OUT}", "uri": "nowhere"}}]}}')),
+        ("textured.glb", binary(f'{{"images": [{{"uri": "{OUT}"}}], "images": []}}')),
+    ],
+)
+def test_a_name_that_only_sapien_would_find_is_not_missed(
+    name: str, content: bytes, received: Callable[[str], Path]
+):
+    folder = received("pack")
+    (folder.parent / "private.jpg").write_text(SECRET)  # so SAPIEN calls a texture that is not declared
+    (folder / "models/brick" / name).write_bytes(content)
+    with pytest.raises(CatalogueError, match=f"{name}: (names .*private|no mesh)"):
         read_pack(folder)
 
 

@@ -29,11 +29,15 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 
 SECRET = "a-word-from-elsewhere"
 _SHOWN = [base64.b64encode(SECRET.encode()[start:])[2:-4].decode() for start in range(3)]
-REFERENCES = {
-    "textured.obj": "mtllib {}\n",
-    "a.mtl": "newmtl a\nmap_Kd -s 1 1 1 {}\n",
-    "textured.dae": "<COLLADA><image><init_from>{}</init_from></image></COLLADA>",
-}
+REFERENCES = [
+    ("textured.obj", "mtllib {}\n"),
+    ("textured.obj", "v 0 0 0\rmtllib {}\r"),
+    ("textured.obj", "mtl\\\nlib {}\n"),
+    ("a.mtl", "newmtl a\nmap_Kd -s 1 1 1 {}\n"),
+    ("a.mtl", "newmtl a\fnorm_ {}\n"),
+    ("textured.dae", "<COLLADA><image><init_from>{}</init_from></image></COLLADA>"),
+    ("textured.dae", "<COLLADA><sampler2D><source>{}<!-- -->.</source></sampler2D></COLLADA>"),
+]
 _outside: list[str] = []  # the folder of which nothing may be opened, while there is one
 
 
@@ -66,7 +70,8 @@ def _received(rng: Rng, sample: Path, folder: Path) -> Path:
 
 
 def _spoil(rng: Rng, path: Path, root: Path, outside: Path) -> None:
-    content = path.read_bytes() if path.is_file() and path.stat().st_size < 1 << 24 else b""
+    own = path.is_file() and not path.is_symlink()  # else its content may be from outside
+    content = path.read_bytes() if own and path.stat().st_size < 1 << 24 else b""
     if path.is_dir() and not path.is_symlink():
         path.rename(outside / f"moved-{rng.integers(1 << 40)}")
     else:
@@ -137,16 +142,19 @@ def _read_corpus(rng: Rng, root: Path) -> str:
 def _read_pack(rng: Rng, root: Path) -> str:
     models = [path for path in root.glob("models/*") if path.is_dir()]
     if models and rng.random() < 0.4:
-        name = str(rng.choice(list(REFERENCES)))
+        name, text = REFERENCES[int(rng.integers(len(REFERENCES)))]
         target = str(
             rng.choice(["../../../outside/secret", f"{root.parent}/outside/secret.png", "texture.png"])
         )
         place = models[int(rng.integers(len(models)))] / name
-        if not place.is_symlink():
-            place.write_text(REFERENCES[name].format(target))
+        if place.resolve() == place:  # behind no link
+            place.write_text(text.format(target))
     with cache_in(root.parent / "cache"):
         catalogue = load_catalogue(packs=open_packs(str(root)))
         own = [name for name in catalogue if ":" in name]
+        files = (file for name in own for file in (root / "models" / name.partition(":")[2]).iterdir())
+        accepted = [file for file in files if file.is_file() and b"/outside/" in file.read_bytes()]
+        assert not accepted, f"accepts {accepted}"
         return repr(catalogue[own[int(rng.integers(len(own)))]])
 
 

@@ -110,10 +110,10 @@ class Breaking:
 
 
 class Mortal(Breaking):
-    """Its worker is killed at the fourth answer, until the file ``mended`` is there."""
+    """Its worker is killed whenever it is asked, until the file ``mended`` is there."""
 
     def act(self, observations: Sequence[Observation]) -> list[Any]:
-        if Breaking.asked >= STEPS and not Path("mended").exists():
+        if not Path("mended").exists():
             os.kill(os.getpid(), signal.SIGKILL)
         return super().act(observations)
 

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
@@ -57,6 +56,8 @@ class Harness:
             metric = action * ([spec.position_scale] * 3 + [spec.rotation_scale] * 3 + [1.0])
         _check_finite(metric[None], self._spec.name)
         if spec.rotation in AXES:
+            from scipy.spatial.transform import Rotation  # a catalogue is loaded without it
+
             metric[3:6] = Rotation.from_euler(AXES[spec.rotation], metric[3:6]).as_rotvec()
         metric[6] = self._gripper.command(float(action[6]))
         return metric
