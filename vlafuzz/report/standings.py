@@ -85,7 +85,8 @@ def standings(
     found_by = {finding.key: manifests[finding.run] for finding in store.findings()}
     spent = defaultdict[tuple[str, str], int](int)
     for row in store.triaged():
-        spent[found_by[row.key].model, row.scene.task] += row.policy_rollouts
+        if row.key in found_by:  # always, unless somebody changed the store
+            spent[found_by[row.key].model, row.scene.task] += row.policy_rollouts
     by_run = {one.run: one for one in lists}
     return tuple(
         _standing(store, several, by_run, counts.begun[task, model], spent[model, task])
