@@ -41,7 +41,7 @@ def pytest_terminal_summary(terminalreporter) -> None:
 @pytest.fixture(scope="session")
 def env():
     """One physics-only environment for everybody; whoever uses it begins a scene first."""
-    from tests.sim.scenes import make_env
+    from tests.worlds.tabletop.sim.scenes import make_env
 
     made = make_env()
     yield made
@@ -51,7 +51,7 @@ def env():
 @pytest.fixture(scope="session")
 def expert_on():
     """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
-    from tests.sim.scenes import CATALOGUE
+    from tests.worlds.tabletop.sim.scenes import CATALOGUE
     from vlafuzz.model.conditions import Conditions
     from vlafuzz.worlds.tabletop.experts.expert import Expert
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator

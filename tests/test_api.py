@@ -7,11 +7,11 @@ import pytest
 
 import vlafuzz
 from tests.doubles import Idle
-from tests.regression.corpora import make_corpus
-from tests.regression.sides import RuleRunner
+from tests.failures.corpus.corpora import make_corpus
+from tests.failures.corpus.sides import RuleRunner
+from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
 from tests.report.stores import store as stored_findings
-from tests.triage.planted import CONDITIONS
-from tests.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz import api
 from vlafuzz.api import causes, fuzz, triage
 from vlafuzz.campaign import launch

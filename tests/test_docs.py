@@ -19,7 +19,7 @@ from tests.documentation import ROOT, files, text
 from tests.doubles import ClosedForm
 from tests.report.stores import store
 from tests.search import climb
-from tests.sim.scenes import CATALOGUE, nominal
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.model.outcome import Verdict

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import vlafuzz
+from tests.failures.corpus.corpora import PNG, case, make_corpus
 from tests.packs import box, write_pack
-from tests.regression.corpora import PNG, case, make_corpus
 from vlafuzz.errors import CatalogueError, CorpusError, UsageError
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.policies.base import Observation

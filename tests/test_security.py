@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import vlafuzz
-from tests.clients import groot_server, served, test_openpi
-from tests.clients import test_openvla as test_act
 from tests.packs import box, write_pack
-from tests.sim.scenes import nominal
+from tests.policies.clients import groot_server, served, test_openpi
+from tests.policies.clients import test_openvla as test_act
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.config import default_store
 from vlafuzz.cli import main
 from vlafuzz.common.assets import corpus_dir

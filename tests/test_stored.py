@@ -9,8 +9,8 @@ import pytest
 
 import vlafuzz
 from tests.doubles import failed
+from tests.failures.triage.planted import CONDITIONS, Planted
 from tests.report.stores import MANIFEST, store
-from tests.triage.planted import CONDITIONS, Planted
 from vlafuzz.errors import PrerequisiteError, StoreError
 from vlafuzz.store.records import Attribution, Trial
 from vlafuzz.store.store import Store

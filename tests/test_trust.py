@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, trial
-from tests.regression.corpora import case, make_corpus
+from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
 from vlafuzz.cli import COMMANDS as PLACES
 from vlafuzz.cli import _load, main

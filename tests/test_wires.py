@@ -8,8 +8,8 @@ import pytest
 import zmq
 from scipy.spatial.transform import Rotation
 
-from tests.clients.served import black, seen, start
 from tests.documentation import ROOT, files, text
+from tests.policies.clients.served import black, seen, start
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.openvla import OpenVla

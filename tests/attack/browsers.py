@@ -14,7 +14,7 @@ import pytest
 
 from tests.attack import mutators, samples
 from tests.attack.readers import Reader, Rng
-from tests.clients.test_hostile import RESET
+from tests.policies.clients.test_hostile import RESET
 from vlafuzz.report.follow import PageServer, live_page
 from vlafuzz.report.live import Live
 from vlafuzz.store.store import Store

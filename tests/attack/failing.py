@@ -17,8 +17,8 @@ from tests.attack import mutators
 from tests.attack.reactions import is_fair
 from tests.attack.readers import Reader, Rng
 from tests.attack.wires import ACTIONS, HELLO, array_of, frame_of
-from tests.clients.served import seen, start
-from tests.clients.test_hostile import RESET, accepting
+from tests.policies.clients.served import seen, start
+from tests.policies.clients.test_hostile import RESET, accepting
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_vla_eval

@@ -17,7 +17,7 @@ import numpy as np
 
 from tests.attack import mutators, samples
 from tests.attack.readers import Reader, Rng, cache_in
-from tests.clients.served import STATE
+from tests.policies.clients.served import STATE
 from vlafuzz.errors import VlafuzzError
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.base import Observation

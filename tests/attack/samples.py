@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from tests.failures.corpus.corpora import case, make_corpus
 from tests.packs import box, can, tray, write_pack
-from tests.regression.corpora import case, make_corpus
 from tests.report.stores import MANIFEST
 from tests.report.stores import store as write_store
-from tests.sim.scenes import CATALOGUE, CROWD, nominal
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus

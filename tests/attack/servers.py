@@ -18,8 +18,8 @@ from websockets.sync.client import connect
 from tests.attack import mutators
 from tests.attack.readers import Reader, Rng
 from tests.attack.wires import ACTIONS, array_of, frame_of
-from tests.clients.faults import Drifting
-from tests.clients.served import STATE, seen, start
+from tests.policies.clients.faults import Drifting
+from tests.policies.clients.served import STATE, seen, start
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.openvla import encode
 from vlafuzz.policies.serving.serve import serving

@@ -12,8 +12,8 @@ import numpy as np
 
 from tests.attack import mutators
 from tests.attack.readers import Reader, Rng
-from tests.clients import groot_server
-from tests.clients.served import black, seen, start
+from tests.policies.clients import groot_server
+from tests.policies.clients.served import black, seen, start
 from vlafuzz.policies.clients import msgpack_wire
 from vlafuzz.policies.clients.groot import Groot
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, pack_openpi, pack_vla_eval

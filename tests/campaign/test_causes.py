@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, Backwards, Scripted, TinySpace, manifest, scene
-from tests.triage.planted import CONDITIONS, SPACE
-from tests.triage.runners import PlantedEvaluator
+from tests.failures.triage.planted import CONDITIONS, SPACE
+from tests.failures.triage.runners import PlantedEvaluator
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor

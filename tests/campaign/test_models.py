@@ -6,8 +6,8 @@ from shutil import copy
 
 import pytest
 
-from tests.clients.faults import Drifting
 from tests.doubles import ClosedForm
+from tests.policies.clients.faults import Drifting
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.cli import main

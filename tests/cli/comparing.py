@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner as runner

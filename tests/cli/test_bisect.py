@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.regression.corpora import case, make_corpus
-from tests.regression.sides import RuleRunner
+from tests.failures.corpus.corpora import case, make_corpus
+from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.triage.planted import CONDITIONS
-from tests.triage.runners import PlantedEvaluator, PlantedRunner
+from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner

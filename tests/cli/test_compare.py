@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.comparing import SMALL, compare, complaint, runs, without_simulator
 from tests.doubles import Raising
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner as runner

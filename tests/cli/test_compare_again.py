@@ -7,7 +7,7 @@ import pytest
 
 from tests.cli.comparing import IDLE, compare, complaint, dark, runs, timeless, without_simulator
 from tests.doubles import ClosedForm, Gone, Raising
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner as runner

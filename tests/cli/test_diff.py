@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, scene
-from tests.regression.corpora import case, make_corpus
-from tests.regression.sides import RuleRunner
-from tests.regression.test_export import CheckingRunner
-from tests.triage.planted import CONDITIONS, Planted
+from tests.failures.corpus.corpora import case, make_corpus
+from tests.failures.corpus.sides import RuleRunner
+from tests.failures.corpus.test_export import CheckingRunner
+from tests.failures.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.diff import known

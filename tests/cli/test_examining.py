@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.diagnostics.faults import FAULTS, Changed
+from tests.doctor.faults import FAULTS, Changed
 from vlafuzz.cli import main
 from vlafuzz.doctor import two_processes
 from vlafuzz.policies.base import Policy

@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest
-from tests.regression.test_export import CheckingRunner
-from tests.triage.planted import CONDITIONS, Planted
+from tests.failures.corpus.test_export import CheckingRunner
+from tests.failures.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.exports.selection import Which, failures_of_store
 from vlafuzz.failures.corpus.folder import read_corpus

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import manifest
-from tests.sim.scenes import nominal
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.cli import main
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store

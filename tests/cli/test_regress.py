@@ -10,8 +10,8 @@ from xml.etree import ElementTree as Xml
 import pytest
 
 from tests.doubles import manifest
-from tests.regression.corpora import case, make_corpus
-from tests.regression.sides import RuleRunner
+from tests.failures.corpus.corpora import case, make_corpus
+from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus import pace
 from vlafuzz.failures.corpus.folder import write_corpus

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, manifest, passed
-from tests.sim.scenes import nominal
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
 from vlafuzz.model.scene import Light, Placement

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.regression.corpora import make_corpus
+from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import ClosedForm, Gone, Raising, scene
-from tests.triage.planted import CONDITIONS
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main

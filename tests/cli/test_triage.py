@@ -5,8 +5,8 @@ import pytest
 
 import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
 from tests.doubles import failed, manifest
-from tests.triage.planted import CONDITIONS, Planted
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from tests.doubles import ClosedForm, scene
-from tests.sim.scenes import CATALOGUE
+from tests.worlds.tabletop.sim.scenes import CATALOGUE
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement

@@ -5,7 +5,7 @@ from contextlib import ExitStack
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
@@ -48,8 +48,8 @@ def servers() -> dict[str, str]:
 @pytest.fixture(scope="module")
 def server() -> str:
     """The name of a policy behind the real vla-eval server."""
-    from tests.clients import served
-    from tests.clients.served import Rounded
+    from tests.policies.clients import served
+    from tests.policies.clients.served import Rounded
 
     with served.serving(Rounded(make_policy("random")), max_batch_size=3) as name:
         yield name

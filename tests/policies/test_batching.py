@@ -1,6 +1,6 @@
 """One policy for many callers gives each of them the answers that it would get alone."""
 
-from tests.execute.models import Counter
+from tests.rollouts.models import Counter
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.batching import Answer, BatchingPolicy, Request

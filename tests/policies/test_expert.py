@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict

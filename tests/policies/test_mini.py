@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from tests.sim.scenes import CATALOGUE, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict

@@ -6,7 +6,7 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, nominal
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
@@ -103,7 +103,7 @@ def test_it_is_told_no_positions():
 @pytest.mark.parametrize("name", ["pepsi_can", "carrot", "sponge", "green_cube", "blue_plastic_bottle"])
 @pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
-    from tests.sim.scenes import make_env
+    from tests.worlds.tabletop.sim.scenes import make_env
     from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
     from vlafuzz.worlds.manipulation.rigs.robots import PANDA
     from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer

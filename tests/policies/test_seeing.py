@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict

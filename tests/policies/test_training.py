@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.sim.scenes import nominal
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS, Mini
 from vlafuzz.worlds.tabletop.tasks import TASKS

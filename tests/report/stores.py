@@ -7,8 +7,8 @@ import imageio.v3 as imageio
 import numpy as np
 
 from tests.doubles import failed, manifest, passed
-from tests.triage.planted import CONDITIONS, SPACE, Planted
-from tests.triage.runners import PlantedRunner
+from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed
+from tests.failures.triage.planted import SPACE
 from tests.report.stores import MANIFEST, view
-from tests.triage.planted import SPACE
 from vlafuzz.cli import main
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Attribution, FoundCause, Trial

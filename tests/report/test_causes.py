@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed
+from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
+from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
-from tests.triage.planted import CONDITIONS, SPACE, Planted
-from tests.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.scene import Scene

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, passed
+from tests.failures.triage.planted import SPACE
 from tests.report.stores import MANIFEST
-from tests.triage.planted import SPACE
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.effects import ENOUGH, Effects, effects_of
 from vlafuzz.report.page import render

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.report.stores import MANIFEST
-from tests.sim.scenes import nominal
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.worlds.evaluation import FILM_SPEED, Film
 

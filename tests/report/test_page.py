@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import scene
-from tests.regression.corpora import make_corpus
+from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError, UsageError
 from vlafuzz.model.scene import Scene

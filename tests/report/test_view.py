@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, passed
-from tests.regression.corpora import PNG, case, make_corpus
-from tests.regression.test_export import CheckingRunner
+from tests.failures.corpus.corpora import PNG, case, make_corpus
+from tests.failures.corpus.test_export import CheckingRunner
+from tests.failures.triage.planted import SPACE, Condition
+from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
-from tests.sim.scenes import nominal
-from tests.triage.planted import SPACE, Condition
-from tests.triage.runners import PlantedRunner
+from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.failures.triage.pipeline import triage

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.common.test_reading import in_little_memory
 from tests.doubles import failed, manifest, trial
 from tests.report.stores import store as triaged_store
-from tests.test_reading import in_little_memory
 from vlafuzz.errors import StoreError
 from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store

@@ -1,0 +1,188 @@
+"""Which correction is named, when the outcomes are known."""
+
+from collections.abc import Callable
+from itertools import count
+
+import numpy as np
+import pytest
+
+from tests.doctor.simulated import NOTHING, Simulated, skilled, spread
+from tests.doubles import failed, passed, scene
+from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
+
+FIRST, SECOND, THIRD = (
+    Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third")
+)
+SPEC = PolicySpec("any")
+Roll = Callable[[Scene, Correction | None], Outcome]
+
+
+def check(roll: Roll, n: int = 4):
+    scenes = [scene(x=number / 1000) for number in range(n)]
+    fresh = (scene(x=-number / 1000) for number in count(1))
+    return check_wiring([(case, roll(case, None)) for case in scenes], fresh, [FIRST, SECOND, THIRD], roll)
+
+
+def test_the_correction_that_helps_is_named_with_what_to_do():
+    row = check(lambda _, tried: passed() if tried is SECOND else failed(0.2))
+    assert (row.verdict, row.follows) == ("refuse", "miswired: turn second round")
+    assert (
+        row.found
+        == "second: correcting this raises its progress from 0.20 to 1.00 in 11 scenes like those that failed"
+    )
+
+
+def test_the_one_that_helps_most_is_named():
+    progress = {None: 0.1, FIRST: 0.4, SECOND: 0.9, THIRD: 0.5}
+    assert check(lambda _, tried: failed(progress[tried])).found.startswith("second: ")
+
+
+def test_it_may_help_in_some_scenes_only():
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        crooked = of.targets[0].x > 0 or round(of.targets[0].x * 1000) % 3
+        return failed(0.2) if crooked and tried is not THIRD else passed()
+
+    assert check(roll).found.startswith("third: ")
+
+
+def test_a_correction_that_helps_a_little_is_suspicious_only():
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        crooked = of.targets[0].x > 0 or round(of.targets[0].x * 1000) % 2
+        return failed(0.3) if crooked and tried is not THIRD else passed()
+
+    row = check(roll)
+    assert row.found.startswith("third: correcting this raises its progress from 0.6")
+    assert row.verdict == "warn"
+    assert row.follows.startswith("suspicious: ")
+
+
+def test_nothing_is_tried_on_a_policy_that_succeeds():
+    def roll(_: Scene, tried: Correction | None) -> Outcome:
+        assert tried is None
+        return passed()
+
+    assert check(roll) == ("wiring", "it succeeds as it is: nothing to correct", "ok", "")
+
+
+def test_a_single_failure_among_successes_is_too_few_to_try_corrections():
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        assert tried is None
+        return passed() if of.targets[0].x > 0 else failed(0.2)
+
+    row = check(roll)
+    assert (row.found, row.verdict) == ("1 failure in 4 nominal scenes: too few to look for a fault", "ok")
+    assert check(lambda *_: failed(0.2), n=1).found.startswith("none of 3 corrections")
+
+
+def test_it_is_said_when_nothing_helps():
+    row = check(lambda *_: failed(0.2))
+    assert row == ("wiring", "none of 3 corrections clearly raises its progress", "ok", "")
+
+
+def test_a_correction_that_helps_where_it_was_found_only_is_not_named():
+    """The scenes in which it was selected are no evidence."""
+    first = {scene(x=number / 1000) for number in range(2)}
+    row = check(lambda of, tried: passed() if tried is FIRST and of in first else failed(0.2))
+    assert row.verdict == "ok"
+
+
+def test_a_correction_that_spoils_what_was_solved_is_not_named():
+    hard = {scene(x=number / 1000) for number in (0, 1)}
+
+    def roll(of: Scene, tried: Correction | None) -> Outcome:
+        solved = (of in hard or of.targets[0].x < 0) == (tried is FIRST)
+        return passed() if solved else failed(0.2)
+
+    assert check(roll).verdict == "ok"
+
+
+CORRECT = {
+    "noise around 0.3": lambda gain: (spread(0.3, 0.1), spread(0.3 + gain, 0.1)),
+    "noise around 0.5": lambda gain: (spread(0.5, 0.3), spread(0.5 + gain, 0.3)),
+    "successes at 0.1": lambda gain: (skilled(0.1), skilled(0.1 + gain / 0.75)),
+    "successes at 0.5": lambda gain: (skilled(0.5), skilled(0.5 + gain / 0.75)),
+}
+
+
+@pytest.mark.parametrize("gain", [0.15, 0.3])
+@pytest.mark.parametrize("law", CORRECT)
+def test_a_correctly_wired_policy_is_hardly_ever_called_miswired(law: str, gain: float):
+    """Although a correction adds some progress, and others do no harm. The limit is 5 %."""
+    plain, helped = CORRECT[law](gain)
+    cases = [Simulated((1, number), plain, helped, wrong=plain) for number in range(100)]
+    assert sum(case.called() is not None for case in cases) <= 5
+
+
+@pytest.mark.parametrize(
+    ("skill", "affected", "least"), [(0.9, 1.0, 95), (0.7, 1.0, 85), (0.5, 1.0, 65), (0.9, 0.75, 75)]
+)
+def test_the_fault_of_a_policy_of_some_skill_is_named(skill: float, affected: float, least: int):
+    cases = [
+        Simulated((2, number), NOTHING, skilled(skill, 0.35), affected=affected) for number in range(100)
+    ]
+    assert sum(case.called() == case.right.fault for case in cases) >= least
+
+
+class Ahead:
+    """Moves along x, and up when the top of the picture is red."""
+
+    spec = SPEC
+
+    def act(self, observations):
+        up = [float(seen.images["front"][0, 0, 0] > 0) for seen in observations]
+        return [
+            ActionChunk(np.array([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]]))
+            for height in up
+        ]
+
+
+@pytest.mark.parametrize(
+    ("fault", "first"),
+    [
+        ("x and y of its moves are swapped", [0, 0.1, 0, 0, 0, 0.3, 1]),
+        ("x of its moves has the wrong sign", [-0.1, 0, 0, 0, 0, 0.3, 1]),
+        ("its frame is turned by half about z", [-0.1, 0, 0, 0, 0, 0.3, 1]),
+        ("its yaw has the wrong sign", [0.1, 0, 0, 0, 0, -0.3, 1]),
+        ("its gripper opens where it should close", [0.1, 0, 0, 0, 0, 0.3, -1]),
+        ("its moves have the wrong length", [2, 0, 0, 0, 0, 0.3, 1]),
+        ("its chunks begin 1 step too early", [0.2, 0, 0, 0, 0, 0, -1]),
+        ("it gets red and blue exchanged", [0.1, 0, 1, 0, 0, 0.3, 1]),
+        ("it gets its pictures upside down", [0.1, 0, 1, 0, 0, 0.3, 1]),
+        ("it gets its pictures mirrored", [0.1, 0, 1, 0, 0, 0.3, 1]),
+    ],
+)
+def test_a_correction_changes_what_it_says_and_nothing_else(fault: str, first: list[float]):
+    spec = PolicySpec("seeing", cameras=(CameraRequest("front", 16, 16),))
+    picture = np.zeros((16, 16, 3), np.uint8)
+    place = {"exchanged": (0, 0, 2), "down": (15, 0, 0), "mirrored": (0, 15, 0)}.get(fault.split()[-1])
+    if place:
+        picture[place] = 255
+    policy = Corrected(Ahead())
+    policy.correction = next(correction for correction in corrections(spec, 2) if correction.fault == fault)
+    (chunk,) = policy.act([Observation("a", 0, "pick up apple", images={"front": picture})])
+    assert chunk.actions[0] == pytest.approx(first)
+
+
+def test_a_gripper_from_0_to_1_is_turned_round_in_its_own_range():
+    spec = PolicySpec("any", action=ActionSpec(gripper="open_01"))
+    (grip,) = (correction for correction in corrections(spec, 1) if "gripper" in correction.fault)
+    assert grip.actions(np.array([[0, 0, 0, 0, 0, 0, 0.8]]), spec)[0, 6] == pytest.approx(0.2)
+
+
+def test_corrections_of_what_a_policy_does_not_have_are_not_tried():
+    blind, seeing = (
+        corrections(SPEC, 1),
+        corrections(PolicySpec("a", cameras=(CameraRequest("b", 16, 16),)), 8),
+    )
+    assert not any(correction.picture for correction in blind)
+    assert {correction.fault for correction in seeing} - {correction.fault for correction in blind} == {
+        "its chunks begin 1 step too early",
+        "its chunks begin 2 steps too early",
+        "it gets red and blue exchanged",
+        "it gets its pictures upside down",
+        "it gets its pictures mirrored",
+        "it gets its pictures turned by half",
+    }

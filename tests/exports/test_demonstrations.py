@@ -1,0 +1,223 @@
+"""The expert's solutions of failing scenes, written as the policy acts: what is read back solves them."""
+
+import io
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.doubles import failed, trial
+from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
+from tests.failures.triage.test_scene_runner import run
+from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
+from vlafuzz.cli import main
+from vlafuzz.exports.demonstrations import Demonstrations, _key
+from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.exports.selection import around, failures_of_store
+from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.model.scene_lines import load_scenes
+from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.servers import options_of
+from vlafuzz.store.records import Manifest, Solution
+from vlafuzz.store.store import Store
+from vlafuzz.worlds.provenance import described
+
+CAN, APPLE = nominal(), pick_up(put("apple", 0.02, 0.1))
+INSIDE = pick_up(put("apple", 0.02, 0.1), put("orange", 0.02, 0.1))  # not fair: one in the other
+LIBERO = "openpi:ws://gpu:8000?profile=libero"
+
+
+def of_policy(name: str) -> Manifest:
+    """The run of a policy behind a server, which nobody asks."""
+    return replace(run("make_frozen"), policy=name, spec=described(Model(name, options_of(name)).spec))
+
+
+def tiny_pictures(**action: object) -> Manifest:
+    cameras = (CameraRequest("front", 32, 24),)
+    return replace(
+        run("make_frozen"), spec=described(PolicySpec("own", action=ActionSpec(**action), cameras=cameras))
+    )
+
+
+def failing(path: Path, manifest: Manifest, *scenes: Scene) -> Path:
+    with Store.open(path, "write") as store:
+        number = store.begin(manifest)
+        for proposal, scene in enumerate(scenes):
+            cell = f"grasp|light|x{proposal}y0"
+            store.add(number, replace(trial(proposal, failed()), scene=scene, cell=cell))
+    return path
+
+
+def solved(manifest: Manifest, scene: Scene) -> tuple[Solution, bool]:
+    """The expert's solution, and whether its actions, as they are written, solve the scene once more."""
+    runner = ExpertRunner(manifest)
+    solution = runner.solve(scene)
+    assert isinstance(solution, Solution)
+    again = runner._played(scene, solution.actions, pictures=False)
+    runner.close()
+    return solution, again is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "numbers", "most"),
+    [
+        ("profile=libero", 7, 2.0),  # moves in units of 5 cm, at 20 Hz
+        ("hz=10&relative_to=target&sticky=3", 7, 1.0),
+        ("action=eef_pose&rotation=rot6d&execute=1&hz=4", 10, 1.0),
+        ("frame=tool&rotation=quaternion_wxyz&execute=1&gripper=close_01", 8, 1.0),
+    ],
+)
+def test_a_solution_is_written_as_the_policy_acts(options: str, numbers: int, most: float):
+    solution, again = solved(of_policy(f"openpi:ws://gpu:8000?{options}"), CAN)
+    assert (solution.actions.shape[1], again) == (numbers, True)
+    assert 0.5 < np.abs(solution.actions).max() <= most
+
+
+def test_the_gripper_closes_as_the_policy_closes_it():
+    solution, _ = solved(of_policy("openpi:ws://gpu:8000?gripper=close_01"), CAN)
+    assert (solution.actions[0, -1], solution.actions[-1, -1]) == (0.0, 1.0)
+
+
+def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
+    late = replace(CAN, latency=Latency(2))
+    in_time, again = solved(tiny_pictures(relative_to="current"), late)
+    assert again
+    assert np.array_equal(in_time.actions, solved(tiny_pictures(relative_to="current"), CAN)[0].actions)
+
+
+def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
+    with Store.open(path) as store:
+        wanted = around(path, failures_of_store(store, None, "failed"))
+    found = Demonstrations().solved(wanted, 3, 3)
+    assert [each.solution.attempt for each in found] == [0, 1, 2]
+    assert found[0].wanted.scene == CAN
+    assert len({each.wanted.scene for each in found}) == 3
+    x = [each.wanted.scene.targets[0].x for each in found]
+    assert max(x) - min(x) < 0.01
+
+
+def test_the_store_keeps_what_the_expert_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE)
+    with Store.open(path, "write") as store:
+        failures = failures_of_store(store, None, "failed")
+        first = Demonstrations(store)
+        before = first.solved(around(path, failures), 2, 2)
+        monkeypatch.setattr(ExpertRunner, "solve", None)  # nobody asks it again
+        again = Demonstrations(store)
+        after = again.solved(around(path, failures), 2, 2)
+    assert (first.known, again.known) == (0, 2)
+    for one, other in zip(before, after, strict=True):
+        assert np.array_equal(one.solution.actions, other.solution.actions)
+
+
+def test_solutions_for_another_kind_of_actions_are_others(tmp_path: Path):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
+    with Store.open(path, "write") as store:
+        Demonstrations(store).solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
+        finer = [replace(each, run=tiny_pictures(hz=10)) for each in failures_of_store(store, None, "failed")]
+        demonstrations = Demonstrations(store)
+        demonstrations.solved(around(path, finer), 1, 1)
+    assert demonstrations.known == 0
+
+
+def test_a_stored_solution_of_another_width_is_none(tmp_path: Path):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
+    with Store.open(path, "write") as store:
+        store.keep_solution(_key(tiny_pictures()), CAN, Solution(0, np.ones((4, 9), np.float32)))
+        demonstrations = Demonstrations(store)
+        (found,) = demonstrations.solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
+    assert (demonstrations.known, found.solution.actions.shape[1]) == (0, 7)
+
+
+def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
+    path = failing(tmp_path / "a.db", tiny_pictures(), INSIDE, CAN)
+    with Store.open(path) as store:
+        demonstrations = Demonstrations()
+        found = demonstrations.solved(around(path, failures_of_store(store, None, "failed")), 2, 2)
+    assert [each.wanted.scene for each in found] == [CAN]
+    assert demonstrations.left_out == {"its scene is not fair": 1}
+
+
+@pytest.mark.render
+def test_actions_that_are_read_from_the_dataset_solve_their_scenes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    manifest = tiny_pictures(hz=10, relative_to="current", gripper="close_positive")
+    path, out = failing(tmp_path / "a.db", manifest, CAN, APPLE), tmp_path / "shown"
+    command = ["export", str(path), "--format", "lerobot", "--demos", "3", "--out", str(out)]
+    assert main([*command, "--workers", "1"]) == 0
+    assert "3 demonstrations written" in capsys.readouterr().err
+    rows = parquet.read_table(out / "data/chunk-000/file-000.parquet").to_pylist()
+    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["scene"] for row in episodes[:2]] == [CAN.digest, APPLE.digest]
+    assert [row["finding"] for row in episodes] == [CAN.digest, APPLE.digest, CAN.digest]
+    runner = ExpertRunner(manifest)
+    with Store.open(path) as store:
+        for episode in episodes:
+            own = rows[episode["dataset_from_index"] : episode["dataset_to_index"]]
+            scene = store.scene(episode["scene"])
+            shown = runner.record(scene, np.array([row["action"] for row in own], np.float32))
+            assert shown is not None
+            first = np.array(Image.open(io.BytesIO(own[0]["observation.images.front"]["bytes"])))
+            assert np.array_equal(shown.images["observation.images.front"][0], first)
+            assert np.array_equal(shown.states[-1], own[-1]["observation.state"])
+    runner.close()
+
+
+@pytest.mark.render
+def test_random_scenes_are_as_many_as_there_are_failures(tmp_path: Path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path, out = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE), tmp_path / "shown"
+    command = ["export", str(path), "--format", "lerobot", "--scenes", "random", "--out", str(out)]
+    assert main([*command, "--workers", "1"]) == 0
+    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert [row["finding"] for row in episodes] == ["", ""]
+    assert not {row["scene"] for row in episodes} & {CAN.digest, APPLE.digest}
+
+
+@pytest.mark.render
+def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    path, out = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE), tmp_path / "shown"
+    command = ["export", str(path), "--format", "lerobot", "--hold-out", "0.5", "--out", str(out)]
+    assert main([*command, "--workers", "1"]) == 0
+    (held,) = load_scenes(tmp_path / "shown-held-out.jsonl")
+    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    assert {held.digest, *(row["scene"] for row in episodes)} == {CAN.digest, APPLE.digest}
+
+
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (["--demos", "3"], "--demos 3: only --format lerobot has it"),
+        (["--format", "lerobot", "--demos", "0"], "--demos: expected at least 1, got 0"),
+        (["--format", "lerobot", "--demos", "3", "--demos-per-scene", "2"], "exclude each other"),
+        (["--format", "lerobot", "--hold-out", "1"], "--hold-out 1: not a share from 0 to below 1"),
+        (["--format", "lerobot", "--scenes", "minimal"], "has no minimal finding"),
+        (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause or neighbourhood"),
+    ],
+)
+def test_flags_that_make_no_sense(
+    tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]
+):
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
+    assert main(["export", str(path), "--out", str(tmp_path / "out"), *flags]) == 2
+    assert says in " ".join(capsys.readouterr().err.split())
+
+
+@pytest.mark.slow
+@pytest.mark.render
+@pytest.mark.skipif(LEROBOT is None, reason="VLAFUZZ_LEROBOT names no Python with lerobot")
+def test_lerobot_reads_what_a_policy_of_its_own_is_trained_with(tmp_path: Path):
+    name = "openpi:ws://gpu:8000?profile=libero"
+    path, out = failing(tmp_path / "a.db", of_policy(name), CAN, APPLE), tmp_path / "shown"
+    assert main(["export", str(path), "--format", "lerobot", "--demos", "3", "--out", str(out)]) == 0
+    read = read_by_lerobot(out)
+    assert (read["episodes"], read["fps"], read["shape"]) == (3, 20, [3, 224, 224])
+    assert (len(read["state"]), len(read["action"][0])) == (8, 7)
+    assert read["task"] == CAN.instruction

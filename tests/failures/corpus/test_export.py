@@ -1,0 +1,231 @@
+"""A corpus gets the minimal findings of a store that still hold."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed
+from tests.failures.corpus.corpora import PNG
+from tests.failures.triage.planted import SPACE
+from tests.failures.triage.runners import PlantedRunner
+from tests.failures.triage.test_pipeline import DARK, TILTED, scenes
+from vlafuzz.common.watch import SILENT
+from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
+from vlafuzz.failures.corpus.check import FLAKY, UNSOLVED
+from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
+from vlafuzz.failures.corpus.export import export
+from vlafuzz.failures.triage.path import nominal
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+
+
+class CheckingRunner(PlantedRunner):
+    renderer = "a renderer"
+
+    def picture(self, scene: Scene) -> bytes | None:
+        return PNG
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """A store with two runs, and four findings in which the light or the camera matters, triaged."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        for seed, condition in enumerate((DARK, TILTED)):
+            run = opened.begin(manifest(seed=seed))
+            for proposal, scene in enumerate(scenes([condition], 2)):
+                opened.add(
+                    run,
+                    Trial(
+                        proposal=proposal,
+                        scene=scene,
+                        outcome=failed(),
+                        severity=SPACE.severity(scene),
+                        cell=str(proposal),
+                    ),
+                )
+        triage(opened, lambda run: CheckingRunner([TILTED if run.manifest.seed else DARK]))
+        assert [row.bucket for row in opened.triaged()] == ["minimal"] * 4
+        yield opened
+
+
+def runner(run) -> CheckingRunner:
+    return CheckingRunner([TILTED if run.manifest.seed else DARK])
+
+
+def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: Store):
+    corpus = export(store, runner, name="mine")
+    assert len(corpus.cases) == len({row.shrunk for row in store.triaged()})
+    assert {case.operators for case in corpus.cases} == {("light",), ("camera-orientation",)}
+    for case in corpus.cases:
+        fails = (DARK, TILTED)[corpus.seed(case)]
+        assert fails(case.scene)
+        assert not any(fails(scene) for scene in case.counterparts.values())
+        assert tuple(case.counterparts) == case.operators == case.causes.necessary
+        assert (case.nominal, case.nominal_passes) == (nominal(SPACE, case.scene), True)
+        assert case.thumbnail == PNG
+        assert len(case.witness.actions) > 0
+    assert (corpus.name, corpus.renderer, corpus.evidence.left_out) == ("mine", "a renderer", {})
+    share = corpus.evidence.shares["minimal"]
+    assert (share.count, share.of, corpus.evidence.search_rollouts) == (4, 4, 4)
+
+
+def test_controls_are_random_scenes_with_the_outcome_of_the_policy(store: Store):
+    controls = export(store, runner, name="a", controls=40).controls
+    assert len({control.scene for control in controls}) == 40
+    assert {control.passed for control in controls} == {True, False}
+    assert all(control.passed is not DARK(control.scene) for control in controls)
+    assert not {control.scene for control in controls} & {trial.scene for trial in store.trials(1)}
+    again = export(store, runner, name="a", controls=20).controls
+    assert [control.scene for control in again] == [control.scene for control in controls[: len(again)]]
+
+
+def test_where_the_policy_rarely_passes_more_controls_are_drawn_and_all_are_kept():
+    controls = record(CheckingRunner([lambda scene: scene.light.intensity > 0.1]), 0, 40, SILENT)
+    assert 40 < len(controls) <= 200
+    assert 16 <= sum(control.passed for control in controls) < 32
+
+
+def test_where_no_alarm_is_possible_it_ends_before_the_findings_are_checked(store: Store):
+    with pytest.raises(PrerequisiteError, match="no alarm is possible: 0 of 40 controls pass") as refused:
+        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=8)
+    assert "passes 0 of 10 scenes nearest to nominal; run again in narrower" in str(refused.value.hint)
+
+
+def test_a_control_that_broke_is_replaced_by_another_and_all_have_seeds_of_their_own(store: Store):
+    asked: list[int] = []
+
+    class Shaky(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
+            if numbers[0] < CONTROL:
+                return outcomes
+            asked.extend(numbers)
+            return [Outcome.error("x") if number % 3 == 0 else outcomes.pop() for number in numbers]
+
+    controls = export(store, lambda run: Shaky([DARK]), name="a", run=1, controls=40).controls
+    assert len(controls) == 40 < len(asked) == len(set(asked))
+    assert {number_of(control.scene) for control in controls} < set(asked)
+
+
+def test_only_one_run_when_so_wished(store: Store):
+    assert {case.operators for case in export(store, runner, name="a", run=2).cases} == {
+        ("camera-orientation",)
+    }
+
+
+def test_what_no_longer_fails_is_left_out_and_said(store: Store):
+    corpus = export(store, lambda run: CheckingRunner([DARK]), name="a")
+    assert {case.operators for case in corpus.cases} == {("light",)}
+    assert set(corpus.evidence.left_out) == {FLAKY}
+    with pytest.raises(StoreError, match=r"no minimal finding holds: it no longer fails \(\d\)"):
+        export(store, lambda run: CheckingRunner([lambda scene: False]), name="a")
+
+
+def test_what_fails_without_its_operators_too_is_left_out(store: Store):
+    with pytest.raises(StoreError, match="without light it no longer passes"):
+        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=0)
+
+
+def test_what_cannot_be_judged_is_left_out_and_said(store: Store):
+    class Silent(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            return [Outcome.error("policy: connect: refused", unanswered=True) for _ in scenes]
+
+    with pytest.raises(StoreError, match="the policy or the simulator broke"):
+        export(store, lambda run: Silent([DARK]), name="a", run=1)
+
+
+class Loose(CheckingRunner):
+    """Passes in every fourth rollout where it should fail."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        pairs = zip(outcomes, numbers, strict=True)
+        return [passed() if number % 4 == 3 else outcome for outcome, number in pairs]
+
+
+def test_a_share_of_the_neighbourhood_can_be_asked_for(store: Store):
+    assert len(export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.7).cases) == 2
+    with pytest.raises(StoreError, match="it fails in less than 80% of its neighbourhood"):
+        export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.8)
+    firm = export(store, lambda run: CheckingRunner([DARK]), name="a", run=1, firm=0.95)
+    assert len(firm.cases) == 2
+
+
+def test_several_processes_check_the_same(store: Store):
+    alone = export(store, runner, name="a", firm=0.9, controls=20)
+    shared = export(store, runner, name="a", firm=0.9, controls=20, workers=2)
+    assert [case.scene for case in shared.cases] == [case.scene for case in alone.cases]
+    assert (shared.controls, shared.renderer) == (alone.controls, alone.renderer)
+
+
+def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
+    with pytest.raises(StoreError, match=UNSOLVED):
+        export(store, lambda run: CheckingRunner([DARK], solvable=lambda scene: False), name="a", run=1)
+
+
+def test_what_fails_at_a_later_stage_is_left_out(store: Store):
+    class Later(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
+            late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
+            return [late if outcome.lost_stage else passed() for outcome in outcomes]
+
+    with pytest.raises(StoreError, match="later stage"):
+        export(store, lambda run: Later([DARK]), name="a", run=1)
+
+
+def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
+    with Store.open(tmp_path / "b.db", "write") as store:
+        store.begin(manifest())
+        with pytest.raises(StoreError, match="has no minimal finding"):
+            export(store, runner, name="a")
+
+
+def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
+    run = store.begin(manifest(policy="other", seed=0))
+    scene = scenes([DARK], 3)[-1]
+    store.add(run, Trial(proposal=0, scene=scene, outcome=failed(), severity=SPACE.severity(scene), cell="c"))
+    triage(store, runner)
+    with pytest.raises(UsageError, match=r"has findings of .* and task"):
+        export(store, runner, name="a")
+    assert len(export(store, runner, name="a", run=run).cases) == 1
+
+
+class Chaotic(CheckingRunner):
+    """Passes in every fourth rollout that fails, unless it is very dark."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        lucky = (
+            number % 4 == 3 and scene.light.intensity > 0.2
+            for scene, number in zip(scenes, numbers, strict=True)
+        )
+        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
+
+
+def test_a_scene_that_does_not_hold_firmly_moves_on_in_the_same_direction(store: Store):
+    found = {row.scene.digest: row for row in store.triaged()}
+    cases = export(store, lambda run: Chaotic([DARK]), name="a", run=1, firm=0.95).cases
+    assert cases
+    for case in cases:
+        before = found[case.found]
+        assert case.scene.light.intensity <= 0.2 < before.shrunk.light.intensity
+        assert (case.signature, case.counterparts) == (before.signature, before.counterparts)
+        assert (case.certified.failures, case.certified.rollouts) == (20, 20)
+        (threshold,), (old,) = case.causes.thresholds, before.causes.thresholds
+        assert threshold.at == old.at
+        assert 0 < threshold.share < old.share
+
+
+def test_a_scene_does_not_move_to_where_no_witness_solves_it(store: Store):
+    def solvable(scene: Scene) -> bool:
+        return scene.light.intensity > 0.3
+
+    with pytest.raises(StoreError, match="it fails in less than 95% of its neighbourhood"):
+        export(store, lambda run: Chaotic([DARK], solvable=solvable), name="a", run=1, firm=0.95)

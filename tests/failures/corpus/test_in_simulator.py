@@ -1,0 +1,87 @@
+"""Two policies whose result is known, in the real simulator."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import manifest
+from tests.failures.corpus.corpora import case, make_corpus
+from vlafuzz.cli import main
+from vlafuzz.common.assets import corpus_dir
+from vlafuzz.failures.corpus.controls import draw
+from vlafuzz.failures.corpus.corpus import Control
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.place import here
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.renderer import in_use
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+
+PICK_UP = str(corpus_dir() / "mini-pick-up")
+
+
+def corpus(folder: Path) -> None:
+    """Failures of ``frozen``, which passes nothing, nor a control."""
+    run = manifest(policy="frozen", operators=operators_json(load_operators()))
+    space = SearchSpace(load_operators(), load_catalogue(), run.task)
+    controls = [Control(draw(space, 0, number), passed=False) for number in range(8)]
+    cases = [replace(case(number), counterparts={}, nominal_passes=False) for number in range(1)]
+    write_corpus(replace(make_corpus(*cases), runs=[run], controls=controls), folder)
+
+
+def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Path, capsys):
+    corpus(tmp_path / "a")
+    arguments = ["regress", str(tmp_path / "a"), "--max-rollouts", "8", "--policy"]
+    assert main([*arguments, "frozen", "--baseline", "expert"]) == 1
+    assert main([*arguments, "frozen"]) == 3  # none of its own controls passes, so none can break
+    assert main([*arguments, "expert", "--baseline", "frozen"]) == 3
+    assert "frozen is worse than expert: 8 worse and 0 better of 8 controls" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("policy", "said"),
+    [
+        ("faulty", "nothing is shown to be fixed or broken: 0 of 3 failing scenes fixed (p = 1)"),
+        ("repaired", "failures are fixed: 3 of 3 failing scenes fixed (p = 0.002)"),
+        ("repaired_elsewhere", "nothing is shown to be fixed or broken: 0 of 3 failing scenes fixed (p = 1)"),
+    ],
+)
+def test_a_planted_fault_is_fixed_where_it_is_repaired_and_not_where_another_is(
+    tmp_path: Path, policy: str, said: str, capsys: pytest.CaptureFixture[str]
+):
+    planted = "python:tests.failures.corpus.policies:"
+    run = manifest(policy=f"{planted}faulty", operators=operators_json(load_operators()))
+    cases = [replace(case(number), nominal=case(number).counterparts["light"]) for number in range(3)]
+    write_corpus(replace(make_corpus(*cases, controls=10), runs=[run]), tmp_path / "a")
+    assert main(["regress", str(tmp_path / "a"), "--policy", planted + policy]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert said in printed
+    assert "0 of 3 passing scenes beside them broken (p = 1)" in printed
+
+
+def test_it_is_said_that_a_corpus_was_made_elsewhere(tmp_path: Path, capsys, monkeypatch):
+    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec, in_use))
+    cases = [replace(case(), counterparts={}, nominal_passes=False)]
+    operators = operators_json(load_operators())
+    write_corpus(replace(make_corpus(*cases), runs=[replace(own, operators=operators)]), tmp_path / "a")
+    for limit, said in (("", False), ("AVX2", True)):
+        monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
+        assert main(["regress", str(tmp_path / "a"), "--policy", "frozen", "--max-rollouts", "8"]) == 3
+        assert ("note: the corpus was made at another place: " in capsys.readouterr().err) is said
+
+
+@pytest.mark.slow
+@pytest.mark.render
+def test_a_tenth_of_minis_weights_is_missed_and_none_is_not():
+    assert main(["regress", PICK_UP, "--policy", "mini", "--baseline", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--policy", "mini"]) == 0
+    assert main(["regress", PICK_UP, "--policy", "python:tests.failures.corpus.policies:zeroed"]) == 1
+
+
+@pytest.mark.slow
+def test_a_flaky_policy_is_hardly_ever_worse_than_itself():
+    flaky = "python:tests.failures.corpus.policies:Flaky"
+    arguments = ["regress", PICK_UP, "--policy", flaky, "--baseline", flaky, "--max-rollouts", "60"]
+    assert sum(main(arguments) for _ in range(20)) <= 1

@@ -1,0 +1,261 @@
+"""When a policy counts as worse, which rollouts this takes, and how the scenes are classified."""
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.doubles import manifest, scene
+from tests.failures.corpus.corpora import case, make_corpus
+from tests.failures.corpus.sides import Planned, RuleRunner, flaky, probes
+from vlafuzz.common.statistics import wilson
+from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
+from vlafuzz.failures.corpus.pairs import probes as probes_of
+from vlafuzz.failures.corpus.regress import REPEATS, Progress, Recorded, Rerun, compare
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.worlds.manipulation.jitter import load_jitter
+
+RECORDED = Recorded("old as recorded")
+
+
+def as_recorded(number: int, repeat: int) -> bool:
+    return number % 5 > 0
+
+
+def test_a_policy_that_does_as_recorded_is_not_worse_and_every_control_is_run_once():
+    policy = Planned(as_recorded)
+    result = compare(probes(), policy, RECORDED)
+    assert (result.alarm, result.stopped, result.p_value, result.needed) == (False, "done", 1, 8)
+    assert policy.calls == [(number, 0) for number in range(60)]
+    assert Counter(scene.standing for scene in result.compared) == {"fails": 12, "passes": 48}
+    assert (result.lost, result.tells) == (0, True)
+
+
+def test_one_that_breaks_controls_is_worse_and_the_rest_is_spared():
+    policy = Planned(lambda number, repeat: False)
+    result = compare(probes(60, 10), policy, RECORDED)
+    assert (result.alarm, result.stopped) == (True, "worse")
+    assert (result.controls.worse, result.needed, len(policy.calls)) == (8, 0, 10)
+    assert [scene.standing for scene in result.compared].count("not run") == 80 - 10
+    assert "new is worse than old as recorded: 8 worse and 0 better of 10 controls" in result.verdict
+
+
+def test_all_is_run_after_an_alarm_on_request_so_that_the_loss_is_not_overestimated():
+    policy = Planned(lambda number, repeat: number % 5 > 1)
+    result = compare(probes(60, 10), policy, RECORDED, whole=True)
+    assert (result.alarm, result.stopped, result.tried) == (True, "done", 60)
+    assert result.lost == pytest.approx(0.2)
+    assert result.difference == pytest.approx((0.03, 0.35), abs=0.01)
+    assert compare(probes(60, 10), policy, RECORDED).lost >= 0.2
+
+
+def test_seven_broken_controls_are_no_alarm():
+    result = compare(probes(), Planned(lambda number, repeat: number % 5 > (number < 35)), RECORDED)
+    assert (result.alarm, result.controls.worse, result.stopped) == (False, 7, "done")
+    assert "1 more broken controls would make an alarm" in result.verdict
+
+
+def test_scenes_that_were_selected_by_outcomes_never_raise_an_alarm():
+    """A counterpart is one because the baseline passed: any other policy fails some of them."""
+    policy = Planned(lambda number, repeat: number < 20 and number % 5 > 0)
+    result = compare(probes(20, 200), policy, RECORDED)
+    assert (result.alarm, result.p_value, result.tally("counterpart").worse) == (False, 1, 200)
+
+
+def test_without_controls_there_is_no_verdict_whatever_else_breaks():
+    result = compare(probes(0, 40), Planned(lambda number, repeat: False), RECORDED)
+    assert (result.alarm, result.tells, result.tally("counterpart").worse) == (False, False, 40)
+    assert result.verdict == "cannot tell: the corpus has no controls, scenes that no outcome selected"
+
+
+def test_fewer_controls_than_an_alarm_takes_are_no_verdict():
+    result = compare(probes(), Planned(as_recorded), RECORDED, max_rollouts=7)
+    assert result.verdict == "cannot tell: 7 of 7 controls could be judged; an alarm takes 8 or more"
+
+
+def test_where_too_few_controls_could_break_there_is_no_verdict():
+    """A policy that passes 2 of 40: one that does nothing breaks both."""
+    rarely = [replace(probe, passed=number < 2) for number, probe in enumerate(probes(40))]
+    result = compare(rarely, Planned(lambda number, repeat: False), RECORDED)
+    said = "cannot tell: old as recorded passes 2 of 40 controls, only these can break, and an alarm takes 8"
+    assert (result.tells, result.alarm, result.verdict) == (False, False, f"{said} or more")
+
+
+def test_the_verdict_says_where_too_few_are_left_to_break_for_an_alarm():
+    some = [replace(probe, passed=number < 8) for number, probe in enumerate(probes(40))]
+    result = compare(some, Planned(lambda number, repeat: number in (0, 1, 9)), RECORDED, whole=True)
+    assert result.verdict.endswith("an alarm would take 5 more, and only 2 others could break")
+
+
+def test_a_better_policy_is_not_worse():
+    result = compare(probes(), Planned(lambda number, repeat: True), RECORDED)
+    assert (result.alarm, result.controls.better, result.lost) == (False, 12, pytest.approx(-0.2))
+
+
+def test_selected_scenes_are_repeated_after_the_controls_and_judged_by_what_is_mostly_done():
+    policy = Planned(lambda number, repeat: number >= 10 and (number + repeat) % 3 > 0)
+    result = compare(probes(10, 3), policy, Recorded("old"), alpha=1e-9)
+    assert Counter(policy.calls[10:]) == {(number, r): 1 for number in range(10, 16) for r in range(3)}
+    assert [scene.standing for scene in result.of("failing")] == ["better"] * 3
+    assert [scene.standing for scene in result.of("counterpart")] == ["passes"] * 3
+    assert [scene.policy_passed for scene in result.of("counterpart")] == [2] * 3
+    assert (result.tally("failing").policy.count, result.tally("failing").policy.of) == (6, 9)
+
+
+@pytest.mark.parametrize(("bound", "most"), [(None, 90), (100, 90), (7, 7), (70, 70)])
+def test_no_more_than_the_rollouts_asked_for(bound, most):
+    alternating = Planned(lambda number, repeat: number % 2 == 0)
+    seen: list[Progress] = []
+    compare(probes(60, 5), alternating, RECORDED, max_rollouts=bound, alpha=1e-9, watch=seen.append)
+    assert seen[-1].most == most
+    assert len(alternating.calls) == most
+
+
+def test_errors_and_unfair_scenes_are_counted_apart_and_never_worse():
+    def rule(number: int, repeat: int) -> Verdict | bool:
+        return Verdict.ERROR if number % 10 == 1 else Verdict.INVALID if number % 10 == 2 else number % 5 > 0
+
+    result = compare(probes(), Planned(rule), RECORDED)
+    standings = Counter(scene.standing for scene in result.compared)
+    assert (standings["error"], standings["invalid"], standings["worse"]) == (6, 6, 0)
+    assert (result.controls.worse, result.controls.baseline.of, result.tells) == (0, 48, True)
+    assert {scene.detail for scene in result.compared if scene.standing == "error"} == {"policy: connect"}
+
+
+@pytest.mark.parametrize("broken", ["policy", "baseline"])
+def test_a_side_that_only_breaks_is_given_up_early_without_a_verdict(broken):
+    wreck = Planned(lambda number, repeat: Verdict.ERROR)
+    fine = Planned(lambda number, repeat: True)
+    sides = (wreck, fine) if broken == "policy" else (fine, wreck)
+    result = compare(probes(), *sides)
+    assert (result.stopped, result.tells, result.alarm, len(wreck.calls)) == ("unjudged", False, False, 10)
+    assert result.verdict.startswith("cannot tell: 0 of 10 controls could be judged")
+
+
+def test_a_verdict_needs_half_of_the_controls():
+    result = compare(
+        probes(), Planned(lambda number, repeat: Verdict.ERROR if number % 3 else True), RECORDED
+    )
+    assert (result.stopped, result.tells) == ("done", False)
+
+
+@pytest.mark.parametrize(("errors", "tells"), [(7, True), (8, False)])
+def test_a_verdict_needs_the_controls_that_could_have_made_an_alarm(errors: int, tells: bool):
+    """Those that the baseline fails could not."""
+    lost = {number for number in range(60) if number % 5 == 0} | {5 * n + 1 for n in range(errors)}
+    result = compare(
+        probes(),
+        Planned(lambda number, repeat: Verdict.ERROR if number in lost else number % 5 > 0),
+        RECORDED,
+    )
+    assert (result.stopped, result.lacking, result.tells) == ("done", errors, tells)
+    said = (
+        "cannot tell: 40 of 60 controls could be judged; 8 could not be, and 8 that break would make an alarm"
+    )
+    assert (result.verdict == said) is not tells
+
+
+def test_an_outcome_that_is_not_recorded_cannot_be_judged():
+    unknown = [replace(probe, passed=None) for probe in probes()]
+    result = compare(unknown, Planned(as_recorded), RECORDED)
+    assert (result.stopped, result.compared[1].detail) == ("unjudged", "no outcome is recorded")
+
+
+@pytest.mark.parametrize("rate", [0.3, 0.5, 0.7])
+def test_policies_of_equal_skill_hardly_raise_an_alarm_in_controls_that_nobody_selected(rate):
+    rng, runs = np.random.default_rng(0), 400
+    alarms = sum(compare(probes(), flaky(rate, rng), flaky(rate, rng)).alarm for _ in range(runs))
+    assert wilson(alarms, runs).low <= 0.05
+
+
+def test_a_policy_that_fails_much_more_often_is_found_out():
+    rng = np.random.default_rng(0)
+    alarms = [compare(probes(100), flaky(0.6, rng), flaky(0.3, rng)).alarm for _ in range(40)]
+    assert sum(alarms) >= 36
+
+
+def test_every_scene_of_a_corpus_is_probed_once_controls_first():
+    scenes = probes_of(make_corpus(case(0), case(1), case(1), controls=2))
+    assert [(probe.group, probe.passed) for probe in scenes] == [
+        ("control", False),
+        ("control", True),
+        ("failing", False),
+        ("failing", False),
+        ("nominal", True),
+        ("counterpart", True),
+    ]
+    assert scenes[2].what == "light: fails from intensity × 0.25 on"
+    assert scenes[5].what.endswith(" without light")
+    assert next(probe for probe in scenes if probe.group == "nominal").scene == scene()
+
+
+def test_a_nominal_scene_that_failed_is_recorded_as_such():
+    nominal = next(
+        probe
+        for probe in probes_of(make_corpus(replace(case(1), nominal_passes=False)))
+        if probe.group == "nominal"
+    )
+    assert not nominal.passed
+
+
+@pytest.fixture
+def rerun() -> tuple[Rerun, list[RuleRunner]]:
+    """A policy in the scenes of two runs with seeds 0 and 1, and the runners that it makes."""
+    runners: list[RuleRunner] = []
+
+    def runner(run):
+        runners.append(RuleRunner(lambda shown: True, run))
+        return runners[-1]
+
+    return Rerun("new", [manifest(), manifest(seed=1)], runner), runners
+
+
+def test_one_runner_serves_all_runs_under_the_same_conditions(rerun):
+    side, runners = rerun
+    for probe in probes_of(make_corpus(case(1), case(2, run=1), runs=2)):
+        assert side.answer(probe, 0).passed
+    side.close()
+    assert len(runners) == runners[0].closed == 1
+
+
+def test_every_rollout_has_a_seed_of_its_own_that_neither_triage_nor_export_uses(rerun):
+    side, (runner, *_) = rerun
+    for probe in probes_of(make_corpus(case(1), case(2), controls=40)):
+        for repeat in range(1 if probe.group == "control" else REPEATS):
+            side.answer(probe, repeat)
+    seeds = [seed for _, seed in runner.calls]
+    assert len(set(seeds)) == len(seeds) == 40 + 5 * REPEATS
+    assert min(seeds[:40]) >= CONTROL
+    assert min(seeds[40:]) >= REGRESS > max(seeds[:40])
+
+
+def test_a_run_adds_its_seed(rerun):
+    side, (runner, *_) = rerun
+    probe = probes_of(make_corpus())[0]
+    side.answer(probe, 0)
+    side.answer(replace(probe, run=1), 0)
+    (_, first), (_, second) = runner.calls
+    assert second - first == 1
+
+
+def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repeat(rerun):
+    side, (runner, *_) = rerun
+    control, failing = probes_of(make_corpus(controls=1))[:2]
+    side.answer(control, 0)
+    for repeat in range(2):
+        side.answer(failing, repeat)
+    (shown, seed), *around = runner.calls
+    assert (shown, seed) == (control.scene, number_of(control.scene))
+    assert [scene for scene, _ in around] == [load_jitter().apply(failing.scene, seed) for _, seed in around]
+    assert len({failing.scene, *(scene for scene, _ in around)}) == 3
+
+
+def test_runs_under_other_conditions_get_runners_of_their_own():
+    runners = []
+    Rerun(
+        "new",
+        [manifest(), manifest(min_distance=0.2)],
+        lambda run: runners.append(run) or RuleRunner(lambda shown: True, run),
+    )
+    assert [run.min_distance for run in runners] == [0, 0.2]

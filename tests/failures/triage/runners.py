@@ -1,0 +1,66 @@
+"""A desk without a simulator: a planted policy, and an expert that solves all but some scenes."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from tests.doubles import ClosedForm, failed, passed
+from tests.failures.triage.planted import SPACE, STAGES, Condition, Planted
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+
+
+class PlantedRunner:
+    """The policy fails where all conditions hold; a stochastic one with the given rate, else rarely.
+
+    ``solvable`` says of a scene whether the expert solves it.
+    """
+
+    space, stages, changed, elsewhere = SPACE, STAGES, (), ""
+
+    def __init__(
+        self,
+        conditions: Sequence[Condition],
+        rate: float | None = None,
+        solvable: Callable[[Scene], bool] = lambda scene: True,
+    ) -> None:
+        self._planted, self._rate, self._solvable = Planted(conditions), rate, solvable
+        self._rng = np.random.default_rng(0)
+        self.deterministic = rate is None
+        self.renewed = self.policy_rollouts = self.expert_rollouts = self.closed = 0
+
+    def renew(self) -> None:
+        self.renewed += 1
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        return [self._outcome(scene) for scene in scenes]
+
+    def solve(self, scene: Scene, grasp: int, solver: str = "expert") -> Outcome:
+        self.expert_rollouts += 1
+        return passed() if self._solvable(scene) else failed()
+
+    def play(self, scene: Scene, actions: np.ndarray) -> Outcome:
+        return self.solve(scene, 0)
+
+    def close(self) -> None:
+        self.closed += 1
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        if self._planted.judged(scene).verdict is Verdict.INVALID:
+            return Outcome.invalid("geometry", "too close")
+        self.policy_rollouts += 1
+        fails = self._planted.fails(scene)
+        if self._rate is not None:
+            fails = self._rng.random() < (self._rate if fails else 0.05)
+        return failed() if fails else passed()
+
+
+class PlantedEvaluator(ClosedForm):
+    """The policy of ``PlantedRunner`` in a run."""
+
+    def __init__(self, conditions: Sequence[Condition]) -> None:
+        super().__init__()
+        self._policy = PlantedRunner(conditions)
+
+    def outcome(self, scene: Scene) -> Outcome:
+        return self._policy.evaluate([scene], [0])[0]

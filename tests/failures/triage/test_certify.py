@@ -1,0 +1,71 @@
+"""Certification gives up what cannot be shown, and goes back where shrinking went too far."""
+
+from collections.abc import Sequence
+
+from tests.failures.triage.planted import CONDITIONS, SPACE, STAGES, Planted
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.oracle import Answer, Oracle
+from vlafuzz.model.evidence import Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Judged
+
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
+FAILED, PASSED = Judged(Verdict.FAILED, "grasp", 1), Judged(Verdict.PASSED, None, 1)
+
+
+def oracle_of(fails: Sequence[bool]) -> Oracle:
+    """Rollouts end in this order, again and again."""
+
+    def roll(scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        return [FAILED if fails[number % len(fails)] else PASSED for number in numbers]
+
+    return Oracle(roll, STAGES, None, budget=1000, lead=1)
+
+
+def test_a_scene_is_given_up_once_the_rollouts_left_could_show_nothing():
+    oracle = oracle_of([True, False])
+    assert oracle.certify([SPACE.nominal()], most=22)[0].answer is Answer.UNCLEAR
+    assert oracle.spent <= 12
+
+
+def test_a_scene_that_can_be_shown_to_fail_with_the_rollouts_left_is_not_given_up():
+    oracle = oracle_of([True, True, True, False])
+    certificate = oracle.certify([SPACE.nominal()], most=60)[0]
+    assert (certificate.answer, oracle.spent) == (Answer.FAILS, certificate.rate.rollouts)
+    assert certificate.rate.rollouts > 22
+
+
+def test_what_certification_has_shown_needs_no_other_answer():
+    oracle = oracle_of([True])
+    oracle.certify([SPACE.nominal()])
+    spent = oracle.spent
+    assert oracle.fails([SPACE.nominal()]) == [True]
+    assert oracle.spent == spent
+
+
+class Lucky(Planted):
+    """In the light, the first two rollouts that shrink a scene fail, too."""
+
+    def __call__(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        judged = super().__call__(scenes, numbers)
+        return [
+            FAILED if number < 2 and one.verdict is Verdict.PASSED and TILTED(scene) else one
+            for scene, number, one in zip(scenes, numbers, judged, strict=True)
+        ]
+
+
+def test_what_was_reset_by_luck_comes_back():
+    policy = Lucky([DARK, TILTED])
+    shrunk = policy.shrunk(policy.finding(0))
+    assert (shrunk.operators, shrunk.minimal) == (("light", "camera-orientation"), True)
+    assert shrunk.rate.rollouts == shrunk.rate.failures == 5
+
+
+def test_thresholds_are_located_for_minimal_scenes_alone():
+    policy = Planted([DARK])
+    oracle, scene = policy.oracle(), policy.finding(0)
+    kept = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5))
+    unresolved = Shrunk(**vars(kept) | {"unresolved": {"light": "fails at times"}})
+    assert [len(attribute(shrunk, oracle, SPACE).thresholds) for shrunk in (kept, unresolved)] == [1, 0]

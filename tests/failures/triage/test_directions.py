@@ -1,0 +1,58 @@
+from dataclasses import replace
+
+import pytest
+
+from tests.failures.triage.planted import SPACE, WITH_EXTRAS
+from vlafuzz.failures.triage.directions import directed
+from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
+
+NOMINAL = SPACE.nominal()
+TARGET = NOMINAL.targets[0]
+
+
+def target(**values) -> Scene:
+    return replace(NOMINAL, targets=(replace(TARGET, **values),))
+
+
+CASES = [
+    (replace(NOMINAL, light=Light(0.4)), "light:dark"),
+    (replace(NOMINAL, light=Light(1.2)), "light:bright"),
+    (replace(NOMINAL, camera=Camera(0.03, 90.0, 10.0)), "camera-position:+y"),
+    (replace(NOMINAL, camera=Camera(0.03, 20.0, -60.0)), "camera-position:-z"),
+    (replace(NOMINAL, camera=Camera(yaw=-3.0)), "camera-orientation:-yaw"),
+    (replace(NOMINAL, camera=Camera(roll=-1.3, pitch=1.1, yaw=0.4)), "camera-orientation:-roll,+pitch"),
+    (target(x=0.05), "target-position:+x"),
+    (target(x=-0.04, y=-0.1), "target-position:-y"),
+    (target(yaw=-100.0), "target-orientation:-yaw"),
+    (target(rest="lying", yaw=60.0), "target-orientation:lying"),
+    (replace(NOMINAL, backdrop=Backdrop("checker", wall="red")), "backdrop:table-checker,wall-red"),
+    (replace(NOMINAL, noise=Noise(blur=2.0, jpeg=95.0)), "sensor-noise:+blur"),
+]
+
+
+@pytest.mark.parametrize(("scene", "says"), CASES, ids=[says for _, says in CASES])
+def test_an_operator_is_named_with_its_direction(scene: Scene, says: str):
+    assert directed(WITH_EXTRAS, scene, [says.partition(":")[0]]) == [says]
+
+
+def test_confounders_have_their_number_and_their_kinds_where_these_matter():
+    scene = SPACE.composer.compose(SPACE.nominal_values | {"confounders": 2})
+    assert directed(SPACE, scene, ["confounders"]) == ["confounders:2"]
+    changed = replace(scene.confounders[1], object="yellow_cube", rest="flat")
+    other = replace(scene, confounders=(scene.confounders[0], changed))
+    assert directed(SPACE, other, ["confounders"]) == ["confounders:2,cube"]
+
+
+def test_a_direction_is_one_from_the_reference():
+    reference = replace(NOMINAL, light=Light(0.2), camera=Camera(yaw=4.0))
+    scene = replace(NOMINAL, light=Light(0.5), camera=Camera(yaw=2.0))
+    operators = ["light", "camera-orientation"]
+    assert directed(SPACE, scene, operators) == ["light:dark", "camera-orientation:+yaw"]
+    assert directed(SPACE, scene, operators, reference) == ["light:bright", "camera-orientation:-yaw"]
+
+
+def test_the_second_target_has_its_number():
+    space = type(SPACE)(SPACE.operators, SPACE.catalogue, "put-on")
+    nominal = space.nominal()
+    moved = replace(nominal, targets=(nominal.targets[0], replace(nominal.targets[1], y=0.05)))
+    assert directed(space, moved, ["target-position"]) == ["target-position:-y2"]

@@ -1,0 +1,239 @@
+"""What triage makes of a store's findings, with a policy whose faults are planted."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, passed, rollout
+from tests.failures.triage.planted import SPACE
+from tests.failures.triage.runners import PlantedRunner
+from tests.failures.triage.triaging import DARK, TILTED, fill, scenes, triaged
+from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.phrasing import describe
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Trial
+from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """``store(scenes)``: a store in which they failed, open to be written."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        yield lambda failing, cells=(): fill(opened, failing, cells)
+
+
+def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
+    runner = PlantedRunner([TILTED])
+    opened = store(scenes([TILTED], 1))
+    (found,) = triaged(opened, runner)
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")
+    assert found.operators == found.causes.necessary == found.causes.sufficient == ("camera-orientation",)
+    (threshold,) = found.causes.thresholds
+    assert describe(threshold).startswith("camera-orientation: fails from yaw 2.")
+    assert set(found.counterparts) == {"camera-orientation"}
+    assert found.witness is not None
+    assert found.policy_rollouts == found.shrink_rollouts + 3 == runner.policy_rollouts
+    assert (found.rate.failures, found.rate.rollouts) == (3, 3)
+    assert found.certified.low > 0.5 > found.counterpart_rates["camera-orientation"].high
+    assert found.reference is None
+    assert found.expert_rollouts == runner.expert_rollouts == 8
+    assert (runner.renewed, runner.closed) == (1, 1)
+
+
+def test_what_passes_when_it_is_repeated_is_flaky(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: False]))
+    assert (found.bucket, found.repeats, found.failures) == ("flaky", 3, 0)
+    assert found.detail == "0 of 3 repeats failed"
+
+
+def test_what_fails_exactly_as_it_is_but_not_around_is_at_the_edge(store):
+    scene = scenes([TILTED], 1)[0]
+    (found,) = triaged(store([scene]), PlantedRunner([lambda shown: shown == scene]))
+    assert (found.bucket, found.repeats, found.failures, found.shrunk) == ("edge", 3, 0, None)
+    assert found.detail == "it fails exactly as it is; in its neighbourhood 0 of 3 rollouts fail"
+
+
+def test_a_stochastic_policy_with_one_rate_everywhere_is_at_no_edge(store):
+    """Luck in the scene itself is none of an edge."""
+    opened = store(scenes([TILTED], 12))
+    buckets = [row.bucket for row in triaged(opened, PlantedRunner([lambda scene: True], rate=0.4))]
+    assert "edge" not in buckets
+
+
+def test_what_the_expert_does_not_solve_either_is_unproven(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([TILTED], solvable=lambda scene: False))
+    assert (found.bucket, found.witness, found.expert_rollouts) == ("unproven", None, ATTEMPTS)
+
+
+def test_what_fails_even_at_nominal_is_base(store):
+    (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: True]))
+    assert (found.bucket, found.signature, found.operators) == ("base", "pick-up|grasp|base", ())
+
+
+def test_where_nominal_fails_the_nearest_passing_scene_takes_its_place(store):
+    """The policy fails in the dark, and wherever the target is at its nominal place."""
+
+    def at_home(scene: Scene) -> bool:
+        return abs(scene.targets[0].x + 0.05) < 0.01
+
+    def fails(scene: Scene) -> bool:
+        return DARK(scene) or at_home(scene)
+
+    dark = next(scene for scene in scenes([DARK], 20) if not at_home(scene))
+    bright = SPACE.reset(dark, ["light"])
+    opened = store([dark])
+    opened.add(1, Trial(proposal=1, scene=bright, outcome=passed(), severity=0.0))
+    (found,) = triaged(opened, PlantedRunner([fails]))
+    assert (found.bucket, found.operators, found.reference) == ("minimal", ("light",), bright)
+    assert found.counterparts == {"light": bright}
+
+
+def test_what_is_lost_earlier_than_at_nominal_is_a_cause_of_its_own(store):
+    class Weak(PlantedRunner):
+        """Never succeeds; in the dark it does not even grasp."""
+
+        def _outcome(self, scene: Scene) -> Outcome:
+            outcome = super()._outcome(scene)
+            late = Outcome.of((rollout(0.5, ("grasp",)),), self.stages)
+            return late if outcome.verdict is Verdict.PASSED else outcome
+
+    (found,) = triaged(store(scenes([DARK], 1)), Weak([DARK]))
+    assert (found.bucket, found.operators, found.lost_stage) == ("minimal", ("light",), "grasp")
+
+
+def test_what_is_left_needs_a_witness_of_its_own(store):
+    scene = scenes([TILTED], 1)[0]
+    (found,) = triaged(store([scene]), PlantedRunner([TILTED], solvable=lambda shown: shown == scene))
+    assert (found.bucket, found.detail) == (
+        "witnessed",
+        "the expert solves the finding, but not the shrunk scene",
+    )
+    assert found.witness is not None
+
+
+def test_a_bound_on_rollouts_is_kept_and_said(store):
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]), max_rollouts=5)
+    assert (found.bucket, found.shrink_rollouts) == ("witnessed", 5)
+    assert "not shown to fail mostly" in found.detail
+
+
+def test_why_what_is_left_is_not_minimal_is_said(store):
+    class Later(PlantedRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            outcomes = super().evaluate(scenes, numbers)
+            lit = Outcome.of((rollout(0.5, ("grasp",)),), self.stages)
+            pairs = zip(outcomes, scenes, strict=True)
+            return [lit if each.verdict is Verdict.PASSED and TILTED(seen) else each for each, seen in pairs]
+
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), Later([TILTED, DARK]))
+    assert found.bucket == "witnessed"
+    assert found.detail == "without light the scene fails at lift"
+
+
+def test_a_scene_off_the_operators_is_witnessed_and_not_shrunk(store):
+    scene = scenes([TILTED], 1)[0]
+    turned = Scene.from_json(scene.to_json().replace('"quaternion":null', '"quaternion":[1,0,0,0]', 1))
+    runner = PlantedRunner([TILTED])
+    found = triaged(store([turned]), runner)[0]
+    assert (found.bucket, found.shrunk) == ("witnessed", None)
+    assert "a value that no operator gives" in found.detail
+
+
+def test_candidates_that_two_findings_share_are_rolled_out_once(store):
+    runner = PlantedRunner([DARK])
+    found = triaged(store(alike()), runner)
+    assert [each.bucket for each in found] == ["minimal", "minimal"]
+    assert runner.policy_rollouts < sum(each.policy_rollouts for each in found)
+
+
+def test_what_a_finding_takes_does_not_depend_on_which_comes_first(tmp_path: Path):
+    def found(failing: Sequence[Scene]) -> dict[str, object]:
+        with Store.open(tmp_path / f"{failing[0].digest}.db", "write") as opened:
+            results = triaged(fill(opened, failing), PlantedRunner([DARK]))
+        return {each.scene.digest: (each.shrunk, each.certified, each.policy_rollouts) for each in results}
+
+    one, other = alike()
+    assert found([one, other]) == found([other, one])
+
+
+def alike() -> list[Scene]:
+    """Two failing scenes; some scenes are candidates of both."""
+    (one,) = scenes([DARK], 1)
+    return [one, SPACE.reset(one, ["camera-position"])]
+
+
+def test_a_stochastic_policy_is_repeated_and_shrunk_all_the_same(store):
+    runner = PlantedRunner([DARK], rate=0.95)
+    found = triaged(store(scenes([DARK], 6)), runner, max_rollouts=1000)
+    right = [each for each in found if each.bucket == "minimal" and each.operators == ("light",)]
+    assert len(right) >= 4
+    assert all(each.repeats >= 3 for each in found)
+
+
+def test_the_usual_bound_is_enough_for_a_stochastic_policy(store):
+    found = triaged(store(scenes([DARK], 3)), PlantedRunner([DARK], rate=0.98))
+    assert [(each.bucket, each.operators) for each in found] == [("minimal", ("light",))] * 3
+
+
+class Unsteady(PlantedRunner):
+    """What is not planted to fail fails half the time."""
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.policy_rollouts += 1
+        return failed() if self._planted.fails(scene) or self.policy_rollouts % 2 else passed()
+
+
+def test_what_fails_at_times_is_no_counterpart(store):
+    (found,) = triaged(store(scenes([DARK], 1)), Unsteady([DARK], rate=1.0))
+    assert (found.bucket, found.counterparts) == ("witnessed", {})
+    assert "fails at times" in found.detail
+
+
+class Leaving(PlantedRunner):
+    """Answers so many scenes, then no more until it is back."""
+
+    answers = 6
+
+    def _outcome(self, scene: Scene) -> Outcome:
+        self.answers -= 1
+        if self.answers < 0:
+            return Outcome.error("policy: connect: refused", unanswered=True)
+        return super()._outcome(scene)
+
+
+@pytest.mark.parametrize("rate", [None, 0.98])
+def test_a_policy_that_leaves_while_a_finding_is_shrunk_says_nothing_of_it(store, rate):
+    opened, runner = store(scenes([DARK], 1)), Leaving([DARK], rate)
+    assert triaged(opened, runner) == []
+    runner.answers = 10_000
+    (found,) = triaged(opened, runner)
+    assert (found.bucket, found.operators) == ("minimal", ("light",))
+
+
+def test_a_policy_that_fails_half_the_time_is_flaky_with_its_rate(store):
+    found = triaged(store(scenes([DARK], 6)), PlantedRunner([DARK], rate=0.3))
+    flaky = [each for each in found if each.bucket == "flaky"]
+    assert len(flaky) >= 4
+    assert all(each.failures < each.repeats for each in flaky)
+
+
+def test_a_harvest_counts_it(store):
+    opened = store([*scenes([TILTED], 2), *scenes([DARK], 2)])
+    triage(opened, lambda run: PlantedRunner([lambda scene: TILTED(scene) or DARK(scene)]), limit=3)
+    got = summarise(opened)
+    assert (got.findings, got.triaged, got.confirmed, got.witnessed, got.distinct_cells) == (4, 3, 3, 3, 4)
+    assert got.by_sight == 3
+    assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "edge": 0, "flaky": 0}
+    assert got.distinct_signatures == len(got.signatures) <= 2
+    assert got.deviating_after == 1 < (got.deviating_before or 0)
+    assert got.policy_rollouts == sum(each.policy_rollouts for each in opened.triaged())
+
+
+def test_an_empty_harvest_has_no_medians(tmp_path: Path):
+    with Store.open(tmp_path / "b.db", "write") as store:
+        got = summarise(store)
+    assert (got.triaged, got.deviating_before, got.shrink_rollouts) == (0, None, None)

@@ -1,0 +1,116 @@
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import manifest
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
+from vlafuzz.common.plugins import EVERYTHING, trusting
+from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.controls import Frozen
+from vlafuzz.rollouts import setup
+from vlafuzz.store.records import Manifest
+from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+
+SEEDS: list[int] = []
+BATCHES: list[int] = []
+
+
+class Dice(Frozen):
+    """Never moves, says that it is stochastic, and notes its seeds."""
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("dice", deterministic=False)
+
+    def reset(self, episodes):
+        SEEDS.extend(episode.seed for episode in episodes)
+
+
+class Remote(Dice):
+    """As behind a server that takes four observations at once."""
+
+    answers_batches = True
+
+    def __init__(self) -> None:
+        self.spec = PolicySpec("remote", deterministic=False, max_batch=4)
+
+    def act(self, observations):
+        BATCHES.append(len(observations))
+        return super().act(observations)
+
+
+def make_remote(**_):
+    return Remote()
+
+
+def make_dice(**_):
+    return Dice()
+
+
+def make_frozen(**_):
+    policy = Frozen()
+    policy.reset = lambda episodes: SEEDS.extend(episode.seed for episode in episodes)
+    return policy
+
+
+def run(factory: str, **changes: object) -> Manifest:
+    operators = operators_json(load_operators())
+    return manifest(
+        policy=f"python:tests.failures.triage.test_scene_runner:{factory}",
+        seed=7,
+        operators=operators,
+        **changes,
+    )
+
+
+@pytest.fixture(autouse=True)
+def trusted():
+    with trusting(EVERYTHING):
+        yield
+
+
+@pytest.mark.parametrize(
+    ("factory", "repeats", "seeds", "deterministic"),
+    [("make_dice", 1, [8, 10], False), ("make_frozen", 3, [10, 12], False), ("make_frozen", 1, [7, 9], True)],
+)
+def test_a_stochastic_policy_gets_seeds_that_its_run_did_not_have(factory, repeats, seeds, deterministic):
+    SEEDS.clear()
+    runner = SimulatorSceneRunner(Path("a.db"), run(factory, repeats=repeats))
+    for number in (0, 2):
+        (outcome,) = runner.evaluate([nominal()], [number])
+        assert outcome.verdict is Verdict.FAILED
+    runner.close()
+    assert (seeds, runner.deterministic) == (SEEDS, deterministic)
+
+
+def test_behind_a_server_scenes_are_rolled_out_at_the_same_time_each_with_its_seed():
+    SEEDS.clear()
+    BATCHES.clear()
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_remote"))
+    outcomes = runner.evaluate([nominal()] * 5, [0, 1, 2, 3, 6])
+    runner.close()
+    assert [outcome.verdict for outcome in outcomes] == [Verdict.FAILED] * 5
+    assert (SEEDS, set(BATCHES)) == ([8, 9, 10, 11, 14], {4, 1})
+
+
+def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal():
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+    solved = runner.solve(nominal(), 0)
+    runner.renew()
+    played = [runner.play(nominal(), solved.rollouts[0].actions) for _ in range(2)]
+    runner.close()
+    assert [each.verdict for each in (solved, *played)] == [Verdict.PASSED] * 3
+    assert played[0].rollouts[0].states_hash == played[1].rollouts[0].states_hash
+
+
+def test_it_names_what_changed_since_the_run():
+    here = setup.here(
+        run("make_frozen").policy, Frozen(), SearchSpace(load_operators(), CATALOGUE, "pick-up")
+    )
+    of_users_code = {"source": "of a module that has changed since"}
+    for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",)), (of_users_code, ("source",))):
+        runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))
+        runner.close()
+        assert runner.changed == expected

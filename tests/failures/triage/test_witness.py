@@ -1,0 +1,137 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.doubles import STAGES, failed, passed, rollout, scene
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
+from vlafuzz.failures.triage.witness import SEEING_TRIES, TRIES, Player, find_witness, prove
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Latency
+from vlafuzz.policies.base import Observation
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+
+
+def test_the_first_solution_that_can_be_played_again_is_the_witness():
+    solved = Outcome.of((replace(rollout(), states_hash="a" * 32),), STAGES)
+    search = find_witness(scene(), lambda *_: solved, lambda *_: passed())
+    assert search.witness is not None
+    assert (search.rollouts, search.witness.attempt, search.witness.states_hash) == (2, 0, "5" * 32)
+
+
+def test_where_the_expert_fails_it_begins_with_other_grasps():
+    search = find_witness(
+        scene(), lambda scene, grasp, solver: passed() if grasp == 2 else failed(), lambda *_: passed()
+    )
+    assert search.witness is not None
+    assert (search.witness.attempt, search.rollouts) == (2, 4)
+
+
+def test_without_a_solution_there_is_no_witness():
+    search = find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3)
+    assert (search.witness, search.rollouts) == (None, 3)
+
+
+def test_the_expert_acts_without_latency_and_its_actions_are_played_with_it():
+    late, seen = replace(scene(), latency=Latency(2)), []
+
+    def passes(shown, *_):
+        seen.append(shown)
+        return passed()
+
+    assert find_witness(late, passes, passes).witness is not None
+    assert seen == [scene(), late]
+
+
+def test_a_simulator_that_breaks_says_nothing_about_the_scene():
+    broken = Outcome.error("simulator: it broke")
+    assert find_witness(scene(), lambda *_: broken, lambda *_: passed(), tries=3).broken
+    assert find_witness(scene(), lambda *_: passed(), lambda *_: broken, tries=3).broken
+    assert not find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3).broken
+    search = find_witness(
+        scene(), lambda scene, grasp, solver: passed() if grasp else broken, lambda *_: passed()
+    )
+    assert (search.witness is not None, search.broken) == (True, False)
+
+
+def test_a_solution_that_fails_when_played_again_is_none():
+    search = find_witness(scene(), lambda *_: passed(), lambda *_: failed(), tries=3)
+    assert (search.witness, search.rollouts) == (None, 6)
+
+
+def test_what_the_seeing_expert_solves_too_it_witnesses():
+    search = prove(scene(), lambda *_: passed(), lambda *_: passed())
+    assert search.witness is not None
+    assert (search.witness.solver, search.rollouts) == ("seeing", 4)
+
+
+def test_where_only_the_expert_solves_the_scene_its_actions_stay():
+    search = prove(
+        scene(), lambda *asked: passed() if asked[-1] == "expert" else failed(), lambda *_: passed()
+    )
+    assert search.witness is not None
+    assert (search.witness.solver, search.rollouts) == ("expert", 2 + SEEING_TRIES)
+
+
+def test_where_the_expert_fails_the_seeing_expert_is_not_asked():
+    asked = []
+
+    def fails(*of):
+        asked.append(of[-1])
+        return failed()
+
+    assert prove(scene(), fails, lambda *_: passed()).witness is None
+    assert asked == ["expert"] * TRIES
+
+
+def test_a_player_executes_its_actions_and_then_stays():
+    player = Player(Expert().spec)
+    player.actions = np.arange(14, dtype=np.float32).reshape(2, 7)
+    acted = [chunk.actions[0] for step in range(3) for chunk in player.act([Observation("e", step, "")])]
+    assert [list(action) for action in acted] == [
+        [0, 1, 2, 3, 4, 5, 6],
+        [7, 8, 9, 10, 11, 12, 13],
+        [0, 0, 0, 0, 0, 0, 13],
+    ]
+    assert player.spec.action == Expert().spec.action
+
+
+@pytest.mark.parametrize("delay", [0, 3])
+@pytest.mark.parametrize("task", ["pick-up", "put-on"])
+def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
+    from vlafuzz.model.conditions import Conditions
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+    expert = Expert()
+    player = Player(expert.spec)
+    experts = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), expert, CATALOGUE)
+    players = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), player, CATALOGUE)
+
+    def play(scene, actions):
+        player.actions = actions
+        return players.evaluate([scene])[0]
+
+    late = replace(nominal(task), latency=Latency(delay))
+    search = find_witness(late, lambda scene, *_: experts.evaluate([scene])[0], play)
+    assert search.witness is not None
+    assert search.rollouts == 2
+    again = play(late, search.witness.actions)
+    assert again.verdict is Verdict.PASSED
+    assert again.rollouts[0].states_hash == search.witness.states_hash
+    experts.close()
+    players.close()
+
+
+def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
+    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+    expert = Expert()
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), expert, CATALOGUE)
+    ways = []
+    for attempt in range(2):
+        expert.attempt = attempt
+        outcome = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.0, 30.0))])[0]
+        ways.append(outcome.rollouts[0].actions[:4])
+    evaluator.close()
+    assert not np.allclose(*ways)

@@ -1,0 +1,155 @@
+"""Triage of runs within a limit of rollouts, with a policy whose faults are planted."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.doubles import failed, manifest, passed
+from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
+from tests.failures.triage.runners import PlantedRunner
+from vlafuzz.failures.triage.pipeline import findings_in_order
+from vlafuzz.lab.compare.certified import certified, certify, known_results, uncertified
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
+from vlafuzz.store.store import Store
+
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
+SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]
+
+SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))
+
+
+def fails(scene: Scene) -> bool:
+    return DARK(scene) or TILTED(scene)
+
+
+def runner(run: Run) -> PlantedRunner:
+    return PlantedRunner([fails])
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """All scenes failed in run 1, and the first two of them in run 2, too."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        fill(opened, SCENES, SCENES[:2])
+        yield opened
+
+
+def fill(store: Store, *failures: Sequence[Scene]) -> None:
+    for scenes in failures:
+        run = store.begin(manifest())
+        for number, scene in enumerate(scenes):
+            cell = f"cell {number}"
+            store.add(run, Trial(proposal=number, scene=scene, outcome=failed(), severity=1.0, cell=cell))
+
+
+def results(store: Store) -> list[tuple[str, int, str | None]]:
+    return sorted((row.scene.digest, row.policy_rollouts, row.signature) for row in store.triaged())
+
+
+def made(number: int, bucket: str, signature: str | None = None, rollouts: int = 50) -> Triaged:
+    return Triaged(
+        scene=SCENES[number],
+        policy_key="key",
+        bucket=bucket,  # type: ignore[arg-type]
+        repeats=1,
+        failures=1,
+        deviating=(),
+        signature=signature,
+        policy_rollouts=rollouts,
+    )
+
+
+FINDINGS = [Finding(scene, "key", run=1, proposal=0, cell="") for scene in SCENES]
+MADE = [made(0, "minimal", "dark"), made(1, "edge", rollouts=5), made(2, "minimal", "dark"),
+        made(3, "minimal", "tilted")]  # fmt: skip
+
+
+def test_a_signature_counts_once_and_only_where_it_is_certified():
+    counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=200)
+    assert counted.causes == {"dark": 50, "tilted": 155}
+    assert (counted.triaged, counted.confirmed, counted.certified, counted.rollouts) == (4, 3, 3, 155)
+    base = certified(FINDINGS, {MADE[0].key: made(0, "base", "nominal")}, limit=200)
+    assert (base.causes, base.confirmed, base.certified) == ({}, 1, 0)
+
+
+def test_beyond_the_limit_nothing_counts_and_all_of_it_is_spent():
+    counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=154)
+    assert counted.causes == {"dark": 50}
+    assert (counted.triaged, counted.rollouts) == (3, 154)
+
+
+def test_triage_of_a_run_ends_at_its_limit_and_goes_on_with_a_larger_one(store: Store):
+    runs = store.runs()
+    certify(store, runner, runs[:1], limit=1)
+    assert len(store.triaged()) == 1
+    assert uncertified(store, runs, limit=1) == []
+    assert uncertified(store, runs, limit=1000) == runs
+    certify(store, runner, runs, limit=1000)
+    assert len(store.triaged()) == len(SCENES)
+    causes = certified(findings_in_order(store, 1), known_results(store), 1000).causes
+    assert list(causes) == ["pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw"]
+
+
+def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Store):
+    certify(store, runner, store.runs(), limit=1000)
+    counted = [
+        certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()
+    ]
+    assert [one.triaged for one in counted] == [4, 2]
+    assert counted[1].rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
+
+
+class Interrupted(PlantedRunner):
+    """Ctrl-C after some rollouts."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        if self.policy_rollouts > 80:
+            raise KeyboardInterrupt
+        return super().evaluate(scenes, numbers)
+
+
+def test_an_interruption_and_the_number_of_workers_change_nothing(store: Store, tmp_path: Path):
+    certify(store, runner, store.runs(), limit=1000)
+    with Store.open(tmp_path / "b.db", "write") as other:
+        fill(other, SCENES, SCENES[:2])
+        with pytest.raises(KeyboardInterrupt):
+            certify(other, lambda run: Interrupted([fails]), other.runs(), limit=1000)
+        assert 0 < len(other.triaged()) < len(SCENES)
+        certify(other, runner, other.runs(), limit=1000, workers=2)
+        assert results(other) == results(store)
+
+
+class Breaking(PlantedRunner):
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        return [Outcome.error("refused") for _ in scenes]
+
+
+def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(store: Store):
+    assert certify(store, lambda run: Breaking([]), store.runs(), limit=1000) == len(SCENES)
+    assert certified(findings_in_order(store, 1), known_results(store), 1000).triaged == 0
+    assert certify(store, runner, store.runs(), limit=1000) == 0
+    assert len(store.triaged()) == len(SCENES)
+
+
+class Edgy(PlantedRunner):
+    """Fails if tilted, by less than 4 degrees in some rollouts only."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        lucky = [
+            s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)
+        ]
+        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
+
+
+def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as store:
+        fill(store, [SLIGHT])
+        store.keep_causes(1, Attribution((FoundCause(SLIGHT, ("camera-orientation",), 1),)))
+        certify(store, lambda run: Edgy([TILTED]), store.runs(), limit=1000)
+        counted = certified(findings_in_order(store, 1), known_results(store), 1000)
+    assert list(counted.causes) == ["pick-up|grasp|camera-orientation:+yaw"]

@@ -1,0 +1,198 @@
+"""The openpi client: its frames, and servers that misbehave. Whole rollouts are in test_serving."""
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import websockets.sync.server
+
+from tests.policies.clients.served import CLOSE, HANG, STATE, black, seen, start, still_open
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.policies import make_policy
+
+GOLDEN = Path(__file__).parent / "golden"  # by openpi-client 0.1.2: see test_conformance
+PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+OF_OBJECTS = {b"__ndarray__": True, b"data": b"1", b"dtype": "|O", b"shape": [1]}
+STILL = np.array([[0.0] * 6 + [1.0]])
+pytestmark = pytest.mark.usefixtures("opened", "no_pause")
+
+
+@contextmanager
+def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
+    """A server with scripted replies to observations; its name, and the requests that it got."""
+    left, requests = list(replies), []
+
+    def session(connection: Any) -> None:
+        connection.send(pack_openpi({}) if metadata is None else metadata)
+        for frame in connection:
+            requests.append((unpack_openpi(frame), connection.request.headers.get("Vlafuzz-Rollout")))
+            reply = left.pop(0)
+            if reply is CLOSE:
+                return
+            if reply is HANG:
+                threading.Event().wait(1.0)
+            else:
+                connection.send(reply if isinstance(reply, bytes | str) else pack_openpi(reply))
+
+    server = websockets.sync.server.serve(session, "127.0.0.1", 0, compression=None, max_size=None)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield f"openpi:ws://127.0.0.1:{server.socket.getsockname()[1]}", requests
+    finally:
+        server.shutdown()
+        thread.join()
+
+
+def failure(name: str, options: str = "?camera=0") -> PolicyError:
+    policy = make_policy(name + options)
+    with pytest.raises(PolicyError) as caught:
+        Harness(policy, start("one")).action(lambda: seen("one"))
+    policy.close()
+    return caught.value
+
+
+OBSERVATION = {
+    "observation/image": PICTURE,
+    "observation/wrist_image": PICTURE[::-1],
+    "observation/state": np.array([0.1, -0.2, 0.3, 3.0, 0.5, 0.0, 0.02, -0.02]),
+    "prompt": "pick up apple",
+}
+
+
+class TestFrames:
+    def test_they_equal_those_of_openpis_own_client_byte_by_byte(self):
+        assert pack_openpi(OBSERVATION) == (GOLDEN / "openpi_observation.msgpack").read_bytes()
+
+    def test_those_of_openpis_own_packer_are_read(self):
+        message = unpack_openpi((GOLDEN / "openpi_observation.msgpack").read_bytes())
+        assert message.keys() == OBSERVATION.keys()
+        assert np.array_equal(message["observation/image"], PICTURE)
+        reply = unpack_openpi((GOLDEN / "openpi_reply.msgpack").read_bytes())
+        assert np.array_equal(reply["actions"], np.linspace(-1, 1, 14).reshape(2, 7).astype(np.float32))
+        assert reply["server_timing"] == {"infer_ms": 1.5, "prev_total_ms": 2.5}
+        assert reply["policy_timing"]["infer_ms"].dtype == np.float32
+
+
+class TestConversation:
+    def test_an_observation_has_the_models_keys(self):
+        query = "?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2"
+        with scripted({"actions": STILL}) as (name, requests):
+            policy = make_policy(name + query)
+            policy.reset([start("one", 3)])
+            policy.act([seen("one", images=black(policy.spec))])
+            policy.close()
+        (message, header) = requests[0]
+        assert list(message) == [
+            "observation/image",
+            "observation/wrist_image",
+            "observation/state",
+            "prompt",
+        ]
+        assert message["observation/image"].shape == (32, 48, 3)
+        assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
+        assert message["prompt"] == "pick up apple"
+        assert header == '{"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}'
+
+    def test_keys_of_other_models(self):
+        with scripted({"actions": STILL}) as (name, requests):
+            policy = make_policy(name + "?camera=32&image_key=cam&instruction_key=task")
+            policy.reset([start("one")])
+            policy.act([seen("one", images=black(policy.spec))])
+            policy.close()
+        assert list(requests[0][0]) == ["cam", "task"]
+
+    def test_of_a_chunk_as_many_actions_as_asked_are_executed(self):
+        chunk = np.hstack([np.arange(10.0)[:, None], np.zeros((10, 6))])
+        with scripted({"actions": chunk}, {"actions": chunk + 100}) as (name, _):
+            policy = make_policy(name + "?camera=0&execute=2&chunk=10")
+            harness = Harness(policy, start("one"))
+            moves = [harness.action(lambda: seen("one"))[0] for _ in range(3)]
+            policy.close()
+        assert moves == [0, 1, 100]
+
+    def test_each_rollout_has_a_connection_which_ends_with_it(self, opened):
+        with scripted() as (name, _):
+            policy = make_policy(name)
+            assert still_open(opened) == 0
+            harnesses = [Harness(policy, start(f"{number}")) for number in range(3)]
+            assert still_open(opened) == 3
+            del harnesses
+            assert still_open(opened) == 0
+
+
+class TestWrongAnswers:
+    @pytest.mark.parametrize(
+        ("reply", "cause", "says"),
+        [
+            ("Traceback:\n  File x\nKeyError: 'prompt'\n", "remote", ": KeyError: 'prompt'$"),
+            (b"\xc1garbage", "protocol", "not an openpi message: 8 bytes"),
+            (b"\x01", "protocol", "no dictionary, but 1"),
+            ({"action": STILL}, "bad_action", r"without actions, but \['action'\]"),
+            ({"actions": None}, "bad_action", "no numbers: None"),
+            ({"actions": STILL[0, :6]}, "bad_action", r"actions of shape \(1, 6\)"),
+            ({"actions": np.zeros((10, 32))}, "bad_action", r"actions of shape \(10, 32\)"),
+            ({"actions": STILL * np.nan}, "bad_action", "not finite"),
+            ({"actions": STILL, "x": bytes(5 << 20)}, "protocol", "more than 4 MiB"),
+            ({"actions": OF_OBJECTS}, "protocol", "an array of object"),
+            ({"actions": {b"__ndarray__": True, b"data": b"1"}}, "protocol", "KeyError"),
+            (CLOSE, "connect", "the connection broke"),
+        ],
+    )  # fmt: skip
+    def test_are_errors_with_their_cause(self, reply, cause, says):
+        with scripted(reply) as (name, _):
+            error = failure(name)
+        assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
+        assert len(error.message) < 500
+
+    @pytest.mark.parametrize(
+        ("key", "hint"),
+        [
+            ("observation/state", "sent with ?profile=libero or state=1"),
+            ("observation/wrist_image", "sent with ?profile=libero or wrist=1"),
+            ("observation/joint_position", "sent with ?profile=droid"),
+            ("images", "name the model's own keys: image_key=…, instruction_key=…, state=1&state_key=images"),
+        ],
+    )
+    def test_a_key_that_the_model_misses_is_named_with_what_was_sent_and_what_sends_it(self, key, hint):
+        missing = f"Traceback (most recent call last):\n  File x, in __call__\nKeyError: {key!r}\n"
+        with scripted(missing) as (name, _):
+            policy = make_policy(name)
+            with pytest.raises(PolicyError) as caught:
+                Harness(policy, start("one")).action(lambda: seen("one", images=black(policy.spec)))
+            policy.close()
+        said = f": KeyError: {key!r}, which was not sent; sent were observation/image, prompt"
+        assert caught.value.message.endswith(said)
+        assert caught.value.hint.startswith(hint)
+
+    def test_a_chunk_of_another_length_than_the_options_say(self):
+        with scripted({"actions": np.zeros((16, 7))}) as (name, _):
+            error = failure(name, "?camera=0&chunk=10")
+        assert error.message.endswith("a chunk of 16 actions, expected chunk=10")
+
+    def test_a_slow_server_runs_out_of_time(self):
+        with scripted(HANG) as (name, _):
+            error = failure(name, "?camera=0&timeout=0.2")
+        assert (error.cause, error.hint) == ("timeout", "the option timeout=… waits longer")
+
+
+class TestNoServer:
+    def test_none_at_all(self):
+        with pytest.raises(PrerequisiteError, match=r"no openpi server: .*: Connection refused") as caught:
+            make_policy("openpi:ws://127.0.0.1:9")
+        assert caught.value.hint.startswith("start it first")
+
+    def test_one_that_greets_with_an_error(self):
+        with (
+            scripted(metadata="ImportError: no jax") as (name, _),
+            pytest.raises(PrerequisiteError) as caught,
+        ):
+            make_policy(name)
+        assert caught.value.message.endswith(": ImportError: no jax")

@@ -1,0 +1,209 @@
+"""The client of /act: its JSON, and servers that misbehave. Whole rollouts are in test_serving."""
+
+import json
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.policies.clients.served import black, seen, start
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.clients.openvla import decode, encode, request
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: see test_conformance
+PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
+STILL = [0.0] * 6 + [1.0]
+pytestmark = pytest.mark.usefixtures("no_pause")
+
+
+@contextmanager
+def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, threading.Semaphore]]:
+    """A server with scripted replies (status, body) or waits; its name, the requests that it got,
+    and a count of the connections that are closed.
+
+    ``keep``: as HTTP 1.1 keeps a connection; else it is closed after the reply, without a word.
+    """
+    left, requests, over = list(replies), [], threading.Event()
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            requests.append((self.path, body, self.headers.get("Vlafuzz-Rollout")))
+            reply = left.pop(0)
+            if isinstance(reply, float):
+                over.wait(reply)
+            elif isinstance(reply, bytes):
+                self.wfile.write(reply)
+                self.close_connection = True
+            else:
+                self.send_response(reply[0])
+                self.send_header("Content-Length", str(len(reply[1])))
+                self.end_headers()
+                self.wfile.write(reply[1].encode())
+                self.close_connection = not keep
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    server.daemon_threads, server.block_on_close = True, False
+    shut, closed = server.shutdown_request, threading.Semaphore(0)
+    server.shutdown_request = lambda request: shut(request) or closed.release()
+    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}/act", requests, closed
+    finally:
+        over.set()
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def answered(*replies: Any, options: str = "?camera=0", keep: bool = True) -> tuple[list, list]:
+    """The actions in these replies, and the requests."""
+    with scripted(*replies, keep=keep) as (name, requests, closed):
+        policy = make_policy(name + options)
+        policy.reset([start("one", 3)])
+        pictures = black(policy.spec)
+        closed.acquire()  # the connection of the policy's making
+        answers = []
+        for _ in replies:
+            answers += [policy.act([seen("one", images=pictures)])[0].actions.tolist()]
+            keep or closed.acquire()
+        policy.close()
+    return answers, requests
+
+
+MESSAGE = {"image": PICTURE, "instruction": "pick up apple", "unnorm_key": "bridge_orig"}
+
+
+class TestJson:
+    def test_a_request_equals_that_of_json_numpy(self):
+        assert request(MESSAGE).decode() == (GOLDEN / "act_request.txt").read_text()
+
+    def test_so_does_one_that_is_encoded_twice(self):
+        assert request(MESSAGE, twice=True).decode() == (GOLDEN / "act_request_encoded.txt").read_text()
+
+    @pytest.mark.parametrize("name", ["act_reply", "act_reply_chunk", "act_reply_encoded"])
+    def test_replies_of_json_numpy_are_read(self, name):
+        decoded = np.atleast_2d(decode((GOLDEN / f"{name}.txt").read_bytes()))
+        expected = np.linspace(-1, 1, 14).reshape(2, 7) if "chunk" in name else np.linspace(-1, 1, 7)[None]
+        assert np.array_equal(decoded, expected)
+
+
+class TestConversation:
+    @pytest.mark.parametrize(
+        ("reply", "steps"),
+        [
+            (json.dumps(STILL), 1),
+            (json.dumps([STILL] * 3), 3),
+            (encode(np.array(STILL)).decode(), 1),
+            (encode(encode(np.array(STILL)).decode()).decode(), 1),
+            (encode([np.array(STILL)] * 8).decode(), 8),
+            (encode({"action": np.array(STILL)}).decode(), 1),
+            (encode({"actions": [STILL]}).decode(), 1),
+        ],
+    )
+    def test_one_action_or_a_chunk_as_arrays_or_lists(self, reply, steps):
+        assert answered((200, reply))[0] == [[STILL] * steps]
+
+    def test_a_request_is_openvlas(self):
+        _, requests = answered((200, json.dumps(STILL)), options="?camera=48x32&unnorm_key=bridge_orig")
+        path, body, header = requests[0]
+        message = decode(body)
+        assert (path, list(message)) == ("/act", ["image", "instruction", "unnorm_key"])
+        assert (message["image"].shape, message["image"].dtype) == ((32, 48, 3), np.uint8)
+        assert (message["instruction"], message["unnorm_key"]) == ("pick up apple", "bridge_orig")
+        assert json.loads(header) == {"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}
+
+    def test_it_may_be_encoded_twice(self):
+        _, requests = answered((200, json.dumps(STILL)), options="?camera=0&encoded=1")
+        assert list(json.loads(requests[0][1])) == ["encoded"]
+        assert decode(json.loads(requests[0][1])["encoded"]) == {"instruction": "pick up apple"}
+
+    def test_a_connection_that_the_server_has_closed_in_between_is_opened_anew(self):
+        reply = (200, json.dumps(STILL))
+        answers, requests = answered(reply, reply, keep=False)
+        assert answers == [[STILL]] * 2
+        assert [json.loads(header)["asked"] for _, _, header in requests] == [0, 1]
+
+
+def failure(*replies: Any, options: str = "?camera=0") -> PolicyError:
+    with scripted(*replies) as (name, *_):
+        policy = make_policy(name + options)
+        with pytest.raises(PolicyError) as caught:
+            Harness(policy, start("one")).action(lambda: seen("one"))
+        policy.close()
+    return caught.value
+
+
+class TestWrongAnswers:
+    @pytest.mark.parametrize(
+        ("reply", "cause", "says"),
+        [
+            ((200, '"error"'), "remote", 'it answers "error"$'),
+            ((200, '{"error": "no memory"}'), "remote", ": no memory$"),
+            ((500, "Internal Server Error"), "remote", "HTTP 500: Internal Server Error"),
+            ((404, '{"detail": "Not Found"}'), "remote", "HTTP 404"),
+            ((200, "<html>"), "protocol", "not a reply of /act: <html>"),
+            ((200, '"up a bit"'), "protocol", "not a reply of /act"),
+            ((200, "[" * 100_000), "protocol", "not a reply of /act"),
+            ((200, '{"__numpy__": "AA==", "dtype": "|O", "shape": [1]}'), "protocol", "an array of object"),
+            ((200, '{"__numpy__": "AA==", "dtype": "<f8", "shape": [7]}'), "protocol", "buffer"),
+            ((200, "{}"), "bad_action", "without actions"),
+            ((200, "null"), "bad_action", "no numbers: None"),
+            ((200, '["up", "down"]'), "bad_action", "no numbers"),
+            ((200, "[[1], [1, 2]]"), "bad_action", "inhomogeneous"),
+            ((200, "[0, 0, 0]"), "bad_action", r"actions of shape \(1, 3\)"),
+            ((200, "[NaN, 0, 0, 0, 0, 0, 0]"), "bad_action", "not finite"),
+            ((200, " " * (5 << 20)), "protocol", "more than 4 MiB"),
+            (b"SSH-2.0\r\n", "protocol", "not HTTP: BadStatusLine"),
+            (b"", "connect", "closed connection"),
+            (b"HTTP/1.1 200 OK\r\nContent-Length: 99\r\n\r\n[", "protocol", "IncompleteRead|not a reply"),
+        ],
+    )
+    def test_are_errors_with_their_cause(self, reply, cause, says):
+        error = failure(reply)
+        assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
+        assert len(error.message) < 800
+
+    def test_a_slow_server_runs_out_of_time(self):
+        error = failure(5.0, options="?camera=0&timeout=0.2")
+        assert (error.cause, error.message.split(": ")[-1]) == ("timeout", "no reply within 0.2 s")
+
+    def test_in_the_simulator_they_are_errors_and_the_next_scene_is_rolled_out(self):
+        scenes = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
+        with scripted((200, '"error"'), (200, json.dumps([STILL] * 80))) as (name, *_):
+            policy = make_policy(f"{name}?camera=0")
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+            broken, whole = evaluator.evaluate(scenes)
+            evaluator.close()
+        assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)
+        assert broken.detail.startswith("policy: remote: http://127.0.0.1:")
+
+    def test_a_server_that_has_gone_makes_scenes_errors(self):
+        with scripted() as (name, *_):
+            policy = make_policy(name)
+        with pytest.raises(PolicyError, match="Connection refused") as caught:
+            policy.reset([start("one")])
+        assert caught.value.cause == "connect"
+
+    def test_no_server_at_all(self):
+        with pytest.raises(PrerequisiteError, match=r"no /act server: .*: Connection refused") as caught:
+            make_policy("http://127.0.0.1:9/act")
+        assert caught.value.hint.startswith("start it first")

@@ -1,0 +1,190 @@
+"""Profiles of known models: their options, what overrides them, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from tests.documentation import text
+from vlafuzz.cli import main
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionSpec, CameraRequest
+from vlafuzz.policies.clients.groot import GrootOptions
+from vlafuzz.policies.clients.lerobot import LeRobotOptions
+from vlafuzz.policies.clients.openpi import OpenPi, OpenPiOptions
+from vlafuzz.policies.clients.openvla import ActOptions, OpenVla
+from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.remote import parse
+from vlafuzz.policies.clients.servers import client
+from vlafuzz.policies.clients.vla_eval import VlaEval
+from vlafuzz.policies.clients.vla_eval_spec import Hello, spec_of
+from vlafuzz.rollouts.policies import check_policy_name
+
+PAGE = text("docs/servers.md")
+EXECUTABLE = [
+    (name, protocol)
+    for name, profile in known_profiles().items()
+    if name != "droid"
+    for protocol in profile.protocols
+    if protocol != "vla-eval"  # whose servers declare the rest themselves
+]
+
+
+def openpi(query: str) -> ProfiledOptions:
+    return parse(f"openpi:ws://gpu:8000?{query}", OpenPi).options
+
+
+def act(query: str) -> ProfiledOptions:
+    return parse(f"http://gpu:8000/act?{query}", OpenVla).options
+
+
+class TestKnown:
+    def test_there_are_four(self):
+        assert list(known_profiles()) == ["bridge", "droid", "libero", "maniskill-panda"]
+
+    @pytest.mark.parametrize(("name", "protocol"), EXECUTABLE)
+    def test_each_is_a_spec_for_each_of_its_protocols(self, name, protocol):
+        kind = client(protocol)
+        address = parse(kind.form.replace("host:port", "gpu:1") + f"?profile={name}", kind)
+        spec = Model(address.name, address.options).spec
+        assert spec.provenance["profile"] == name
+        side = 256 if protocol == "groot" else 224
+        assert spec.cameras[0] == CameraRequest("front", side, side)
+
+    def test_libero_behind_openpi(self):
+        spec = Model("it", openpi("profile=libero")).spec
+        assert spec.action == ActionSpec(
+            relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
+        )
+        assert [camera.role for camera in spec.cameras] == ["third_person", "wrist"]
+        assert (spec.state, spec.execute) == (True, 5)
+
+    def test_libero_behind_act_is_oft(self):
+        options = act("profile=libero")
+        assert (options.image_key, options.gripper, options.chunk) == ("full_image", "open_01", 8)
+
+    @pytest.mark.parametrize(("asked", "pictures"), [(True, 2), (False, 1)])
+    def test_libero_behind_vla_eval_sends_what_its_servers_ask_for(self, asked: bool, pictures: int):
+        options = parse("vla-eval:ws://gpu:8000?profile=libero&execute=5", VlaEval).options
+        declared = {
+            "action_spec": {"rotation": {"format": "euler_xyz"}},
+            "observation_spec": {"image": {"format": "rgb_hwc_uint8"}, "state": {"format": "raw"}},
+            "observation_params": {"send_wrist_image": asked, "send_state": asked},
+            "protocol_version": 1,
+        }
+        spec = spec_of("it", Hello.model_validate(declared), options)
+        assert spec.action == ActionSpec(
+            relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
+        )
+        assert [camera.width for camera in spec.cameras] == [256] * pictures
+        assert (spec.state, spec.execute, spec.provenance["profile"]) == (asked, 5, "libero")
+
+    def test_bridge(self):
+        options = act("profile=bridge")
+        assert Model("it", options).spec.action == ActionSpec(rotation="rpy", gripper="open_01")
+        assert options.unnorm_key == "bridge_orig"
+
+    def test_maniskills_controller_turns_the_wrong_way(self):
+        action = Model("it", openpi("profile=maniskill-panda")).spec.action
+        assert (action.rotation, action.position_scale, action.rotation_scale) == ("euler_xyz", 0.1, -0.1)
+
+    def test_they_are_listed_with_the_protocols(self, capsys):
+        assert main(["policies", "--csv"]) == 0
+        listed = capsys.readouterr().out
+        for name, profile in known_profiles().items():
+            for protocol in profile.protocols:
+                assert f"{client(protocol).form}?profile={name}," in listed
+
+
+class TestOwn:
+    def test_an_option_wins_over_the_profile(self):
+        options = openpi("profile=libero&execute=10&gripper=open_positive&camera=128")
+        assert (options.execute, options.gripper, options.camera) == (10, "open_positive", (128, 128))
+        assert options.rotation_scale == 0.5
+
+    def test_a_file_of_ones_own(self, tmp_path):
+        path = tmp_path / "mine.yaml"
+        path.write_text("about: a\nsource: b\noptions: {hz: 10}\nprotocols: {openpi: {image_key: cam}}\n")
+        options = openpi(f"profile={path}")
+        assert (options.hz, options.image_key) == (10, "cam")
+
+    @pytest.mark.parametrize(
+        ("text", "says"),
+        [
+            ("about: [", "not YAML: while parsing"),
+            ("- a", "mine.yaml: input should be"),
+            ("about: a", "mine.yaml: source: field required"),
+            ("about: a\nsource: b\noptions: 3\nprotocols: {}", "options: input should be a"),
+            ("about: a\nsource: b\noptions: {}\nprotocols: {http: {}}", "says nothing about openpi"),
+            (
+                "about: a\nsource: b\noptions: {camara: 1}\nprotocols: {openpi: {}}",
+                "unknown option 'camara'",
+            ),
+            ("about: a\nsource: b\noptions: {state: 7}\nprotocols: {openpi: {}}", "unknown state 7"),
+            ("!!python/object/apply:os.getcwd []", "not YAML: could not determine a constructor"),
+        ],
+    )
+    def test_a_file_that_is_none_is_refused_with_what_is_wrong(self, tmp_path, text, says):
+        path = tmp_path / "mine.yaml"
+        path.write_text(text)
+        with pytest.raises(UsageError, match=re.escape(says)) as caught:
+            openpi(f"profile={path}")
+        assert caught.value.hint
+
+    def test_a_name_that_is_none(self):
+        with pytest.raises(UsageError, match="unknown profile 'librero'") as caught:
+            openpi("profile=librero")
+        assert caught.value.hint.startswith("did you mean 'libero'?")
+
+    def test_a_file_that_is_not_there(self):
+        with pytest.raises(UsageError, match=r"nowhere\.yaml: cannot be read: no such file"):
+            openpi("profile=nowhere.yaml")
+
+
+class TestRefused:
+    @pytest.mark.parametrize(
+        ("query", "says"),
+        [
+            ("profile=droid", "its actions are of joints (joint velocity), which cannot be executed"),
+            ("action=joint_position", "its actions are of joints (joint position)"),
+            ("state=joint_positions", "joint positions cannot be sent as proprioception"),
+            ("hz=15", "hz: expected a divisor of 100, got 15"),
+            ("action=eef_pose&execute=4", "executed one at a time"),
+            ("frame=tool", "executed one at a time"),
+            ("rotation=rot6d&rotation_scale=2", "rotation_scale: rot6d has no scale"),
+            ("chunk=10&execute=12", "execute=12 of a chunk of 10"),
+            ("rotation_scale=0", "rotation_scale: expected a number other than 0, got 0.0"),
+            ("rotation=euler", "unknown rotation 'euler'"),
+            ("unnorm_key=bridge_orig", "unknown option 'unnorm_key'"),
+        ],
+    )
+    def test_what_cannot_be_executed_is_refused_in_a_sentence(self, query, says):
+        with pytest.raises(UsageError, match=re.escape(says)):
+            check_policy_name(f"openpi:ws://gpu:8000?{query}")
+
+
+def test_joints_are_refused_of_a_model_that_declares_itself_too(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("about: a\nsource: b\noptions: {action: joint_delta}\nprotocols: {vla-eval: {}}\n")
+    with pytest.raises(UsageError, match="unknown action 'joint_delta'"):
+        check_policy_name(f"vla-eval:ws://gpu:8000?profile={path}")
+
+
+OPTIONS = (ActOptions, GrootOptions, LeRobotOptions, OpenPiOptions)
+
+
+@pytest.mark.parametrize("option", sorted(set().union(*(kind.model_fields for kind in OPTIONS))))
+def test_the_page_on_servers_has_a_row_for_every_option(option):
+    assert re.search(rf"^\| .*`{option}`", PAGE, flags=re.MULTILINE)
+
+
+def test_a_pose_is_executed_with_the_hands_own_state():
+    from tests.policies.clients.served import STATE, seen
+
+    model = Model("it", openpi("action=eef_pose&execute=1&rotation=rpy&camera=0"))
+    assert model.spec.state
+    assert model.spec.action.relative_to == "current"
+    target = np.array([[0.2, -0.2, 0.3, 0.0, 0.0, 0.0, 1.0]])
+    assert model.actions(target, seen("one"))[0, :3] == pytest.approx(target[0, :3] - STATE[:3])
+    assert "observation/state" not in model.message(seen("one"))

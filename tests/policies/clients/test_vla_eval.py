@@ -1,0 +1,196 @@
+"""The vla-eval client: against the real server of PyPI, and against servers that misbehave."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.policies.clients.served import (
+    STATE,
+    Answering,
+    Attentive,
+    Rounded,
+    Served,
+    black,
+    seen,
+    serving,
+    start,
+    still_open,
+)
+from tests.search.worlds import sampled
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.cli import main
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.base import ActionSpec, CameraRequest
+from vlafuzz.policies.controls import Random
+from vlafuzz.policies.harness import Harness
+from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+pytestmark = pytest.mark.usefixtures("opened", "no_pause")
+SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
+STILL = [0.0] * 6 + [1.0]
+
+
+class TestRollouts:
+    """Whole rollouts in the simulator are the same over the wire as without it."""
+
+    def same_as_in_process(
+        self,
+        make,
+        options: str = "",
+        verdict: Verdict | None = Verdict.FAILED,
+        scenes=SCENES,
+        **server: object,
+    ) -> None:
+        with serving(Served(make(), **server)) as name:
+            there = ManiSkillEvaluator(
+                Conditions(task="pick-up", min_distance=0.15), make_policy(name + options), CATALOGUE
+            )
+            here = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), make(), CATALOGUE)
+            pairs = zip(there.evaluate(scenes), here.evaluate(scenes), strict=True)
+            for far, near in pairs:
+                assert far.verdict is near.verdict, far.detail
+                assert verdict in (far.verdict, None)
+                assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
+                assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
+            there.close()
+            here.close()
+
+    def test_chunks_that_are_executed_whole(self):
+        self.same_as_in_process(Attentive)
+
+    def test_chunks_of_which_two_actions_are_executed(self):
+        self.same_as_in_process(lambda: Attentive(execute=2), "?execute=2")
+
+    def test_chunks_that_the_server_keeps(self):
+        self.same_as_in_process(Attentive, chunk_size=3)
+
+    def test_a_policy_that_depends_on_its_seed_alone(self):
+        self.same_as_in_process(lambda: Rounded(Random()))
+
+    def test_conventions_that_the_server_declares(self):
+        action = ActionSpec(rotation="rpy", gripper="close_01")
+        self.same_as_in_process(lambda: Attentive(action=action))
+
+    def test_conventions_that_options_say(self):
+        action = ActionSpec(
+            rotation="euler_xyz",
+            relative_to="current",
+            position_scale=0.5,
+            rotation_scale=2.0,
+            gripper="open_01",
+            sticky=2,
+            hz=10,
+        )
+        query = "?rotation=euler_xyz&relative_to=current&position_scale=0.5&rotation_scale=2&gripper=open_01"
+        self.same_as_in_process(lambda: Attentive(action=action), f"{query}&sticky=2&hz=10")
+
+    @pytest.mark.render
+    def test_pictures(self):
+        cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
+        self.same_as_in_process(lambda: Attentive(*cameras), "?camera=64x48")
+
+    @pytest.mark.render
+    def test_mini(self):
+        options = "?camera=128&execute=1&relative_to=current&state=1"
+        self.same_as_in_process(Mini, options, Verdict.PASSED)
+
+    @pytest.mark.slow
+    @pytest.mark.render
+    def test_twenty_rollouts_of_mini_that_returns_whole_chunks(self):
+        fair = [scene for scene in sampled(60) if check_static(scene, CATALOGUE, 0.15) is None]
+        options = "?camera=128&execute=1&relative_to=current&state=1"
+        self.same_as_in_process(Mini, options, None, fair[:20])
+
+
+class TestWire:
+    """The messages of the real server."""
+
+    def test_an_observation_arrives_as_it_was(self):
+        rng = np.random.default_rng(0)
+        images = {name: rng.integers(0, 256, (32, 48, 3), dtype=np.uint8) for name in ("wrist", "front")}
+        server = Served(Attentive(CameraRequest("front", 48, 32), CameraRequest("wrist", 48, 32, "wrist")))
+        with serving(server) as name:
+            policy = make_policy(f"{name}?camera=48x32")
+            policy.reset([start("one", 3)])
+            policy.act([seen("one", images=images)])
+            policy.close()
+        (message,) = server.seen
+        assert list(message["images"]) == ["front", "wrist"]
+        assert all(np.array_equal(message["images"][key], images[key]) for key in images)
+        assert all(np.array_equal(message[key], STATE) for key in ("state", "states"))
+        assert message["state"].dtype == np.float32
+        assert message["task_description"] == "pick up apple"
+        assert server.started == [start("one", 3)]
+
+    def test_a_server_learns_the_suite_of_libero(self):
+        server = Served(Rounded(Random()))
+        with serving(server) as name:
+            policy = make_policy(name)
+            policy.reset([replace(start("one"), task="libero_goal/8"), start("two")])
+            policy.act([seen("one"), seen("two")])
+            policy.close()
+        assert sorted(server.suites) == ["libero_goal", "vlafuzz"]
+
+    def test_each_rollout_has_a_connection_which_ends_with_it(self, opened):
+        server = Served(Rounded(Random()))
+        with serving(server) as name:
+            policy = make_policy(name)
+            assert still_open(opened) == 0
+            harnesses = [Harness(policy, start(f"{number}", number)) for number in range(3)]
+            assert still_open(opened) == 3
+            harnesses[0].finish()
+            assert still_open(opened) == 2
+            del harnesses
+            assert still_open(opened) == 0
+            policy.close()
+        assert len(set(server.ended)) == 3
+
+    def test_a_rollout_that_begins_anew_is_not_ended_by_the_old_one(self):
+        with serving(Rounded(Random())) as name:
+            policy = make_policy(name)
+            old = Harness(policy, start("one"))
+            new = Harness(policy, start("one"))
+            old.finish()
+            assert new.action(lambda: seen("one")).shape == (7,)
+            policy.close()
+
+    def test_observations_that_are_sent_at_once_are_batched(self):
+        server = Served(Rounded(Random()), max_batch_size=4, max_wait_time=0.5)
+        names = ["a", "b", "c", "d"]
+        with serving(server) as name:
+            policy, alone = make_policy(name), Rounded(Random())
+            for client in (policy, alone):
+                client.reset([start(name, seed) for seed, name in enumerate(names)])
+            for _ in range(3):
+                together = [chunk.actions.tolist() for chunk in policy.act([seen(name) for name in names])]
+                assert together == [
+                    chunk.actions.tolist() for chunk in alone.act([seen(name) for name in names])
+                ]
+            policy.close()
+        assert sum(server.batches) == 12
+        assert max(server.batches) == 4
+
+    @pytest.mark.parametrize("shape", [(7,), (1, 7), (5, 7)])
+    def test_one_action_or_a_chunk_of_them(self, shape):
+        with serving(Answering(lambda _: np.arange(np.prod(shape)).reshape(shape))) as name:
+            policy = make_policy(name)
+            policy.reset([start("one")])
+            (chunk,) = policy.act([seen("one", images=black(policy.spec))])
+            assert chunk.actions.tolist() == np.arange(np.prod(shape)).reshape(-1, 7).tolist()
+            policy.close()
+
+
+def test_a_run_and_a_replay_of_it_from_the_command_line(tmp_path, capsys):
+    store = str(tmp_path / "a.db")
+    with serving(Rounded(Random())) as name:
+        ran = main(["run", "--policy", name, "--budget", "2", "--store", store, "--json"])
+        summary = json.loads(capsys.readouterr().out)
+        assert (ran, summary["rollouts"], summary["verdicts"]["failed"]) == (0, 2, 2)
+        assert main(["replay", store, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True

@@ -1,0 +1,301 @@
+"""Faults on the way to a model are the policy's errors, with their causes."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+
+from tests.policies.clients.served import (
+    CLOSE,
+    HANG,
+    HELLO,
+    Answering,
+    Rounded,
+    black,
+    message,
+    scripted,
+    seen,
+    serving,
+    start,
+    still_open,
+)
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.cli import main
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.base import Observation, Policy
+from vlafuzz.policies.clients import websocket_connection as sockets
+from vlafuzz.policies.controls import Random
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+pytestmark = pytest.mark.usefixtures("opened", "no_pause")
+SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
+STILL = [0.0] * 6 + [1.0]
+
+
+def failure(name: str, options: str = "") -> PolicyError:
+    """The error of the first action of a rollout."""
+    policy = make_policy(name + options)
+    with pytest.raises(PolicyError) as caught:
+        Harness(policy, start("one")).action(lambda: seen("one"))
+    policy.close()
+    return caught.value
+
+
+def answer(policy: Policy, observation: Observation) -> object:
+    """The actions, or the error's message."""
+    try:
+        return policy.act([observation])[0].actions.tolist()
+    except PolicyError as error:
+        return error.message
+
+
+class TestWrongAnswers:
+    """Errors of a real server with a bad model, and of our own servers that break the protocol."""
+
+    @pytest.mark.parametrize(
+        ("answer", "says"),
+        [
+            ([0.0] * 6, r"actions of shape \(1, 6\)"),
+            (np.zeros((2, 3, 7)), r"actions of shape \(2, 3, 7\)"),
+            (np.zeros((0, 7)), r"actions of shape \(0, 7\)"),
+            ([np.nan, *STILL[1:]], "an action is not finite"),
+            ([[0.0, 1], [np.inf] * 2], r"actions of shape \(2, 2\)"),
+        ],
+    )
+    def test_of_a_model(self, answer, says):
+        with serving(Answering(lambda _: np.array(answer))) as name:
+            error = failure(name, "?camera=0")
+        assert error.cause == "bad_action"
+        assert re.search(says, error.message)
+
+    def test_an_error_of_the_model_is_told(self):
+        with serving(Answering(lambda message: message["nothing"])) as name:
+            error = failure(name, "?camera=0")
+        assert error.cause == "remote"
+        assert error.message.endswith("observation_failed: KeyError: 'nothing'")
+
+    def test_an_error_at_the_start_of_an_episode_is_told(self):
+        policy = Random()
+        policy.reset = lambda _: 1 / 0
+        with serving(policy) as name:
+            error = failure(name)
+        assert error.cause == "remote"
+        assert error.message.endswith("episode_start_failed: ZeroDivisionError: division by zero")
+
+    @pytest.mark.parametrize(
+        ("reply", "cause", "says"),
+        [
+            (b"\xc1garbage", "protocol", "not a vla-eval message: 8 bytes, "),
+            (b"", "protocol", "not a vla-eval message: 0 bytes"),
+            ("Traceback: it broke", "protocol", "not a vla-eval message: the text 'Traceback: it broke'"),
+            (b"\x80", "protocol", "no type, payload and number in {}"),
+            (b"\x01", "protocol", "no type, payload and number in 1"),
+            (lambda number: message("action", [1], number), "protocol", "a payload of list"),
+            (
+                lambda number: message("action", {"actions": STILL}, number - 1),
+                "protocol",
+                "with number 3, got",
+            ),
+            (lambda number: message("hello", HELLO, number), "protocol", "expected the message 'action'"),
+            (lambda number: message("error", {"error": "no\nmemory"}, number), "remote", ": no memory"),
+            (lambda number: message("action", {}, number), "bad_action", "a reply without actions, but []"),
+            (lambda number: message("action", {"actions": None}, number), "bad_action", "no numbers: None"),
+            (lambda number: message("action", {"actions": ["up"] * 7}, number), "bad_action", "no numbers"),
+            (
+                lambda number: message("action", {"actions": [[1], [1, 2]]}, number),
+                "bad_action",
+                "inhomogeneous",
+            ),
+            (
+                lambda number: message("action", {"actions": STILL, "x": bytes(5 << 20)}, number),
+                "protocol",
+                "4 MiB",
+            ),
+            (
+                lambda number: message("action", {"actions": array("O", bytes(56))}, number),
+                "protocol",
+                "object",
+            ),
+            (
+                lambda number: message("action", {"actions": array("<f8", bytes(55))}, number),
+                "protocol",
+                "buffer",
+            ),
+            (
+                lambda number: message("action", {"actions": array("<f8", bytes(48))}, number),
+                "protocol",
+                "reshape",
+            ),
+            (CLOSE, "connect", "the connection broke"),
+        ],
+    )
+    def test_of_a_server(self, reply, cause, says):
+        with scripted(reply) as name:
+            error = failure(name, "?camera=0")
+        assert (error.cause, says in error.message) == (cause, True), error.message
+        assert len(error.message) < 500
+
+    def test_a_slow_server_runs_out_of_time(self):
+        with serving(Answering(lambda _: time.sleep(0.6) or STILL)) as name:
+            began = time.monotonic()
+            error = failure(name, "?camera=0&timeout=0.2")
+        assert error.cause == "timeout"
+        assert (error.message.split(": ")[-1], error.hint) == (
+            "no reply within 0.2 s",
+            "the option timeout=… waits longer",
+        )
+        assert time.monotonic() - began < 5
+
+    def test_a_slow_server_is_waited_for(self):
+        with serving(Answering(lambda _: time.sleep(0.3) or STILL)) as name:
+            policy = make_policy(f"{name}?camera=0&timeout=20")
+            assert Harness(policy, start("one")).action(lambda: seen("one")).tolist() == STILL
+            policy.close()
+
+    def test_a_server_that_stops_reading_runs_out_of_time(self):
+        with scripted(HANG) as name:
+            policy = make_policy(f"{name}?camera=1600&timeout=0.5")
+            policy.reset([start("one")])
+            flood = [seen("one", images=black(policy.spec))] * 4
+            with pytest.raises(PolicyError, match="no reply within") as caught:
+                policy.act(flood)
+            assert caught.value.cause == "timeout"
+
+    def test_of_rollouts_that_are_asked_at_once_one_breaks_alone(self):
+        good = lambda number: message("action", {"actions": STILL}, number)  # noqa: E731
+        with scripted(good, b"?", good) as name:
+            policy = make_policy(f"{name}?camera=0")
+            policy.reset([start("a"), start("b")])
+            with pytest.raises(PolicyError, match="not a vla-eval message"):
+                policy.act([seen("a"), seen("b")])
+            answers = {rollout: answer(policy, seen(rollout)) for rollout in "ab"}
+            (whole,) = [rollout for rollout, got in answers.items() if got == [STILL]]
+            (broken,) = set(answers) - {whole}
+            assert "not a vla-eval message" in answers[broken]
+            assert answer(policy, seen(whole, 1)) == [STILL]
+            assert f"no live rollout '{broken}'" in answer(policy, seen(broken, 1))
+            policy.close()
+
+    def test_what_was_kept_of_a_rollout_is_gone_when_it_begins_anew(self):
+        good = lambda number: message("action", {"actions": STILL}, number)  # noqa: E731
+        with scripted(b"?", b"?", good, good) as name:
+            policy = make_policy(f"{name}?camera=0")
+            policy.reset([start("a"), start("b")])
+            with pytest.raises(PolicyError):
+                policy.act([seen("a"), seen("b")])
+            policy.reset([start("a"), start("b")])
+            assert [answer(policy, seen(rollout)) for rollout in "ab"] == [[STILL], [STILL]]
+            policy.close()
+
+    def test_in_the_simulator_they_are_errors_and_the_next_scene_is_rolled_out(self, opened):
+        good = lambda number: message("action", {"actions": [STILL] * 80}, number)  # noqa: E731
+        with scripted(b"?", good) as name:
+            policy = make_policy(f"{name}?camera=0")
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+            broken, whole = evaluator.evaluate(SCENES)
+            assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)
+            assert broken.detail.startswith("policy: protocol: ws://127.0.0.1:")
+            assert still_open(opened) == 0
+            evaluator.close()
+
+
+class TestServerThatGoesAway:
+    def test_while_it_is_away_scenes_are_errors(self):
+        with serving(Rounded(Random())) as name:
+            policy = make_policy(name)
+        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+        (outcome,) = evaluator.evaluate(SCENES[:1])
+        assert outcome.verdict is Verdict.ERROR
+        assert outcome.detail.endswith("Connection refused")
+        assert outcome.detail.startswith("policy: connect: ")
+        evaluator.close()
+
+    def test_a_rollout_that_it_leaves_is_not_gone_on_with(self):
+        with serving(Rounded(Random())) as name:
+            policy = make_policy(name)
+            harness = Harness(policy, start("one"))
+            harness.action(lambda: seen("one"))
+        for _ in range(2):
+            with pytest.raises(PolicyError):
+                harness.action(lambda: seen("one"))
+        policy.close()
+
+    def test_another_one_in_its_place_is_noticed(self, opened):
+        declared = [{"gripper": "binary_close_positive"}, {"gripper": "continuous_01"}]
+        server = Answering(lambda _: STILL, action=declared[0])
+        with serving(server) as name:
+            policy = make_policy(f"{name}?camera=0")
+            server._declared = {"action": declared[1]}
+            with pytest.raises(PolicyError, match="another server answers") as caught:
+                policy.reset([start("one")])
+            assert caught.value.cause == "protocol"
+            assert still_open(opened) == 0
+
+
+class TestNoServer:
+    """Messages for a policy that cannot be reached, from Python and from `vlafuzz run`."""
+
+    ABSENT = "vla-eval:ws://127.0.0.1:9"
+
+    def test_it_is_tried_three_times(self, monkeypatch):
+        tried = []
+        real = sockets.connect
+        monkeypatch.setattr(sockets, "connect", lambda *a, **k: tried.append(a) or real(*a, **k))
+        with pytest.raises(PrerequisiteError):
+            make_policy(self.ABSENT)
+        assert len(tried) == 3
+
+    def test_a_connection_that_breaks_once_is_opened_again(self, monkeypatch):
+        real, broken = sockets.connect, iter([ConnectionResetError(104, "Connection reset by peer")])
+
+        def connect(*args, **more):
+            for error in broken:
+                raise error
+            return real(*args, **more)
+
+        with serving(Rounded(Random())) as name:
+            policy = make_policy(name)
+            monkeypatch.setattr(sockets, "connect", connect)
+            policy.reset([start("one")])
+            assert len(policy.act([seen("one")])) == 1
+            policy.close()
+
+    def test_the_command_line_says_so_and_how_to_start_one(self, capsys):
+        assert main(["run", "--policy", self.ABSENT]) == 3
+        assert capsys.readouterr().err == (
+            "error: no vla-eval server: ws://127.0.0.1:9: Connection refused\n"
+            "hint: start it first: vla-eval serve --config …\n"
+        )
+
+    @pytest.mark.parametrize(
+        ("hello", "says"),
+        [
+            (HELLO | {"protocol_version": 2}, "it speaks version 2 of the protocol, not 1"),
+            ({"model_server": "x"}, "its hello: protocol_version: field required"),
+            (HELLO | {"action_spec": "none"}, "its hello: action_spec: "),
+        ],
+    )
+    def test_a_server_of_another_protocol(self, hello, says):
+        with scripted(hello=hello) as name, pytest.raises(PrerequisiteError) as caught:
+            make_policy(name)
+        assert says in caught.value.message
+
+    def test_a_convention_that_is_not_supported(self, opened):
+        server = Answering(lambda _: STILL, action={"rotation": "rot6d_interleaved"})
+        with serving(server) as name:
+            with pytest.raises(UsageError, match="declares rotation 'rot6d_interleaved'") as caught:
+                make_policy(name)
+            assert caught.value.hint.startswith(
+                "supported: axis_angle, euler_xyz; if it declares wrongly, the option"
+            )
+            assert make_policy(f"{name}?rotation=axis_angle").spec.action.rotation == "axis_angle"
+        assert still_open(opened) == 0
+
+
+def array(dtype: str, data: bytes) -> dict:
+    return {"__ndarray__": True, "data": data, "dtype": dtype, "shape": [7]}

@@ -1,0 +1,381 @@
+"""Our policies behind our own servers answer the same over the wire as without it."""
+
+import io
+import json
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+from contextlib import ExitStack, closing
+from http.client import HTTPConnection
+from urllib.parse import urlsplit
+from urllib.request import urlopen
+
+import anyio
+import numpy as np
+import pytest
+from PIL import Image
+from vla_eval.connection import Connection
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from tests.policies.clients.served import STATE, Attentive, black, seen, start
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.cli import main
+from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
+from vlafuzz.policies.clients.openvla import decode, encode
+from vlafuzz.policies.clients.servers import guesses
+from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.policies.mini.policy import Mini
+from vlafuzz.policies.serving import http
+from vlafuzz.policies.serving.serve import PROTOCOLS, says_of, serving
+from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+
+pytestmark = pytest.mark.usefixtures("opened", "no_pause")
+SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
+
+
+@pytest.fixture(params=PROTOCOLS)
+def protocol(request) -> str:
+    return request.param
+
+
+class TestRollouts:
+    """Whole rollouts in the simulator, action for action."""
+
+    def same_as_in_process(self, make, protocol: str, verdict: Verdict = Verdict.FAILED) -> None:
+        with serving(make(), protocol) as name:
+            there = ManiSkillEvaluator(
+                Conditions(task="pick-up", min_distance=0.15), make_policy(name), CATALOGUE
+            )
+            here = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), make(), CATALOGUE)
+            for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
+                assert far.verdict is near.verdict is verdict, far.detail
+                assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
+                assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
+            there.close()
+            here.close()
+
+    @pytest.mark.parametrize("make", [Random, Frozen])
+    def test_controls(self, make, protocol):
+        self.same_as_in_process(make, protocol)
+
+    @pytest.mark.render
+    def test_mini(self, protocol):
+        self.same_as_in_process(Mini, protocol, Verdict.PASSED)
+
+    def test_chunks_of_which_two_actions_are_executed(self, protocol):
+        self.same_as_in_process(lambda: Attentive(execute=2), protocol)
+
+    def test_conventions(self, protocol):
+        action = ActionSpec(
+            rotation="euler_xyz",
+            relative_to="current",
+            position_scale=0.5,
+            rotation_scale=2.0,
+            gripper="open_01",
+            sticky=2,
+            hz=10,
+        )
+        self.same_as_in_process(lambda: Attentive(action=action), protocol)
+
+    @pytest.mark.render
+    def test_pictures(self, protocol):
+        cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
+        self.same_as_in_process(lambda: Attentive(*cameras), protocol)
+
+
+class Echo:
+    """Answers with its observation: the picture's corner, the state, and the number of calls."""
+
+    def __init__(self, *cameras: CameraRequest) -> None:
+        self.spec = PolicySpec("echo", cameras=cameras, state=True)
+        self.begun, self.ended = [], []
+
+    def reset(self, episodes) -> None:
+        self.begun += episodes
+
+    def finish(self, episodes) -> None:
+        self.ended += episodes
+
+    def act(self, observations) -> list[ActionChunk]:
+        (seen,) = observations
+        corner = [float(picture[0, 0, 0]) for picture in seen.images.values()]
+        return [ActionChunk(np.array([[*corner, *seen.state[len(corner) : 6], seen.step]]))]
+
+    def close(self) -> None:
+        pass
+
+
+def url(name: str) -> str:
+    """The URL of a WebSocket, without protocol prefix and options."""
+    return name.partition(":")[2].partition("?")[0]
+
+
+class TestOthersClients:
+    """Messages of clients that are not ours."""
+
+    def picture(self, value: int, side: int = 224) -> np.ndarray:
+        return np.full((side, side, 3), value, np.uint8)
+
+    def test_one_of_openpi_says_nothing_of_a_rollout_and_sends_its_own_size(self):
+        echo = Echo(CameraRequest("front", 64, 48))
+        message = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
+        with serving(echo, "openpi") as name, connect(url(name)) as line:
+            assert unpack_openpi(line.recv())["policy"] == "echo"
+            for step in range(2):
+                line.send(pack_openpi(message))
+                (action,) = unpack_openpi(line.recv())["actions"]
+                assert action.tolist() == [9.0, *STATE[1:6].tolist(), step]
+        assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
+        assert echo.ended == echo.begun
+
+    def test_vla_evals_own(self):
+        echo = Echo(CameraRequest("front", 64, 48))
+
+        async def drive() -> list[dict]:
+            async with Connection(url(name)) as line:
+                await line.start_episode({"task": {"name": "up", "seed": 3}})
+                message = {"images": {"front": self.picture(9)}, "states": STATE, "task_description": "up"}
+                replies = [await line.act(message) for _ in range(2)]
+                await line.end_episode({"metrics": {}})
+                return replies
+
+        with serving(echo, "vla-eval") as name:
+            replies = anyio.run(drive)
+        assert [action["actions"].tolist() for action in replies] == [
+            [9.0, *STATE[1:6].tolist(), step] for step in range(2)
+        ]
+        assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 3)]
+        assert echo.ended == echo.begun
+
+    @pytest.mark.parametrize("image", ["image", "full_image"])
+    def test_one_of_act(self, image):
+        message = encode({image: self.picture(9), "state": STATE, "instruction": "up"})
+        with (
+            serving(Echo(CameraRequest("front", 64, 48)), "http") as name,
+            closing(HTTPConnection(urlsplit(name).netloc)) as line,
+        ):
+            for body in (message, encode({"encoded": message.decode()})):
+                line.request("POST", "/act", body)
+                assert decode(line.getresponse().read())[0] == 9.0
+
+    @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
+    def test_one_of_vla_eval_compresses_its_pictures(self, kind):
+        packed = io.BytesIO()
+        Image.fromarray(self.picture(9)).save(packed, kind)
+        shown = {"__image__": True, "format": kind.lower(), "data": packed.getvalue()}
+        message = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
+        with (
+            serving(Echo(CameraRequest("front", 64, 48)), "vla-eval") as name,
+            connect(url(name)) as line,
+        ):
+            line.send(pack_vla_eval("observation", message, 4))
+            kind, payload, number = unpack_vla_eval(line.recv())
+        assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
+
+    @pytest.mark.parametrize(("protocol", "path"), [("vla-eval", "health"), ("openpi", "healthz")])
+    def test_they_may_ask_whether_it_is_up(self, protocol, path):
+        with serving(Frozen(), protocol) as name, urlopen(url(name).replace("ws", "http") + f"/{path}") as up:
+            assert up.status == 200
+
+
+class TestErrors:
+    """An invalid observation or a broken policy is reported; the next rollout is fine."""
+
+    @pytest.mark.parametrize(
+        ("query", "says"),
+        [
+            ("&camera=0", "observation/image|0 pictures|the picture 'front' is NoneType"),
+            ("&state=eef_pos3_axisangle3_gripper2", "proprioception of shape (8,), expected 7 numbers"),
+        ],
+    )
+    def test_an_observation_that_does_not_fit(self, protocol, query, says):
+        with serving(Echo(CameraRequest("front", 64, 48)), protocol) as name:
+            options = dict(part.split("=") for part in f"{name.partition('?')[2]}{query}".split("&"))
+            query = "&".join(f"{key}={value}" for key, value in options.items())
+            policy = make_policy(f"{name.partition('?')[0]}?{query}")
+            policy.reset([start("one")])
+            with pytest.raises(PolicyError) as caught:
+                policy.act([seen("one", images=black(policy.spec))])
+            assert caught.value.cause == "remote"
+            assert any(part in caught.value.message for part in says.split("|")), caught.value.message
+
+    def test_a_policy_that_breaks(self, protocol):
+        policy, fine = Frozen(), Frozen().act
+        policy.act = lambda _: 1 / 0
+        with serving(policy, protocol) as name:
+            client = make_policy(name)
+            client.reset([start("one")])
+            with pytest.raises(PolicyError, match="ZeroDivisionError: division by zero") as caught:
+                client.act([seen("one")])
+            assert caught.value.cause == "remote"
+            policy.act = fine
+            client.reset([start("one")])
+            assert client.act([seen("one")])[0].actions.tolist() == [[0, 0, 0, 0, 0, 0, 1]]
+            client.close()
+
+    @pytest.mark.parametrize("protocol", ["vla-eval", "openpi"])
+    def test_what_is_no_message_ends_the_connection_and_the_server_stays(self, protocol):
+        with serving(Frozen(), protocol) as name, connect(url(name)) as socket:
+            socket.send(b"\xc1")
+            with pytest.raises(ConnectionClosed):
+                list(iter(socket.recv, None))
+            self.answers(name)
+
+    @pytest.mark.parametrize(
+        "body", [b"{", b"3", b'{"image": {"__numpy__": "AA==", "dtype": "|O", "shape": []}}']
+    )
+    def test_what_is_no_observation_is_refused_and_the_server_stays(self, body):
+        with serving(Frozen(), "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
+            line.request("POST", "/act", body)
+            reply = line.getresponse()
+            assert (reply.status, list(decode(reply.read()))) == (400, ["error"])
+            self.answers(name)
+
+    def answers(self, name: str) -> None:
+        client = make_policy(name)
+        client.reset([start("one")])
+        assert len(client.act([seen("one")])) == 1
+        client.close()
+
+    def test_a_rollout_is_not_gone_on_with_on_another_connection(self):
+        with serving(Random(), "http") as name:
+            client = make_policy(name)
+            client.reset([start("one")])
+            client.act([seen("one")])
+            (_, session) = client._live["one"]
+            session._connection.close()
+            with pytest.raises(PolicyError, match="1 observations of this rollout came on a connection"):
+                client.act([seen("one")])
+
+    def test_a_policy_that_no_client_can_ask(self):
+        with pytest.raises(UsageError, match="expert cannot be served: it wants the simulator's state"):
+            serving(Expert(), "http").__enter__()
+
+    def test_a_port_that_is_taken(self, protocol):
+        with serving(Frozen(), "http") as name:
+            again = serving(Frozen(), protocol, port=urlsplit(name).port)
+            with pytest.raises(UsageError, match="Address already in use") as caught:
+                again.__enter__()
+        assert caught.value.hint == "--port 0 takes any that is free"
+
+
+def heed_interrupts() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
+class TestAddress:
+    """The printed name says all that a run would have to guess."""
+
+    @pytest.mark.parametrize(
+        "action",
+        [ActionSpec(), ActionSpec(rotation="euler_xyz", gripper="close_01", position_scale=0.05, hz=10)],
+    )
+    def test_nothing_is_guessed(self, protocol, action):
+        with serving(Attentive(action=action), protocol) as name, closing(make_policy(name)) as client:
+            assert guesses(name, client.spec) == {}
+            assert client.spec.action == action
+
+    def test_what_the_server_declares_is_not_repeated(self):
+        with serving(Frozen(), "vla-eval") as name:
+            assert "rotation=" not in name
+            assert "gripper=" not in name
+
+    def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
+        assert says_of(Frozen().spec).startswith(
+            "it answers one observation at a time, and the first action of each chunk is executed"
+        )
+        assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(
+            "it answers up to 8 observations at once, and all actions of each chunk are executed"
+        )
+
+
+class TestCommand:
+    @pytest.mark.parametrize(
+        ("arguments", "says"),
+        [
+            (["random", "--protocol", "opnpi"], "unknown protocol 'opnpi'\nhint: did you mean 'openpi'?"),
+            (["randm"], "unknown policy 'randm'"),
+            (["random", "--port", "70000"], "--port: expected at most 65535, got 70000"),
+            (["expert"], "expert cannot be served"),
+        ],
+    )
+    def test_what_it_refuses(self, arguments, says, capsys):
+        assert main(["serve", *arguments]) == 2
+        assert says in capsys.readouterr().err
+
+    def test_it_prints_the_name_under_which_a_run_finds_it_and_ends_when_interrupted(self, tmp_path, capsys):
+        command = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
+        store = str(tmp_path / "a.db")
+        options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        # What is started in the background of a shell ignores Ctrl-C, and so do its children.
+        with subprocess.Popen(command, preexec_fn=heed_interrupts, **options) as server:
+            try:
+                name = server.stdout.readline().strip()
+                ran = main(["run", "--policy", name, "--budget", "2", "--store", store, "--json"])
+                server.send_signal(signal.SIGINT)
+                _, stderr = server.communicate(timeout=60)
+            finally:
+                server.kill()
+        assert (ran, json.loads(capsys.readouterr().out)["rollouts"]) == (0, 2)
+        assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
+        assert "one observation at a time, and the first action of each chunk is executed" in stderr
+        assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
+
+
+def test_a_client_that_resets_its_connection_leaves_no_traceback(capfd):
+    with serving(Echo(CameraRequest("front", 64, 48)), "http") as name:
+        parts = urlsplit(name)
+        for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
+            client = socket.create_connection((parts.hostname, parts.port))
+            client.sendall(sent)
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            client.close()  # with a reset
+        time.sleep(0.3)
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("half", [b"POST /act HT", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n{"])
+def test_a_request_has_to_arrive_in_time_however_often_a_byte_of_it_comes(half, monkeypatch):
+    monkeypatch.setattr(http, "ARRIVAL", 0.3)
+    with serving(Frozen(), "http") as name:
+        parts = urlsplit(name)
+        with socket.create_connection((parts.hostname, parts.port), 5) as client:
+            client.sendall(half)
+            ended = False
+            for _ in range(100):
+                time.sleep(0.05)
+                try:
+                    client.sendall(b" ")
+                    ended = client.recv(1, socket.MSG_DONTWAIT) == b""
+                except BlockingIOError:
+                    continue
+                except OSError:
+                    ended = True
+                if ended:
+                    break
+        assert ended
+        client = make_policy(name)
+        client.reset([start("one")])
+        time.sleep(0.5)  # a simulator may be slow between two requests
+        assert len(client.act([seen("one")])) == 1
+        client.close()
+
+
+def test_connections_beyond_the_bound_are_closed_at_once(monkeypatch):
+    monkeypatch.setattr(http, "CONNECTIONS", 2)
+    with serving(Frozen(), "http") as name, ExitStack() as stack:
+        parts = urlsplit(name)
+        clients = [
+            stack.enter_context(socket.create_connection((parts.hostname, parts.port), 5)) for _ in range(3)
+        ]
+        assert clients[2].recv(1) == b""

@@ -1,5 +1,0 @@
-"""Fixtures of the clients' tests, which the tests of servers share."""
-
-from tests.clients.conftest import no_pause, opened
-
-__all__ = ["no_pause", "opened"]

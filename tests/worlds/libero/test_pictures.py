@@ -1,0 +1,102 @@
+"""Cheaper pictures beside LIBERO's own: similar, and the same whenever the state is the same."""
+
+import hashlib
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vlafuzz.model.scene import Camera, Light
+from vlafuzz.worlds.libero.env import LiberoEnv
+from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.worlds.libero.scenes.setting import Setting
+from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.suites import find_task
+from vlafuzz.worlds.similarity import similarity
+
+pytestmark = pytest.mark.libero
+TASK = "libero_goal/8"
+REACH = np.array([0.5, 0.2, -0.6, 0.0, 0.0, 0.3, 1.0])
+
+
+@pytest.fixture(scope="module")
+def own() -> Iterator[LiberoEnv]:
+    env = LiberoEnv(find_task(TASK), size=224)
+    yield env
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def coarse() -> Iterator[LiberoEnv]:
+    env = LiberoEnv(find_task(TASK), size=224, savings=SAVINGS["coarse"])
+    yield env
+    env.close()
+
+
+def reached(env: LiberoEnv, steps: int) -> None:
+    env.reset(1)
+    env.settle(10)
+    for _ in range(steps):
+        env.step(REACH)
+
+
+def digest(env: LiberoEnv) -> str:
+    pictures = env.observe().pictures
+    return hashlib.sha256(b"".join(pictures[name].tobytes() for name in CAMERAS)).hexdigest()
+
+
+@pytest.mark.parametrize("steps", [0, 12, 25])
+def test_pictures_are_similar_to_liberos_own_also_where_the_arm_is_over_the_table(own, coarse, steps):
+    for env in (own, coarse):
+        reached(env, steps)
+    assert np.array_equal(own.state(), coarse.state())
+    expected, cheaper = own.observe().pictures, coarse.observe().pictures
+    for camera in CAMERAS:
+        assert 0.95 <= similarity(expected[camera], cheaper[camera]) < 1.0
+
+
+def test_a_scene_with_other_light_and_camera_is_drawn_anew_and_leaves_nothing_behind(own, coarse):
+    nominal = nominal_scene(TASK, "libero")
+    other = replace(nominal, light=Light(0.4), camera=Camera(0.04, 90.0, 3.0))
+    settings = [(env, Setting(env)) for env in (own, coarse)]
+    settings[1][1].begin(nominal)
+    before = digest(coarse)
+    for _, setting in settings:
+        setting.begin(other)
+    expected, cheaper = (env.observe().pictures["agentview"] for env, _ in settings)
+    assert similarity(expected, cheaper) >= 0.95
+    for _, setting in settings:
+        setting.begin(nominal)
+    assert digest(coarse) == before
+
+
+def test_what_happened_before_decides_nothing(coarse):
+    reached(coarse, 12)
+    first = digest(coarse)
+    reached(coarse, 30)
+    coarse.picture("agentview", 128)
+    reached(coarse, 12)
+    assert digest(coarse) == first
+
+
+def test_another_process_draws_the_same(coarse):
+    reached(coarse, 12)
+    code = (
+        "from tests.worlds.libero.test_pictures import *\n"
+        "env = LiberoEnv(find_task(TASK), size=224, savings=SAVINGS['coarse'])\n"
+        "reached(env, 12)\n"
+        "print(digest(env))"
+    )
+    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert child.stdout.split()[-1] == digest(coarse)
+
+
+def test_smaller_pictures_are_similar_too(own, coarse):
+    for env in (own, coarse):
+        reached(env, 12)
+    expected, cheaper = (env.picture("agentview", 96) for env in (own, coarse))
+    assert cheaper.shape == (96, 96, 3)
+    assert similarity(expected, cheaper) > 0.9

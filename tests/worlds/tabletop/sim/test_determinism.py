@@ -1,0 +1,133 @@
+"""The same scene gives the same trajectory, bit by bit, whatever was simulated before it and wherever."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.scenes import (
+    CROWD,
+    STILL,
+    make_env,
+    nominal,
+    play,
+    pushes,
+    random_scene,
+    states_hash,
+)
+from vlafuzz.policies.base import CameraRequest
+
+# No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.
+CHILD = """
+import json
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, nominal, states_hash
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Expert(), CATALOGUE)
+outcome = evaluator.evaluate([nominal()])[0]
+hashes = [rollout.states_hash for rollout in outcome.rollouts]
+print(json.dumps([states_hash(make_env()), outcome.verdict.name, *hashes]))
+"""
+
+
+@pytest.fixture(scope="module")
+def fresh() -> str:
+    """Of a trajectory in contact, in an environment that has seen nothing else."""
+    env = make_env()
+    yield states_hash(env)
+    env.close()
+
+
+@pytest.fixture(scope="module")
+def process_without_vulkan() -> list[str]:
+    nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
+    child = subprocess.run(
+        [sys.executable, "-c", CHILD], env=os.environ | nowhere, capture_output=True, text=True, check=False
+    )
+    assert child.returncode == 0, child.stderr
+    return json.loads(child.stdout.splitlines()[-1])
+
+
+def test_the_trajectory_has_the_objects_in_motion(env):
+    start = env.begin(CROWD)
+    end = play(env, pushes())
+    assert (np.linalg.norm(end.positions - start.positions, axis=1) > 0.01).sum() >= 3
+
+
+def test_another_action_another_hash(env, fresh):
+    env.begin(CROWD)
+    play(env, [*pushes()[:-1], STILL])
+    assert env.world.states_hash != fresh
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_used_environment_repeats_what_a_fresh_one_does(env, fresh, seed):
+    rng = np.random.default_rng(seed)
+    for number in range(25):
+        states_hash(env, random_scene(rng))
+        if number % 5 == 0:
+            assert states_hash(env) == fresh
+
+
+def test_a_full_rebuild_repeats_it(env, fresh):
+    env.reset(options={"scene": CROWD, "reconfigure": True})
+    play(env, pushes())
+    assert env.world.states_hash == fresh
+
+
+def test_it_goes_on_repeating_after_a_full_rebuild(env, fresh):
+    env.reset(options={"scene": nominal(), "reconfigure": True})
+    assert states_hash(env) == fresh
+
+
+def test_a_scene_cut_short_leaves_no_trace(env, fresh):
+    env.begin(CROWD)
+    play(env, [[0, 0, -0.14, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, -1]])
+    assert states_hash(env) == fresh
+
+
+def test_gymnasiums_step_is_the_same_physics(env, fresh):
+    env.reset(options={"scene": CROWD})
+    for action in pushes():
+        env.step(action.astype(np.float64))
+    assert env.world.states_hash == fresh
+
+
+def test_another_process_repeats_it(process_without_vulkan, fresh):
+    assert process_without_vulkan[0] == fresh
+
+
+def test_physics_and_expert_need_no_vulkan(process_without_vulkan, expert_on):
+    assert process_without_vulkan[1:] == [
+        "PASSED",
+        expert_on("pick-up").evaluate([nominal()])[0].rollouts[0].states_hash,
+    ]
+
+
+@pytest.mark.render
+def test_a_renderer_changes_nothing(fresh):
+    env = make_env(cameras=(CameraRequest("front", 64, 64),), render_backend="gpu")
+    hashes = []
+    for pictures in (0, 3):
+        env.begin(CROWD)
+        for number, action in enumerate(pushes()):
+            env.advance(action)
+            if number < pictures:
+                env.picture("front")
+        hashes.append(env.world.states_hash)
+    env.close()
+    assert hashes == [fresh, fresh]
+
+
+@pytest.mark.slow
+def test_five_hundred_scenes_in_any_order_repeat_themselves(env):
+    rng = np.random.default_rng(3)
+    scenes = [random_scene(rng) for _ in range(50)]
+    known = [states_hash(env, scene) for scene in scenes]
+    for _ in range(9):
+        for index in rng.permutation(len(scenes)):
+            assert states_hash(env, scenes[index]) == known[index]

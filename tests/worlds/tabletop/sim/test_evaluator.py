@@ -1,0 +1,210 @@
+"""Scenes in, outcomes out: each verdict for its reason, and no scene has an effect on the next one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.meddling import (
+    ANOTHER,
+    AT_START,
+    NOMINAL,
+    Meddled,
+    evaluate,
+    is_lifted,
+    lets_go_at,
+)
+from tests.worlds.tabletop.sim.scenes import STILL, nominal, pick_up, put
+from vlafuzz.errors import UsageError
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.worlds.manipulation.stored import visible_json
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
+from vlafuzz.worlds.tabletop.space import load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
+
+
+def test_the_instruction_changes_once_a_stage_is_reached():
+    instructions: list[tuple[str, bool]] = []
+
+    def listens(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
+        instructions.append((observation.instruction, is_lifted(observation)))
+        return [ActionChunk(actions)]
+
+    stepwise = replace(NOMINAL, instruction="grasp it", then=("lift it", "hold it up"))
+    (outcome,) = evaluate(Meddled(listens), stepwise)
+    assert outcome.verdict is Verdict.PASSED
+    assert list(dict.fromkeys(words for words, _ in instructions)) == ["grasp it", "lift it", "hold it up"]
+    assert all(lifted for words, lifted in instructions if words == "hold it up")
+    assert not any(lifted for words, lifted in instructions if words == "grasp it")
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_the_expert_passes_the_nominal_scene_through_all_stages(expert_on, task):
+    (outcome,) = expert_on(task).evaluate([nominal(task)])
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.PASSED, None, 1.0)
+    assert outcome.rollouts[0].reached == TASKS[task].stage_names
+    assert outcome.rollouts[0].success_at_end
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_who_never_moves_fails_at_the_grasp(task):
+    (outcome,) = evaluate(Frozen(), nominal(task))
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.FAILED, "grasp", AT_START)
+    assert (outcome.rollouts[0].reached, outcome.rollouts[0].steps) == ((), 80)
+
+
+def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_on, known):
+    outcomes = expert_on("pick-up").evaluate([ANOTHER, NOMINAL, ANOTHER])
+    assert [outcome.rollouts[0].states_hash for outcome in outcomes] == [known[1], known[0], known[1]]
+
+
+@pytest.mark.parametrize(
+    ("scene", "check", "says"),
+    [
+        (replace(NOMINAL, targets=(put("banana_", 0.0, 0.0, rest="lying"),)), "semantic", "banana_"),
+        (nominal("put-on"), "semantic", "its task is 'put-on', not 'pick-up'"),
+        (replace(NOMINAL, targets=(put("coke_can", 0.3, 0.0),)), "geometry", "the workspace ends at"),
+        (replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),)), "geometry", "less than 0.15 m"),
+        (
+            replace(NOMINAL, targets=(put("coke_can", 0.0, 0.0, quaternion=(0.95, 0.0, 0.312, 0.0)),)),
+            "settling",
+            "while settling",
+        ),
+    ],
+    ids=["unknown object", "another task", "off the workspace", "too close", "leaning"],
+)
+def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_policy(scene, check, says):
+    policy = Meddled(lambda *_: pytest.fail("asked"))
+    (outcome,) = evaluate(policy, scene, task="pick-up")
+    assert (outcome.verdict, outcome.check, outcome.rollouts) == (Verdict.INVALID, check, ())
+    assert says in outcome.detail
+
+
+def test_a_scene_that_is_solved_from_the_start_is_invalid():
+    cubes = (Placement("green_cube", "flat", 0.0, 0.0), Placement("yellow_cube", "flat", 0.0, 0.06))
+    (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), min_distance=0.0)
+    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "solved")
+
+
+def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
+    """Under this light, table and spoon are both white in outlines, but not in a rendered picture."""
+    bright = pick_up(put("spoon", -0.05, 0.0), light=6.0)
+    visible = visible_json(load_operators().visible)
+    (outcome,) = evaluate(Pinhole(), bright, visible=visible)
+    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "unseen")
+    assert outcome.detail.startswith("spoon: only 0/255 apart from the table under light × 6; at least 4/255")
+    assert evaluate(Frozen(), bright, visible=visible)[0].verdict is Verdict.FAILED
+    assert evaluate(Pinhole(), bright)[0].verdict is not Verdict.INVALID
+
+
+def test_unchecked_scenes_are_run_as_they_are():
+    close = replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),))
+    assert evaluate(Frozen(), close, checked=False)[0].verdict is Verdict.FAILED
+
+
+@pytest.mark.parametrize(("stop_early", "after"), [(False, 10), (True, 0)])
+def test_a_rollout_goes_on_for_ten_steps_after_success(stop_early, after):
+    (rollout,) = evaluate(Expert(), NOMINAL, stop_early=stop_early)[0].rollouts
+    first = int(np.argmax(rollout.trace == 1.0))
+    assert rollout.steps == len(rollout.actions) == first + 1 + after
+    assert rollout.steps < 80
+
+
+def test_who_lets_go_after_success_has_succeeded_once_but_not_at_the_end():
+    (outcome,) = evaluate(lets_go_at(lambda observation: observation.privileged.done), NOMINAL)
+    assert outcome.verdict is Verdict.PASSED
+    assert (outcome.rollouts[0].success_once, outcome.rollouts[0].success_at_end) == (True, False)
+
+
+@pytest.mark.parametrize(
+    ("criteria", "verdict", "lost", "reached"),
+    [
+        ("strict", Verdict.FAILED, "success", ("grasp", "lift")),
+        ("published", Verdict.PASSED, None, ("grasp", "lift", "success")),
+    ],
+)
+def test_who_lets_go_too_early_passes_by_the_published_criteria_only(criteria, verdict, lost, reached):
+    (outcome,) = evaluate(lets_go_at(is_lifted, times=3), NOMINAL, criteria=criteria)
+    assert (outcome.verdict, outcome.lost_stage) == (verdict, lost)
+    assert outcome.rollouts[0].reached == reached
+    assert outcome.rollouts[0].published_success
+
+
+def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stage(monkeypatch):
+    monkeypatch.setitem(TASKS, "pick-up", replace(TASKS["pick-up"], published=lambda _: False))
+    (outcome,) = evaluate(Expert(), NOMINAL, criteria="published")
+    assert (outcome.verdict, outcome.lost_stage) == (Verdict.FAILED, "success")
+    assert outcome.progress < 1
+    assert outcome.rollouts[0].steps == 80  # the strict success does not end it
+
+
+def test_a_rollout_ends_by_the_criteria_by_which_it_is_judged():
+    def rollout(**conditions):
+        (outcome,) = evaluate(lets_go_at(is_lifted, times=3), NOMINAL, **conditions)
+        return outcome.rollouts[0]
+
+    usual, early = (rollout(criteria="published", stop_early=stop) for stop in (False, True))
+    assert rollout(criteria="strict", stop_early=True).steps == 80
+    assert usual.steps == early.steps + 10 < 30
+    assert (usual.success_at_end, early.success_at_end) == (False, True)  # the object falls meanwhile
+
+
+def test_other_criteria_are_refused():
+    with pytest.raises(UsageError, match="unknown criteria 'lenient'") as caught:
+        evaluate(Frozen(), NOMINAL, criteria="lenient")
+    assert caught.value.hint == "known: published, strict"
+
+
+def test_repeats_have_seeds_of_their_own_and_are_repeatable():
+    (outcome,) = evaluate(Random(), NOMINAL, repeats=3, seed=5)
+    hashes = [rollout.states_hash for rollout in outcome.rollouts]
+    assert len(set(hashes)) == 3
+    (shifted,) = evaluate(Random(), NOMINAL, repeats=2, seed=6)
+    assert [rollout.states_hash for rollout in shifted.rollouts] == hashes[1:]
+
+
+def test_one_failed_repeat_fails_the_scene_with_the_worst_progress():
+    frozen_once = Meddled(lambda *_: [ActionChunk(STILL[None])], episodes=1)
+    (outcome,) = evaluate(frozen_once, NOMINAL, repeats=2)
+    assert [rollout.success_once for rollout in outcome.rollouts] == [False, True]
+    assert (outcome.verdict, outcome.lost_stage, outcome.progress) == (Verdict.FAILED, "grasp", AT_START)
+
+
+def test_every_rollout_has_an_episode_name_of_its_own_and_hears_the_instruction():
+    policy = Meddled(lambda _, a: [ActionChunk(a)])
+    evaluate(policy, NOMINAL, ANOTHER, repeats=2, seed=3)
+    assert len({start.episode for start in policy.started}) == 4
+    assert [start.seed for start in policy.started] == [3, 4, 3, 4]
+    assert [start.instruction for start in policy.started] == [NOMINAL.instruction] * 2 + [
+        "pick up sponge"
+    ] * 2
+
+
+def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
+    (rollout,) = expert_on("pick-up").evaluate([NOMINAL])[0].rollouts
+    state = env.begin(NOMINAL)
+    for action in rollout.actions:
+        state = env.advance(action.astype(np.float64), "current")
+    assert state.held == 0
+    assert env.monitor.success_once
+
+
+def test_a_scaled_object_is_judged_at_its_own_size():
+    placed = (put("sponge", -0.05, -0.1, scale=0.6), put("orange", -0.05, 0.12))
+    assert (
+        evaluate(Expert(), Scene("move-near", placed, "move sponge near orange"))[0].verdict is Verdict.PASSED
+    )
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("task", TASKS)
+def test_crashes_of_many_rollouts_never_reach_the_others(task):
+    rng = np.random.default_rng(0)
+    policy = Meddled(lambda _, a: [ActionChunk(a * (np.nan if rng.random() < 0.05 else 1.0))], episodes=20)
+    outcomes = evaluate(policy, *[nominal(task)] * 30)
+    assert {outcome.verdict for outcome in outcomes[20:]} == {Verdict.PASSED}
+    assert len({outcome.rollouts[0].states_hash for outcome in outcomes if outcome.rollouts}) == 1

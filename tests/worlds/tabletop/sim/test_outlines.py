@@ -1,0 +1,67 @@
+"""What the camera sees without a renderer."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.scenes import pick_up, put
+from vlafuzz.model.scene import Camera
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+
+
+def see(env, *placements, light=1.0, camera=None):
+    scene = pick_up(*placements, camera=camera or Camera())
+    hand_away = dataclasses.replace(env.begin(scene), tcp=np.array([-0.3, 0.0, 0.6]))
+    return outlines(env.models, hand_away, env.view, light)
+
+
+def test_a_lone_object_is_seen_whole_where_the_camera_projects_it(env):
+    seen = see(env, put("green_cube", 0.05, 0.1))
+    (cube,) = seen.things
+    expected, _ = env.view.project(np.array([[0.05, 0.1, 0.015]]))
+    assert cube.whole > 0.95
+    assert cube.pixels.mean(axis=0) == pytest.approx(expected[0], abs=0.006)
+
+
+def test_an_object_behind_another_is_partly_hidden(env):
+    seen = see(env, put("green_cube", -0.10, 0.0), put("coke_can", -0.03, 0.0))
+    shares = sorted(thing.whole for thing in seen.things)
+    assert len(shares) == 1 or shares[0] < 0.6
+    assert shares[-1] > 0.95
+
+
+def test_the_hand_hides_what_is_behind_it(env):
+    start = env.begin(pick_up(put("green_cube", -0.30, 0.0)))
+    assert not outlines(env.models, start, env.view, 1.0).things
+
+
+def test_colours_scale_with_the_light_and_saturate(env):
+    dim, nominal, glare = (
+        see(env, put("orange", 0.05, 0.1), light=light).things[0].colour for light in (0.1, 1, 20)
+    )
+    assert dim == pytest.approx(nominal * 0.1)
+    assert glare.max() == 1.0
+
+
+def test_a_turned_camera_shifts_everything_the_other_way(env):
+    level, turned = (
+        see(env, put("orange", 0.0, 0.1), camera=Camera(yaw=yaw)).things[0].pixels.mean(axis=0)
+        for yaw in (0.0, 5.0)
+    )
+    assert turned[0] - level[0] == pytest.approx(
+        np.tan(np.radians(5)) / (2 * np.tan(np.radians(30))), abs=0.02
+    )
+
+
+def test_an_object_cut_by_the_border_is_not_whole(env):
+    seen = see(env, put("blue_plastic_bottle", 0.15, 0.3))
+    assert not seen.things or seen.things[0].whole < 0.9
+
+
+def test_the_order_of_things_tells_nothing_of_the_scene(env):
+    view = see(env, put("orange", 0.0, 0.1), put("apple", 0.0, -0.1))
+    other = see(env, put("apple", 0.0, -0.1), put("orange", 0.0, 0.1))
+    assert [thing.colour.tolist() for thing in view.things] == [
+        thing.colour.tolist() for thing in other.things
+    ]

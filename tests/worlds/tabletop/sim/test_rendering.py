@@ -1,0 +1,187 @@
+"""Pictures: light, camera and objects are seen as the scene says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
+from vlafuzz.errors import SimulatorError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.policies.base import CameraRequest
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.rendering import SceneLights
+
+pytestmark = pytest.mark.render
+SIZE = 160
+PIXEL = 1 / SIZE
+SPOT = (0.02, -0.15)
+ORANGE = pick_up(put("orange", *SPOT))
+CAMERAS = {
+    "nominal": Camera(),
+    "yaw": Camera(yaw=5),
+    "pitch": Camera(pitch=-5),
+    "roll": Camera(roll=5),
+    "to the right": Camera(distance=0.05, azimuth=90),
+    "farther": Camera(distance=0.05, azimuth=0),
+    "higher": Camera(distance=0.05, elevation=90),
+    "all at once": Camera(0.05, 135, -30, roll=-4, pitch=3, yaw=-5),
+}
+
+
+@pytest.fixture(scope="module")
+def seeing() -> TabletopEnv:
+    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),), render_backend="gpu", obs_mode="none")
+    yield env
+    env.close()
+
+
+def shift(env: TabletopEnv, camera: Camera) -> np.ndarray:
+    """How far the orange moves in the picture when the camera does."""
+    return centroid(picture(env, replace(ORANGE, camera=camera))) - centroid(picture(env, ORANGE))
+
+
+def picture(env: TabletopEnv, scene: Scene) -> np.ndarray:
+    env.reset(options={"scene": scene})
+    return env.picture("front")
+
+
+def centroid(picture: np.ndarray) -> np.ndarray:
+    """(u, v) of what is orange: nothing else in the nominal picture has so much more red than blue."""
+    v, u = np.nonzero(picture[..., 0].astype(int) - picture[..., 2] > 90)
+    assert len(u) > 30, "no orange in the picture"
+    return np.array([u.mean() + 0.5, v.mean() + 0.5]) / SIZE
+
+
+def projected(x: float, y: float, camera: Camera = NOT_MOVED) -> np.ndarray:
+    middle = np.array([[x, y, CATALOGUE["orange"].stable_poses[0].height]])
+    return camera_pose(PANDA.view, camera).project(middle)[0][0]
+
+
+@pytest.mark.parametrize("spot", [(0.02, -0.15), (-0.18, -0.22), (0.10, 0.20), (-0.15, 0.22), (0.12, 0.0)])
+def test_an_object_appears_where_the_rig_projects_it(seeing, spot):
+    seen = centroid(picture(seeing, pick_up(put("orange", *spot))))
+    assert seen == pytest.approx(projected(*spot), abs=1.5 * PIXEL)
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_a_moved_camera_sees_it_where_the_rig_projects_it(seeing, camera):
+    seen = centroid(picture(seeing, replace(ORANGE, camera=camera)))
+    assert seen == pytest.approx(projected(*SPOT, camera), abs=1.5 * PIXEL)
+
+
+@pytest.mark.parametrize("name", [name for name in CAMERAS if name != "nominal"])
+def test_every_deviation_of_the_camera_can_be_seen(seeing, name):
+    moved = centroid(picture(seeing, replace(ORANGE, camera=CAMERAS[name]))) - centroid(
+        picture(seeing, ORANGE)
+    )
+    assert np.abs(moved).max() > 2 * PIXEL
+
+
+def test_a_camera_that_turns_left_sees_everything_shifted_to_the_right(seeing):
+    moved = centroid(picture(seeing, replace(ORANGE, camera=Camera(yaw=5)))) - centroid(
+        picture(seeing, ORANGE)
+    )
+    assert moved[0] == pytest.approx(5 / PANDA.view.fov, rel=0.15)
+
+
+def test_brightness_grows_with_the_light(seeing):
+    alphas = [0.05, 0.2, 1.0, 4.0, 20.0]
+    means = [float(picture(seeing, replace(ORANGE, light=Light(alpha))).mean()) for alpha in alphas]
+    assert means == sorted(set(means))
+    assert (means[0] < 60, 90 < means[2] < 200, means[-1] > 230) == (True, True, True)
+
+
+def test_no_part_of_the_picture_is_spared_by_the_dark(seeing):
+    bright, dark = (picture(seeing, replace(ORANGE, light=Light(alpha))).astype(int) for alpha in (1.0, 0.05))
+    lit = bright.max(axis=2) > 60
+    assert (dark.max(axis=2)[lit] < bright.max(axis=2)[lit]).all()
+
+
+def test_the_same_scene_is_the_same_picture_after_others(seeing):
+    first = picture(seeing, ORANGE)
+    picture(seeing, replace(ORANGE, light=Light(0.3), camera=CAMERAS["all at once"]))
+    picture(seeing, pick_up(put("coke_can", 0.0, 0.1), put("sponge", 0.02, -0.15)))
+    assert np.array_equal(picture(seeing, ORANGE), first)
+
+
+def test_a_moving_robot_changes_the_picture(seeing):
+    before = picture(seeing, ORANGE)
+    seeing.advance(np.array([0, 0.05, 0, 0, 0, 0, 1]))
+    assert (seeing.picture("front") != before).mean() > 0.02
+
+
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
+def test_outlines_are_where_the_picture_has_the_object(seeing, camera):
+    seen = centroid(picture(seeing, replace(ORANGE, camera=camera)))
+    state = seeing.begin(replace(ORANGE, camera=camera))
+    (thing,) = outlines(seeing.models, state, seeing.view, seeing.light).things
+    assert thing.pixels.mean(axis=0) == pytest.approx(seen, abs=1.5 * PIXEL)
+
+
+def test_a_light_that_is_not_applied_is_an_error(seeing, monkeypatch):
+    picture(seeing, ORANGE)
+    monkeypatch.setattr(SceneLights, "apply", lambda *_: None)
+    with pytest.raises(SimulatorError, match=r"light: asked for 3\.0"):
+        picture(seeing, replace(ORANGE, light=Light(3.0)))
+
+
+def test_a_camera_that_is_not_moved_is_an_error(seeing, monkeypatch):
+    picture(seeing, ORANGE)
+    monkeypatch.setattr(TabletopEnv, "_aim", lambda _: None)
+    with pytest.raises(SimulatorError, match="pose of camera"):
+        picture(seeing, replace(ORANGE, camera=Camera(yaw=0.5)))
+
+
+def test_gymnasiums_observation_holds_the_picture():
+    env = make_env(cameras=(CameraRequest("front", 64, 48),), render_backend="gpu", obs_mode="rgb")
+    observation, _ = env.reset(options={"scene": ORANGE})
+    shown = observation["sensor_data"]["front"]["rgb"].numpy()[0]
+    assert (shown.shape, str(shown.dtype)) == ((48, 64, 3), "uint8")
+    assert np.abs(shown.astype(int) - env.picture("front")).max() <= 1  # ManiSkill cuts decimals off
+    env.close()
+
+
+class Watching(Expert):
+    """An expert that asks for a picture, and keeps it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spec = replace(self.spec, cameras=(CameraRequest("front", SIZE, SIZE),))
+        self.seen: list[np.ndarray] = []
+
+    def act(self, observations):
+        self.seen += [observation.images["front"] for observation in observations]
+        return super().act(observations)
+
+
+def test_the_policy_sees_the_scene_and_a_recording_every_step():
+    policy, recording = Watching(), Recording(64)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", min_distance=0.15, stop_early=True), policy, CATALOGUE, recording=recording
+    )
+    (rollout,) = evaluator.evaluate([ORANGE])[0].rollouts
+    evaluator.close()
+    assert centroid(policy.seen[0]) == pytest.approx(projected(*SPOT), abs=1.5 * PIXEL)
+    assert len(policy.seen) == len(recording.observations) == rollout.steps
+    assert len(recording.frames) == rollout.steps + 1
+
+
+def test_a_wrist_camera_looks_at_what_is_between_the_fingers():
+    cameras = (CameraRequest("wrist", 64, 64, "wrist"),)
+    env = make_env(cameras=cameras, render_backend="gpu")
+    env.begin(pick_up(put("green_cube", 0.0, 0.0)))
+    near = env.picture("wrist").astype(int)
+    env.begin(pick_up(put("green_cube", -0.2, 0.3)))
+    far = env.picture("wrist").astype(int)
+    env.close()
+    greener = [(picture[..., 1] - picture[..., 0] > 40).sum() for picture in (near, far)]
+    assert greener[0] > 10
+    assert greener[1] == 0

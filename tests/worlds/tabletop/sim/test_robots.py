@@ -1,0 +1,152 @@
+"""The WidowX and the Google robot: they stand, see, reach and grasp. Their files are the user's."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, play
+from vlafuzz.common import assets
+from vlafuzz.errors import PrerequisiteError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
+from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.stills import Stills
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+
+ASSETS = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"
+EXTERNAL = [WIDOWX.robot, GOOGLE.robot]
+needs_files = pytest.mark.skipif(not (ASSETS / "robots").is_dir(), reason="no robots' files")
+
+
+@pytest.fixture(autouse=True)
+def folders(monkeypatch):
+    monkeypatch.setenv(assets.FOLDERS, str(ASSETS))
+
+
+def nominal(robot: str, task: str = "pick-up"):
+    return SearchSpace(load_operators(rig(robot).operators), CATALOGUE, task, robot).nominal()
+
+
+@pytest.mark.parametrize("robot", RIGS)
+@pytest.mark.parametrize("task", ["pick-up", "move-near", "put-on"])
+def test_the_nominal_scene_of_every_rig_is_fair(robot, task):
+    scene = nominal(robot, task)
+    assert scene.robot == robot
+    assert check_static(scene, CATALOGUE, load_operators(rig(robot).operators).min_distance) is None
+
+
+@pytest.mark.parametrize("robot", EXTERNAL)
+def test_the_original_frame_has_the_robot_at_the_same_height_over_the_table(robot):
+    there = rig(robot).original
+    assert there.base[2] - there.table == pytest.approx(rig(robot).base[2])
+
+
+def test_a_camera_that_moved_does_not_fit_a_photo():
+    scene = replace(nominal("widowx-photo"), camera=Camera(yaw=2.0))
+    assert "a photo" in check_static(scene, CATALOGUE, 0.1).reason
+
+
+def test_what_is_too_wide_for_a_hand_is_no_target_of_it():
+    targets = SearchSpace(load_operators("widowx"), CATALOGUE, "pick-up", "widowx").composer.layout.slots
+    assert "green_cube" in targets["targets.0"]
+    assert "coke_can" not in targets["targets.0"]
+
+
+def test_the_google_robot_leans_the_more_the_farther_and_the_higher_its_hand_is():
+    leans = [GOOGLE.hand.lean(*at) for at in ((0.5, 0.02), (0.7, 0.02), (0.7, 0.12), (0.8, 0.2))]
+    assert leans == sorted(leans)
+    assert leans[0] == 0.0
+    assert leans[-1] == pytest.approx(0.55)
+    assert PANDA.hand.lean(0.8, 0.2) == 0.0
+
+
+@pytest.mark.parametrize("robot", EXTERNAL)
+def test_a_missing_file_is_named_with_the_folders_that_were_searched(robot, monkeypatch, tmp_path):
+    monkeypatch.setenv(assets.FOLDERS, str(tmp_path))
+    with pytest.raises(PrerequisiteError, match=f"robots/{rig(robot).urdf}") as missing:
+        make_env(robot=robot)
+    assert str(tmp_path) in missing.value.message
+    assert assets.FOLDERS in missing.value.hint
+
+
+@needs_files
+@pytest.mark.parametrize("robot", EXTERNAL)
+class TestExternalRobots:
+    def test_it_stands_at_its_place_with_its_hand_over_the_table(self, robot):
+        env = make_env(robot=robot)
+        start = env.begin(nominal(robot))
+        assert env.agent.robot.pose.sp.p == pytest.approx(rig(robot).base, abs=1e-5)
+        assert 0.1 < start.tcp[2] < 0.25
+        assert start.opening == pytest.approx(rig(robot).opening, abs=1e-3)
+        assert start.tcp_rotation[2, 2] < -0.9  # the fingers point down
+        env.close()
+
+    def test_the_hand_goes_where_it_is_told_and_closes(self, robot):
+        env = make_env(robot=robot)
+        start = env.begin(nominal(robot))
+        end = play(env, [np.array([-0.02, 0.03, 0.02, 0, 0, 0, -1.0])], still=14)
+        assert end.tcp - start.tcp == pytest.approx([-0.02, 0.03, 0.02], abs=0.004)
+        assert end.opening < 0.02
+        env.close()
+
+    @pytest.mark.parametrize("task", ["pick-up", "put-on"])
+    def test_the_expert_solves_the_nominal_scene(self, robot, task):
+        evaluator = ManiSkillEvaluator(
+            Conditions(task=task, min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
+        assert evaluator.evaluate([nominal(robot, task)])[0].verdict is Verdict.PASSED
+        evaluator.close()
+
+    def test_the_expert_gets_nearly_to_the_far_end_of_its_reach(self, robot):
+        setup = rig(robot)
+        # The last 2 cm depend on the processor: the Google robot's grasp there is marginal.
+        far = Placement("green_cube", "flat", setup.base[0] + setup.reach - 0.05, 0.03)
+        scene = Scene("pick-up", (far,), "pick up green cube", robot=robot)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
+        (outcome,) = evaluator.evaluate([scene])
+        evaluator.close()
+        assert outcome.verdict is Verdict.PASSED, outcome.detail
+
+    def test_the_same_scene_has_the_same_trajectory(self, robot):
+        hashes = set()
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", min_distance=0.1, stop_early=True), Expert(), CATALOGUE
+        )
+        for _ in range(2):
+            hashes.add(evaluator.evaluate([nominal(robot)])[0].rollouts[0].states_hash)
+        evaluator.close()
+        assert len(hashes) == 1
+
+    def test_the_camera_sees_the_targets(self, robot):
+        places = np.array([[target.x, target.y, 0.0] for target in nominal(robot, "move-near").targets])
+        uv, depth = camera_pose(rig(robot).view).project(places)
+        assert ((uv > 0.05) & (uv < 0.95)).all()
+        assert (depth > 0.2).all()
+
+    @pytest.mark.render
+    def test_a_photo_is_behind_robot_and_objects_only(self, robot):
+        shown = {}
+        for name in (robot, f"{robot}-photo"):
+            stills = Stills("pick-up", CATALOGUE, size=64)
+            stills.png(nominal(name))
+            shown[name] = stills._env.picture("still").astype(float)
+            stills.close()
+        apart = np.abs(shown[robot] - shown[f"{robot}-photo"]).max(axis=2)
+        assert shown[robot].shape[1] == rig(robot).view.width(64)
+        assert 0.005 < (apart == 0).mean() < 0.5
+
+
+def test_the_panda_needs_no_folder(monkeypatch):
+    monkeypatch.delenv(assets.FOLDERS)
+    env = make_env()
+    env.begin(nominal(PANDA.robot))
+    env.close()

@@ -1,0 +1,201 @@
+"""The four tasks, judged on states made by hand: no simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.worlds.tabletop.tasks.states import BASKET, CAN, CUBE, HELD, PLATE, REST, SPONGE, state, watch
+from vlafuzz.errors import UsageError
+from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, State, StateMonitor
+from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
+
+
+def test_there_are_four_tasks_by_name():
+    assert list(TASKS) == ["pick-up", "move-near", "put-on", "put-in"]
+    assert [task(name).stage_names[0] for name in TASKS] == ["grasp"] * 4
+    assert {task(name).stage_names[-1] for name in TASKS} == {"success"}
+
+
+def test_an_unknown_task_is_refused_with_the_nearest_known():
+    with pytest.raises(UsageError, match="unknown task 'put-inn'") as caught:
+        task("put-inn")
+    assert caught.value.hint == "did you mean 'put-in'?"
+
+
+class TestPickUp:
+    """A can at (0.1, 0), the hand above the middle of the table."""
+
+    ground = (0.1, 0.0, REST["coke_can"])
+
+    def monitor(self) -> StateMonitor:
+        return StateMonitor(PICK_UP, (CAN,), state(self.ground))
+
+    def up(self, height: float, held: int | None = 0, touching=HELD) -> State:
+        place = (0.1, 0.0, REST["coke_can"] + height)
+        return state(place, held=held, touching=touching, tcp=place)
+
+    def test_five_steps_held_up_are_success_and_four_are_not(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 4)
+        assert not monitor.success_once
+        assert watch(monitor, self.up(0.03)).success_once
+        assert monitor.reached == ["grasp", "lift", "success"]
+
+    def test_dropping_it_resets_the_count(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 4, self.up(0.03, held=None), *[self.up(0.03)] * 4)
+        assert not monitor.success_once
+        assert watch(monitor, self.up(0.03)).success_once
+
+    @pytest.mark.parametrize(
+        ("height", "held", "stages"),
+        [(0.0, 0, ["grasp"]), (0.019, 0, ["grasp"]), (0.021, None, []), (0.021, 1, []), (0.5, None, [])],
+    )
+    def test_lift_needs_two_centimetres_and_a_grasp_of_the_target(self, height, held, stages):
+        assert watch(self.monitor(), *[self.up(height, held)] * 8).reached == stages
+
+    def test_a_stage_needs_two_steps_in_a_row(self):
+        monitor = watch(self.monitor(), self.up(0, 0), self.up(0, None), self.up(0, 0))
+        assert monitor.reached == []
+        assert watch(monitor, self.up(0, 0)).reached == ["grasp"]
+
+    def test_success_at_the_end_is_lost_with_the_object_and_success_once_is_not(self):
+        monitor = watch(self.monitor(), *[self.up(0.03)] * 5)
+        assert monitor.success_now
+        watch(monitor, self.up(0.0, None))
+        assert (monitor.success_now, monitor.success_once) == (False, True)
+
+    def test_progress_grows_with_approach_grasp_lift_and_hold(self):
+        way = [state(self.ground, tcp=(0.1 * part, 0.0, 0.17 - 0.1 * part)) for part in (0.2, 0.5, 0.9)]
+        way += [self.up(height) for height in (0.0, 0.0, 0.01, 0.015, 0.02, 0.02, 0.02, 0.02, 0.02)]
+        trace = watch(self.monitor(), *way).trace
+        assert np.all(np.diff(trace) >= 0)
+        assert trace[2] < 1 / 3 <= trace[4] < 2 / 3 <= trace[8] < 1.0 == trace[-1]
+
+    def test_going_away_never_counts_as_progress_and_the_best_moment_stays(self):
+        near, far = state(self.ground, tcp=(0.1, 0.0, 0.08)), state(self.ground, tcp=(-0.5, 0.3, 0.6))
+        monitor = watch(self.monitor(), far)
+        assert monitor.progress == 0.0
+        best = watch(monitor, near).progress
+        assert watch(monitor, far).progress == best > 0.2
+
+    def test_published_success_needs_no_grasp_that_is_held(self):
+        tossed = watch(self.monitor(), self.up(0.015, held=None, touching=set()))
+        assert (tossed.published_success, tossed.success_once) == (True, False)
+
+    @pytest.mark.parametrize(("height", "touching"), [(0.009, HELD), (0.05, {(0, 1)}), (0.05, {(0, TABLE)})])
+    def test_published_success_needs_a_centimetre_and_nothing_else_below(self, height, touching):
+        assert not watch(self.monitor(), self.up(height, touching=touching)).published_success
+
+
+class TestMoveNear:
+    """Two cubes of 3 cm, 20 cm apart along y, and a third one aside."""
+
+    b, c = (0.0, 0.2, 0.015), (0.1, -0.2, 0.015)
+
+    def monitor(self) -> StateMonitor:
+        return StateMonitor(MOVE_NEAR, (CUBE, CUBE, CUBE), state((0.0, 0.0, 0.015), self.b, self.c))
+
+    def at(self, y: float, z: float = 0.015, **more) -> State:
+        return state((0.0, y, z), self.b, self.c, **more)
+
+    @pytest.mark.parametrize(("gap", "near"), [(0.049, True), (0.051, False), (0.001, True)])
+    def test_success_is_a_gap_of_five_centimetres_between_footprints(self, gap, near):
+        assert watch(self.monitor(), *[self.at(0.2 - 0.03 - gap)] * 2).success_once is near
+
+    def test_a_turned_footprint_reaches_farther(self):
+        moments = [self.at(0.2 - 0.03 - 0.055, turned={0: Rotation.from_euler("z", 45, degrees=True)})] * 2
+        assert watch(self.monitor(), *moments).success_once
+
+    @pytest.mark.parametrize(
+        "more", [{"z": 0.03}, {"speed": 0.02}, {"spin": 0.2}], ids=["in the air", "moving", "rolling"]
+    )
+    def test_it_must_lie_at_rest_on_the_table(self, more):
+        assert not watch(self.monitor(), *[self.at(0.14, **more)] * 5).success_once
+
+    def test_b_knocked_over_does_not_count(self):
+        lying = {1: Rotation.from_euler("x", 90, degrees=True)}
+        assert not watch(self.monitor(), *[self.at(0.14, turned=lying)] * 5).success_once
+
+    def test_b_turned_on_the_spot_does_count(self):
+        spun = {1: Rotation.from_euler("z", 90, degrees=True)}
+        assert watch(self.monitor(), *[self.at(0.14, turned=spun)] * 2).success_once
+
+    def test_a_may_lie_where_it_comes_to_rest(self):
+        lying = {0: Rotation.from_euler("x", 90, degrees=True)}
+        assert watch(self.monitor(), *[self.at(0.14, turned=lying)] * 2).success_once
+
+    def test_success_implies_the_stages_before_it(self):
+        assert watch(self.monitor(), *[self.at(0.14)] * 2).reached == ["grasp", "move", "success"]
+
+    @pytest.mark.parametrize(
+        ("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)]
+    )
+    def test_the_move_is_three_centimetres_and_more_than_anything_else_moved(self, y, other, moved):
+        c = (0.1, -0.2 - other, 0.015)
+        states = [state((0.0, 0.0, 0.015), self.b, self.c, held=0)] * 2
+        states += [state((0.0, y, 0.015), self.b, c, held=0)] * 2
+        assert ("move" in watch(self.monitor(), *states).reached) is moved
+
+    def test_progress_grows_as_the_gap_closes(self):
+        way = [self.at(y, held=0) for y in (0.0, 0.0, 0.01, 0.02, 0.04, 0.04, 0.06, 0.09, 0.11)]
+        trace = watch(self.monitor(), *way, *[self.at(0.14)] * 2).trace
+        assert np.all(np.diff(trace) >= 0)
+        assert 2 / 3 < trace[-3] < trace[-1] == 1.0
+
+    def test_published_success_counts_what_hangs_in_the_air(self):
+        monitor = watch(self.monitor(), *[self.at(0.14, z=0.1, held=0)] * 5)
+        assert (monitor.published_success, monitor.success_once) == (True, False)
+
+    def test_published_success_wants_b_to_be_the_closest(self):
+        beside_c = state((0.1, -0.15, 0.015), (0.1, -0.08, 0.015), self.c)
+        assert not watch(self.monitor(), beside_c).published_success
+
+    @pytest.mark.parametrize(("apart", "near"), [(0.091, True), (0.093, False)])
+    def test_published_success_measures_between_centres(self, apart, near):
+        """Two half diagonals of 3 cm squares, and 5 cm."""
+        assert watch(self.monitor(), self.at(0.2 - apart)).published_success is near
+
+    def test_published_success_believes_the_sides_that_a_pack_says(self):
+        long = replace(CUBE, box=np.array([0.03, 0.18, 0.03]))
+        start = state((0.0, 0.0, 0.015), self.b, self.c)
+        monitor = StateMonitor(MOVE_NEAR, (long, CUBE, CUBE), start)
+        assert watch(monitor, self.at(0.05)).published_success
+
+
+@pytest.mark.parametrize(
+    ("chosen", "models"),
+    [(PICK_UP, (CAN,)), (MOVE_NEAR, (CUBE, SPONGE)), (PUT_ON, (CUBE, PLATE)), (PUT_IN, (CUBE, BASKET))],
+    ids=TASKS,
+)
+def test_progress_is_in_zero_to_one_and_never_one_without_success_whatever_happens(chosen, models):
+    rng = np.random.default_rng(0)
+    spots = [(0.2 * index, 0.0, REST[model.name]) for index, model in enumerate(models)]
+    everything = [0, 1, TABLE, HAND, ARM]
+    for _ in range(20):
+        monitor = StateMonitor(chosen, models, state(*spots))
+        for _ in range(12):
+            moved = np.array(spots) + rng.normal(0, 0.1, (len(spots), 3)) * [1, 1, 0.3]
+            touching = {(0, everything[index]) for index in rng.choice([1, 2, 3], rng.integers(0, 3))}
+            watch(
+                monitor,
+                state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)),
+            )
+        assert monitor.trace.min() >= 0
+        assert (monitor.trace.max() == 1.0) == monitor.success_once
+        assert monitor.progress == monitor.trace.max() <= 1.0
+        assert monitor.reached == list(chosen.stage_names[: len(monitor.reached)])
+
+
+def test_no_task_is_solved_where_its_objects_stand_apart():
+    assert not PICK_UP.solved((CAN,), state((0.1, 0.0, REST["coke_can"])))
+    assert not MOVE_NEAR.solved((CUBE, CUBE), state((0.0, 0.0, 0.015), (0.0, 0.2, 0.015)))
+    assert MOVE_NEAR.solved((CUBE, CUBE), state((0.0, 0.0, 0.015), (0.0, 0.06, 0.015)))
+
+
+def test_at_rest_is_slower_than_a_centimetre_and_a_tenth_of_a_radian_a_second():
+    at_rest = [
+        state((0, 0, 0), speed=speed, spin=spin).at_rest(0)
+        for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]
+    ]
+    assert at_rest == [True, False, False]
