@@ -53,6 +53,13 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.Capture
     }
 
 
+def test_a_task_without_a_minimal_failure_is_said_to_have_no_corpus(capsys: pytest.CaptureFixture[str]):
+    with Store.open(Path("a.db"), "write") as opened:
+        opened.begin(manifest(task="put-on"))
+    assert main(["export", "a.db", "--minimal", "--controls", "30", "--out", "tilted"]) == 0
+    assert "no corpus of put-on: no minimal finding" in capsys.readouterr().err
+
+
 def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     with Store.open(Path("a.db")) as opened:
         kept = opened.triaged()[0].shrunk

@@ -86,6 +86,14 @@ def test_the_first_rollouts_tell_how_long_it_takes(
     assert "about 109 min for the other 218, at the speed of the first 2 rollouts" in said
 
 
+def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys: pytest.CaptureFixture[str]):
+    write_corpus(make_corpus(controls=40), Path("few"))
+    assert main(["regress", "few", "--policy", "pinhole", "--max-rollouts", "5"]) == 3
+    said = capsys.readouterr().err
+    assert said.startswith("error: no alarm is possible:")
+    assert "hint: a higher --max-rollouts: the corpus has 40 controls" in said
+
+
 @pytest.mark.parametrize("name", ["regress", "bisect"])
 def test_where_no_alarm_is_possible_nothing_is_run(name: str, capsys: pytest.CaptureFixture[str]):
     run = manifest(operators=operators_json(load_operators()))

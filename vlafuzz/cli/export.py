@@ -224,6 +224,10 @@ def _export_corpus(
     failed: list[VlafuzzError] = []
     with Store.open(store) as opened, Bar() as bar:
         tasks = tasks_of(opened, run)
+        kept = [one for one in opened.runs() if run in (None, one.id)]
+        for task in dict.fromkeys(one.manifest.task for one in kept):
+            if task not in tasks:
+                bar.note(f"no corpus of {task}: no minimal finding; `vlafuzz triage` makes them")
         for task in tasks:
             folder = out if len(tasks) == 1 else out / task.replace("/", "-")
             try:
@@ -250,7 +254,7 @@ def _export_corpus(
 
 def _print_corpus(corpus: Corpus, folder: Path, controls: int) -> None:
     causes = plural(len({case.signature for case in corpus.cases}), "cause")
-    failures = f"{len(corpus.cases)} minimal failures ({causes})"
+    failures = f"{plural(len(corpus.cases), 'minimal failure')} ({causes})"
     stderr().print(f"{failures} and {len(corpus.controls)} controls written to {folder}", soft_wrap=True)
     if len(corpus.controls) < controls:
         stderr().print(f"only {len(corpus.controls)} of {controls} controls were fair and could be judged")

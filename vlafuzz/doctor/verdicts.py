@@ -33,8 +33,8 @@ def on_spec(spec: PolicySpec) -> Check:
     views = [camera.name for camera in spec.cameras]
     views += ["outlines"] * spec.silhouettes + ["the simulator's state"] * spec.privileged
     if not views:
-        advice = "sees nothing: no scene matters to it; a policy that sees has to ask for cameras"
-        return Check("spec", "it asks for nothing to look at", "warn", advice)
+        advice = "where scenes are seen in pictures, none matters to it; a policy that sees asks for cameras"
+        return Check("spec", "it asks for no pictures", "warn", advice)
     words = [f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{spec.action.hz} Hz"]
     return Check("spec", ", ".join(words), "ok")
 

@@ -290,6 +290,9 @@ def _check_power(
         watch.note(f"if {baseline} passes where {corpus.policy} did: {power}")
     elif power.possible:
         watch.note(str(power))
+    elif len(scenes) < len(corpus.controls):
+        hint = f"a higher --max-rollouts: the corpus has {len(corpus.controls)} controls"
+        raise PrerequisiteError(str(power), hint=hint)
     else:
         milder = suggest_ranges(stored_space(folder, corpus.runs[0]), outcomes)
         raise PrerequisiteError(str(power), hint=f"export a corpus with more passing controls: {milder}")
