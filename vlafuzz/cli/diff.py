@@ -44,9 +44,9 @@ def command(
     these; then the first one where the second one is certified to fail. Each scene has three jittered
     rollouts, and counts by what the policy mostly does.
 
-    Two models that are served at one address in turn are told apart by their labels, and take two commands:
-    one while the one answers, and the same with the other --label once the other one does. Until then the
-    exit code is 3.
+    Two models that are served at one address in turn are told apart by their labels, and take two commands
+    with the same --answers: one while the one answers, and the same with the other --label once the other one
+    does. Until then the exit code is 3.
     """
     from vlafuzz.rollouts.policies import check_policy_name
 
