@@ -16,8 +16,8 @@ import vlafuzz.worlds.tabletop.sim  # noqa: F401 - before SAPIEN is
 from vlafuzz.worlds.libero import packages as libero
 from vlafuzz.worlds.tabletop import renderer
 
-hypothesis.settings.register_profile("whatever else runs here", deadline=None)
-hypothesis.settings.load_profile("whatever else runs here")
+hypothesis.settings.register_profile("quick", deadline=None, max_examples=30)
+hypothesis.settings.load_profile("quick")
 
 probe = functools.cache(renderer.probe)
 

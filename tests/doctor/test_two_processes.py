@@ -36,7 +36,7 @@ def checked(name: str, *, remote: bool = False) -> Check:
 @pytest.mark.parametrize(
     ("policy", "verdict", "follows"),
     [
-        ("fine", "ok", ""),
+        pytest.param("fine", "ok", "", marks=pytest.mark.slow),
         ("unseeded", "warn", "unseeded: it draws from a global generator"),
         ("by_process", "warn", "it depends on its process"),
     ],
