@@ -77,7 +77,7 @@ def _title(cards: Sequence[Card], view: View) -> str:
 
 
 def _lines(card: Card, mixed: bool) -> list[str]:
-    """What is off nominal, a line each, and the evidence; of several tasks or policies also whose it is."""
+    """The lines of a card: each value that is not nominal, the evidence, and in a mixed store whose it is."""
     values = [f"{part.operator}: {part.range}" for part in card.deviations]
     if card.bucket == "observed" and len(values) > FEW:
         values = [f"{len(card.operators)} operators not nominal"]

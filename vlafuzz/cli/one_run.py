@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Asked:
-    """What is to follow a run, and whether it is shown as JSON alone; see the flags of ``vlafuzz run``."""
+    """These flags of ``vlafuzz run`` say what follows a run, and whether only JSON is shown."""
 
     certify: bool | None
     triage: bool

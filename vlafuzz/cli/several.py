@@ -69,7 +69,7 @@ def run_tasks(
 
 
 def _config(tasks: Sequence[str], flags: Mapping[str, Any]) -> RunConfig:
-    """What all tasks have in common; with a store and a policy."""
+    """The configuration that all tasks share, with its store and policy filled in."""
     from vlafuzz.campaign.config import RunConfig, default_store
     from vlafuzz.worlds import default_policy, tasks_named
 

@@ -1,1 +1,1 @@
-"""What any program may need: text, files, reading within bounds, statistics, progress, time limits."""
+"""These modules know nothing of policies: text, files, reading within bounds, statistics, time limits."""

@@ -46,7 +46,7 @@ class Share:
 
     @classmethod
     def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
-        """As ``grouped``, of the counts of each group: how many cases are positive, of how many."""
+        """This is ``grouped``, given two counts a group: its positive cases, and all of its cases."""
         return cls(sum(count for count, _ in groups), sum(of for _, of in groups), *_of_groups(groups))
 
     @property
@@ -376,5 +376,5 @@ def _log_ways(number: int) -> NDArray[np.float64]:
 
 @cache
 def _log_factorials(bits: int) -> NDArray[np.float64]:
-    """Of all numbers with so many bits."""
+    """This holds the logarithm of n! for every n of at most so many bits."""
     return np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 1 << bits)))])

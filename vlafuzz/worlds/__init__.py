@@ -44,7 +44,7 @@ def world_named(name: str) -> World:
         return _made(name)
     installed = {point.name: point for point in metadata.entry_points(group=GROUP)}
     if name not in installed:
-        hint = f"{suggestion(name, [*known_worlds(), *installed])} your own: {PREFIX}pkg.mod:factory"
+        hint = f"{suggestion(name, [*known_worlds(), *installed])}; your own: {PREFIX}pkg.mod:factory"
         raise UsageError(f"unknown world {name!r}", hint=hint)
     return _loaded(installed[name])
 
