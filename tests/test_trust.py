@@ -10,8 +10,7 @@ import pytest
 from tests.doubles import failed, manifest, trial
 from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
-from vlafuzz.cli import COMMANDS as PLACES
-from vlafuzz.cli import _load, main
+from vlafuzz.cli import load, main
 from vlafuzz.cli.trust import named
 from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
@@ -113,8 +112,8 @@ def test_trust_ends_with_the_command():
 POSITIONAL = {
     "bisect": ["corpus", "--checkpoints", "mini", "{}"],
     "diff": ["{}", "b.db"],
-    "import": ["vlatest", "{}"],
-    "merge": ["a.db", "{}", "--out", "b.db"],
+    "export": ["a.db", "{}", "--out", "b.db"],
+    "report": ["{}"],
     "regress": ["{}", "--policy", "frozen"],
     "replay": ["{}"],
     "serve": ["{}"],
@@ -125,7 +124,7 @@ POSITIONAL = {
 def test_no_positional_word_grants_trust():
     rng = random.Random(0)
     signs = (OWN, "--trust", "lerobot:x", "http://gpu:1/act", *", \n*?:a=/")
-    commands = {name: _load(name, PLACES[name][0]) for name in POSITIONAL}
+    commands = {name: load(name) for name in POSITIONAL}
     for _ in range(2000):
         word = "".join(rng.choices(signs, k=rng.randint(1, 6)))
         name = rng.choice(list(POSITIONAL))
@@ -139,7 +138,7 @@ def test_no_positional_word_grants_trust():
     [
         (["run", "--policy", OWN, "--strategy=python:a:b"], [OWN, "python:a:b"]),
         (["compare", "--strategies", "random, python:a:b"], ["random", "python:a:b"]),
-        (["study", "rq1", "--out", "x", "--policy", OWN, "--policy", "mini"], [OWN, "mini"]),
+        (["lab study", "rq1", "--out", "x", "--policy", OWN, "--policy", "mini"], [OWN, "mini"]),
         (["diff", "a.db", "b.db", "--policy-b", "a,python:x:y", "--trust"], ["a,python:x:y", EVERYTHING]),
         (["replay", "a.db", "--trace", OWN], []),
         (["bisect", "corpus", "--checkpoints", OWN, OWN], []),
@@ -147,7 +146,7 @@ def test_no_positional_word_grants_trust():
 )
 def test_the_values_of_flags_for_policies_and_strategies_do(words: list[str], trusted: list[str]):
     command, *others = words
-    assert [name for name in named(_load(command, PLACES[command][0]), others) if name != "{}"] == trusted
+    assert [name for name in named(load(command), others) if name != "{}"] == trusted
 
 
 def test_the_name_of_a_store_is_no_trust(folder: Path):

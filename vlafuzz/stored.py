@@ -109,7 +109,7 @@ class StoredTrial:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFinding:
-    """A failing scene, with what triage says of it; also what ``vlafuzz findings --json`` prints.
+    """A failing scene, with what triage says of it; also what ``vlafuzz report --json`` prints.
 
     Attributes:
         scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.

@@ -129,7 +129,7 @@ def scene_values(rng: Rng, folder: Path) -> None:
     _lint(folder / "a.jsonl", "fit")
     source = read_scene_file(folder / "a.jsonl", CATALOGUE, "fit")
     if not any(isinstance(scene, SceneError) for _, scene in source.lines):
-        command("coverage", folder / "a.jsonl")
+        command("lab", "coverage", folder / "a.jsonl")
         command("export", folder / "a.jsonl", "--format", "vlatest", "--out", folder / "out.json")
         (scene,) = source.scenes()
         load_jitter().apply(scene, 1)

@@ -128,8 +128,8 @@ def _read_store(rng: Rng, path: Path) -> None:
         if rng.random() < 0.3:
             render(view_of_store(store))
     commands: tuple[tuple[object, ...], ...] = (
-        ("merge", path, samples.store(), "--out", path.with_name("merged.db")),
-        ("coverage", path),
+        ("export", "--format", "store", path, samples.store(), "--out", path.with_name("merged.db")),
+        ("lab", "coverage", path),
         ("export", path, "--out", path.with_name("out.jsonl")),
         ("report", path, "--no-videos", "--out", path.with_name("out.html")),
         ("export", path, "--format", "vlatest", "--out", path.with_name("out.json")),

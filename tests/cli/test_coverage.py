@@ -19,14 +19,14 @@ def scenes(folder: Path) -> Path:
 
 def test_a_file_and_a_store_in_one_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = store(tmp_path / "a.db", triaged=0)
-    assert main(["coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"]) == 0
+    assert main(["lab", "coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert [(row["run"], row["scenes"]) for row in rows] == [(None, 4), (None, 9), (1, 4), (2, 4)]
     assert [row["failures"] is None for row in rows] == [True, True, False, False]
 
 
 def test_rows_as_csv(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["coverage", str(scenes(tmp_path)), "--csv"]) == 0
+    assert main(["lab", "coverage", str(scenes(tmp_path)), "--csv"]) == 0
     (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
     assert (row["task"], row["scenes"], row["positions"]) == ("pick-up", "9", "0.08")
 
@@ -39,7 +39,7 @@ def test_vlatests_files_stand_beside_the_papers_figures(
     options = {"init_xy": [-0.31, 0.17], "orientation": upright}
     entries = {str(number): {"model_id": "hammer", "obj_init_options": options} for number in range(10)}
     path.write_text(json.dumps(entries))
-    assert main(["coverage", str(path), "--json"]) == 0
+    assert main(["lab", "coverage", str(path), "--json"]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["scenes"], row["positions"], row["published"], row["sites"]) == (10, 0.01, 0.09, None)
 
@@ -53,5 +53,5 @@ def test_vlatests_files_stand_beside_the_papers_figures(
     ],
 )
 def test_bad_input_is_a_sentence(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["coverage", *arguments]) == 2
+    assert main(["lab", "coverage", *arguments]) == 2
     assert says in capsys.readouterr().err

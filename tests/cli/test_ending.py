@@ -106,7 +106,7 @@ class Finder:
 )
 def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
     code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
-    with started(code, "operators") as process:
+    with started(code, "list", "operators") as process:
         _, stderr = process.communicate()
     assert (process.returncode, stderr) == (130, "error: interrupted\n")
 
@@ -122,7 +122,7 @@ def attempt():
         time.sleep(60)
 sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))
 """
-    with started(code, "operators") as process:
+    with started(code, "list", "operators") as process:
         _, stderr = process.communicate()
     assert (process.returncode, stderr) == (130, "error: interrupted\n")
 
@@ -140,14 +140,14 @@ def swallow(*_):
         time.sleep(60)
 listings.load_operators = swallow
 """
-    with started(swallowing, "operators") as process:
+    with started(swallowing, "list", "operators") as process:
         _, stderr = process.communicate()
     assert (process.returncode, stderr) == (130, "\nended at once: finished trials are stored\n")
 
 
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     monkeypatch.setattr("vlafuzz.cli.listings.load_operators", lambda *_: signal.raise_signal(signal.SIGINT))
-    assert main(["operators"]) == 130
+    assert main(["list", "operators"]) == 130
     assert capsys.readouterr().err == "error: interrupted\n"
 
 
@@ -167,7 +167,7 @@ with ending_in_order():
     assert "ended at once" in done.stderr
 
 
-@pytest.mark.parametrize("command", [["policies"], ["policies", "--json"], ["run", "--help"]])
+@pytest.mark.parametrize("command", [["list", "policies"], ["list", "policies", "--json"], ["run", "--help"]])
 def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str]):
     read, write = os.pipe()
     os.close(read)
@@ -186,7 +186,10 @@ def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str
 def test_a_full_stdout_is_one_sentence():
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "vlafuzz", "policies"], stdout=full, stderr=subprocess.PIPE, text=True
+            [sys.executable, "-m", "vlafuzz", "list", "policies"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
         )
     assert done.returncode == 2
     assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
@@ -207,7 +210,7 @@ def test_no_exit_from_within_is_taken_for_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr("vlafuzz.cli.listings.load_operators", leave)
-    assert main(["operators"]) == 2
+    assert main(["list", "operators"]) == 2
     assert "ended the process: sys.exit(0)" in capsys.readouterr().err
 
 
@@ -234,5 +237,5 @@ def test_the_address_of_a_live_page_is_data(
     monkeypatch.setattr(
         "vlafuzz.report.follow.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM)
     )
-    assert main(["watch", "a.db", "--no-films"]) == 0
+    assert main(["report", "--follow", "a.db", "--no-videos"]) == 0
     assert capsys.readouterr().out.startswith("http://127.0.0.1:")

@@ -4,13 +4,13 @@ import shlex
 
 import pytest
 
-from vlafuzz.cli import COMMANDS, _load, main
+from vlafuzz.cli import COMMANDS, load, main
 from vlafuzz.cli.help import EXAMPLES, MANY
 
 
-@pytest.mark.parametrize("name", [name for name in COMMANDS if name != "import"])
+@pytest.mark.parametrize("name", COMMANDS)
 def test_every_flag_of_a_command_with_many_is_in_a_panel(name):
-    command = _load(name, COMMANDS[name][0])
+    command = load(name)
     options = [param for param in command.params if param.param_type_name == "option"]
     if len(options) > MANY:
         assert [option.name for option in options if not option.rich_help_panel] == []
@@ -25,5 +25,5 @@ def test_help_ends_with_two_examples_that_the_parser_takes(name, capsys, monkeyp
         assert example in shown
         program, used, *words = shlex.split(example)
         assert (program, used) == ("vlafuzz", name)
-        command = _load(name, COMMANDS[name][0])
+        command = load(name)
         command.make_parser(command.context_class(command)).parse_args(args=words)

@@ -20,7 +20,7 @@ def scene_file(folder: Path, *models: str) -> Path:
 def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "scenes.jsonl"
     files = [scene_file(tmp_path, "apple", "hammer", "orange"), scene_file(tmp_path, "sponge")]
-    assert main(["import", "vlatest", *map(str, files), "--out", str(out), "--json"]) == 0
+    assert main(["export", *map(str, files), "--out", str(out), "--json"]) == 0
     assert [scene.targets[0].object for scene in load_scenes(out)] == ["apple", "orange", "sponge"]
     message = capsys.readouterr()
     rows = json.loads(message.out)
@@ -32,21 +32,21 @@ def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.Captur
 
 def test_nowhere_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = scene_file(tmp_path, "apple")
-    assert main(["import", "vlatest", str(file), "--out", str(tmp_path / "no" / "x.jsonl")]) == 2
+    assert main(["export", str(file), "--out", str(tmp_path / "no" / "x.jsonl")]) == 2
     assert capsys.readouterr().err.startswith("error: --out: cannot write")
 
 
 def test_another_file_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "x.json"
     path.write_text("[]")
-    assert main(["import", "vlatest", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
+    assert main(["export", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
     assert "not a scene file of VLATest" in capsys.readouterr().err
 
 
 def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "scenes.jsonl"
     file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
-    assert main(["import", "vlatest", str(file), "--out", str(out), "--frame", "original"]) == 0
+    assert main(["export", str(file), "--out", str(out), "--frame", "original"]) == 0
     assert [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)] == [
         ("google", "custom:hammer"),
         ("google", "custom:opened_pepsi_can"),
@@ -58,10 +58,7 @@ def test_scenes_that_an_export_would_move_are_noted(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     kept, back = tmp_path / "kept.jsonl", tmp_path / "back.json"
-    assert (
-        main(["import", "vlatest", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"])
-        == 0
-    )
+    assert main(["export", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"]) == 0
     assert "would move these scenes" in capsys.readouterr().err
     assert main(["export", str(kept), "--format", "vlatest", "--out", str(back)]) == 0
     assert "note: positions are stretched from our box onto VLATest's" in capsys.readouterr().err

@@ -23,7 +23,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
-    assert main(["objects", "--pack", str(folder), "--json"]) == 0
+    assert main(["list", "objects", "--pack", str(folder), "--json"]) == 0
     shown = capsys.readouterr()
     rows = json.loads(shown.out)
     assert [row["object"] for row in rows] == [
@@ -34,7 +34,7 @@ def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
 
 
 def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
-    assert main(["objects", "--pack", str(tmp_path)]) == 2
+    assert main(["list", "objects", "--pack", str(tmp_path)]) == 2
     message = capsys.readouterr().err
     assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in message
     assert "hint: a pack has info_*.json and models/NAME/collision.obj" in message

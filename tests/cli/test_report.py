@@ -103,7 +103,9 @@ def test_interrupted_it_leaves_nothing(monkeypatch: pytest.MonkeyPatch, place: P
         (["a.db", "--out", "empty"], "error: empty: is a folder"),
         (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
         (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
-        (["a.db"], "error: Missing option '--out'"),
+        (["a.db", "--follow", "--out", "page.html"], "error: --out says nothing to --follow"),
+        (["a.db", "--label", "v2"], "error: --label says nothing to the terminal"),
+        (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit says nothing to a .md file"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(

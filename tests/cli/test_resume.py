@@ -270,7 +270,7 @@ def test_two_runs_of_few_scenes_are_too_few_to_tell(capsys: pytest.CaptureFixtur
 def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
     run("--budget", "5", "--store", "a.db")
     run("--budget", "5", "--store", "b.db", "--seed", "1")
-    assert main(["merge", "a.db", "b.db", "--out", "c.db"]) == 0
+    assert main(["export", "--format", "store", "a.db", "b.db", "--out", "c.db"]) == 0
     assert "2 runs, " in capsys.readouterr().err
     assert proposed("c.db", 2) == proposed("b.db")
 
@@ -285,12 +285,12 @@ def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
 )
 def test_a_wrong_merge_is_a_sentence(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str):
     run("--budget", "3", "--store", "a.db")
-    assert says in complaint(capsys, "merge", *arguments)
+    assert says in complaint(capsys, "export", "--format", "store", *arguments)
     assert not Path("c.db").exists()
 
 
 def test_strategies_are_listed_with_a_sentence_each(capsys: pytest.CaptureFixture[str]):
-    assert main(["strategies", "--json"]) == 0
+    assert main(["list", "strategies", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert rows[0]["strategy"].startswith("causes")  # the default
     assert {row["strategy"] for row in rows} == set(STRATEGIES)

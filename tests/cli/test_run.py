@@ -147,7 +147,7 @@ def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys: p
     assert main(["run", *IDLE, "--scenes", "t-grasp.json"]) == 2
     said = capsys.readouterr().err
     assert "t-grasp.json: not JSON lines" in said
-    assert "vlafuzz import vlatest" in said
+    assert "vlafuzz export FILE.json" in said
 
 
 def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys: pytest.CaptureFixture[str]):
@@ -182,9 +182,9 @@ def test_a_label_is_named_before_the_policy(capsys: pytest.CaptureFixture[str]):
     assert main(["run", *IDLE, *named]) == 0
     called = "step-40000 (python:tests.doubles:make_idle)"
     assert f"run 1: pick-up, {called}, causes, seed 0" in capsys.readouterr().out
-    assert main(["findings", "a.db"]) == 0
+    assert main(["report", "a.db"]) == 0
     assert ": step-40000 on pick-up" in capsys.readouterr().out
-    assert main(["findings", "a.db", "--json"]) == 0
+    assert main(["report", "a.db", "--json"]) == 0
     row = json.loads(capsys.readouterr().out)[0]
     assert (row["policy"], row["label"]) == ("python:tests.doubles:make_idle", "step-40000")
 

@@ -39,12 +39,12 @@ def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(
     mixed: Path, capsys: pytest.CaptureFixture[str]
 ):
     for command in (
-        ["findings", str(mixed)],
-        ["findings", str(mixed), "--json"],
+        ["report", str(mixed)],
+        ["report", str(mixed), "--json"],
         ["report", str(mixed), "--no-videos", "--out", "page.html"],
         ["export", str(mixed), "--out", "failing.jsonl"],
-        ["coverage", str(mixed)],
-        ["merge", str(mixed), "--out", "merged.db"],
+        ["lab", "coverage", str(mixed)],
+        ["export", "--format", "store", str(mixed), "--out", "merged.db"],
         ["report", "merged.db", "--no-videos", "--out", "merged.html"],
     ):
         assert main(command) == 0, command
@@ -73,7 +73,7 @@ def test_scenes_of_two_tasks_are_never_alike(mixed: Path):
 
 
 def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--task", "all", "--strategy", "random", "--table", "rates.md", "--json"]) == 0
+    assert main(["run", *IDLE, "--task", "all", "--strategy", "random", "--json"]) == 0
     shown = json.loads(capsys.readouterr().out)
     tasks = ["pick-up", "move-near", "put-on", "put-in"]
     assert [one["task"] for one in shown["tasks"]] == tasks
@@ -81,6 +81,7 @@ def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.C
     (store,) = Path("runs").glob("all-*.db")
     with Store.open(store) as opened:
         assert [run.manifest.task for run in opened.runs()] == tasks
+    assert main(["report", str(store), "--out", "rates.md"]) == 0
     assert Path("rates.md").read_text().count("\n") == 2 + len(tasks)
 
 
@@ -107,5 +108,4 @@ def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
 def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys: pytest.CaptureFixture[str]):
     assert main(["run", *IDLE, "--task", "pick-up,put-under", "--store", "s.db"]) == 2
     assert "unknown task 'put-under'" in capsys.readouterr().err
-    assert main(["run", *IDLE, "--task", "all", "--table", "rates.txt"]) == 2
     assert not Path("s.db").exists()

@@ -26,7 +26,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def study(*flags: str) -> None:
-    assert main(["study", *flags, *SMALL]) == 0
+    assert main(["lab", "study", *flags, *SMALL]) == 0
 
 
 def runs(folder: Path) -> list[tuple[str, str]]:
@@ -63,7 +63,7 @@ def test_an_interrupted_study_goes_on(folder: Path, monkeypatch: pytest.MonkeyPa
 
     with monkeypatch.context() as patched:
         patched.setattr(ClosedForm, "outcome", interrupted)
-        assert main(["study", "rq1", "--task", "pick-up", *SMALL]) == 130
+        assert main(["lab", "study", "rq1", "--task", "pick-up", *SMALL]) == 130
     assert runs(folder) == [("pick-up", "interrupted")]
     study("rq1", "--task", "pick-up")
     assert runs(folder) == [("pick-up", "finished")]
@@ -82,7 +82,7 @@ def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.Captur
     first = json.loads(capsys.readouterr().out)
     study("rq3", "--task", "pick-up")  # its mutants are of scenes that were passed: no sample
     capsys.readouterr()
-    assert main(["study", "rq1", "--from", "out/study.db", "--out", "again", "--json"]) == 0
+    assert main(["lab", "study", "rq1", "--from", "out/study.db", "--out", "again", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == first
     assert not Path("again/study.db").exists()
 
@@ -90,7 +90,7 @@ def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.Captur
 def test_a_robot_that_nobody_knows_is_refused_before_anything_is_written(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["study", "rq1", "--robot", "widow", *SMALL]) == 2
+    assert main(["lab", "study", "rq1", "--robot", "widow", *SMALL]) == 2
     assert "unknown robot 'widow'" in capsys.readouterr().err
     assert not folder.exists()
 
@@ -99,7 +99,7 @@ def test_a_guided_run_is_no_sample(tmp_path: Path, capsys: pytest.CaptureFixture
     flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", "--unchecked", *SMALL[:2]]
     assert main(["run", *flags]) == 0
     capsys.readouterr()
-    assert main(["study", "rq1", "--from", "a.db", "--out", "out"]) == 2
+    assert main(["lab", "study", "rq1", "--from", "a.db", "--out", "out"]) == 2
     assert "a.db: no run with scenes of strategy random or pool" in capsys.readouterr().err
 
 
@@ -129,14 +129,14 @@ def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
 ) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
     flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
-    assert main(["study", *flags]) == 3
+    assert main(["lab", "study", *flags]) == 3
     assert capsys.readouterr().err.splitlines()[-2:] == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: repeat the command once the policy answers",
     ]
     assert not (folder / "rq1.json").exists()
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
-    assert main(["study", *flags]) == 0
+    assert main(["lab", "study", *flags]) == 0
     assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
 
 
@@ -145,7 +145,7 @@ def test_what_chooses_runs_goes_with_none_that_are_there(
     flag: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     value = {"--task": "put-in", "--robot": "panda"}.get(flag, "mine")
-    assert main(["study", "rq1", "--from", "a.db", "--out", "out", flag, value]) == 2
+    assert main(["lab", "study", "rq1", "--from", "a.db", "--out", "out", flag, value]) == 2
     assert f"{flag} and --from: nothing is run" in capsys.readouterr().err
 
 
@@ -223,7 +223,7 @@ def test_studies_with_one_folder_share_its_runs_and_go_on(
     assert len(runs(folder)) == 1
     with monkeypatch.context() as patched:
         patched.setattr(ClosedForm, "outcome", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
-        assert main(["study", "rq3", "--task", "pick-up", *SMALL]) == 130
+        assert main(["lab", "study", "rq3", "--task", "pick-up", *SMALL]) == 130
     assert [status for _, status in runs(folder)] == ["finished", "interrupted"]
     for name in ("rq3", "rq4", "rq3"):
         study(name, "--task", "pick-up")
@@ -301,5 +301,5 @@ def test_who_passed_nothing_has_nothing_to_lose(
     ],
 )
 def test_bad_input_is_a_sentence(flags: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["study", *flags[:1], *SMALL, *flags[1:]]) == 2
+    assert main(["lab", "study", *flags[:1], *SMALL, *flags[1:]]) == 2
     assert says in capsys.readouterr().err

@@ -185,8 +185,9 @@ class TestMeshes:
     "command",
     [
         ["run", "--scenes"], ["run", "--operators"], ["run", "--pack"], ["run", "--store"], ["lint"],
-        ["triage"], ["replay"], ["report"], ["merge", "--out", "x.db"], ["regress"], ["coverage"],
-        ["export", "--out", "x.jsonl"], ["import", "vlatest", "--out", "x.jsonl"],
+        ["triage"], ["replay"], ["report", "--out", "x.html"], ["regress"], ["lab", "coverage"],
+        ["export", "--format", "store", "--out", "x.db"],
+        ["export", "--out", "x.jsonl"], ["report"],
         ["lint", "a.jsonl", "--pack"],
         ["run", "--policy", "openpi:ws://127.0.0.1:9?profile=x.yaml", "--store"],
     ],

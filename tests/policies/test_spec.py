@@ -76,7 +76,7 @@ class Reversed:
     [
         ["run", "--unchecked", "--policy"],
         ["compare", "--out", "out", "--policy"],
-        ["study", "rq1", "--out", "out", "--policy"],
+        ["lab", "study", "rq1", "--out", "out", "--policy"],
         ["doctor", "--policy"],
         ["serve"],
     ],

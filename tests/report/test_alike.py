@@ -57,9 +57,9 @@ def test_what_shows_a_cause_keeps_its_card_and_comes_first(tmp_path: Path):
 
 def test_the_list_counts_them_and_json_has_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     path = kept(tmp_path / "a.db", DARK, TILTED, HARDLY_TILTED)
-    assert main(["findings", str(path)]) == 0
+    assert main(["report", str(path)]) == 0
     printed = capsys.readouterr().out
     assert "3 findings, 1 of them like another, the strongest causes first" in printed
     assert "1 more alike" in printed
-    assert main(["findings", str(path), "--json"]) == 0
+    assert main(["report", str(path), "--json"]) == 0
     assert capsys.readouterr().out.count('"found"') == 3

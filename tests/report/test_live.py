@@ -190,7 +190,7 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_missing_store_or_a_wrong_port_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["watch", str(tmp_path / "none.db")]) == 2
+    assert main(["report", "--follow", str(tmp_path / "none.db")]) == 2
     assert "no such store" in capsys.readouterr().err
-    assert main(["watch", str(tmp_path), "--port", "99999"]) == 2
+    assert main(["report", "--follow", str(tmp_path), "--port", "99999"]) == 2
     assert "error: --port: expected at most 65535" in capsys.readouterr().err

@@ -52,7 +52,7 @@ def test_only_what_varies_is_drawn_and_jittered():
 def test_causes_of_what_the_policy_is_known_to_get_wrong_are_certified(store: Path, capsys):
     assert main(["triage", str(store), "--limit", "4", "--trust", "--json"]) == 0
     capsys.readouterr()
-    assert main(["findings", str(store), "--trust", "--json"]) == 0
+    assert main(["report", str(store), "--trust", "--json"]) == 0
     rows = [row for row in json.loads(capsys.readouterr().out) if row["evidence"] == "minimal"]
     assert rows
     assert {name for row in rows for name in row["operators"]} <= {"bias", "glove", "strength"}
@@ -69,7 +69,7 @@ def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys)
 
 
 def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path, capsys):
-    assert main(["findings", str(store)]) == 2
+    assert main(["report", str(store)]) == 2
     assert "the file names" in capsys.readouterr().err
 
 

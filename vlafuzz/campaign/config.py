@@ -198,7 +198,7 @@ def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
         raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
     path = scenes or pool
     if path and path.is_file() and is_document(path):
-        hint = "for VLATest's files: `vlafuzz import vlatest FILE --out F.jsonl` writes some"
+        hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
         raise UsageError(f"{path}: not JSON lines", hint=hint)
     return load_scenes(path) if path else []
 

@@ -15,43 +15,50 @@ from typer.core import TyperCommand
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
 from vlafuzz.cli.help import epilog, grouped
+from vlafuzz.cli.renamed import check_names
 from vlafuzz.cli.trust import named
 from vlafuzz.common.plugins import trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
 BUG = 70  # the exit code of a traceback
 
-# Name of each command, where it is, and what it does.
+# Name of each command, behind that of its group if it has one; where it is, and what it does.
 COMMANDS = {
     "run": ("vlafuzz.cli.run:command", "Fuzz a policy: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
-    "study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with policies."),
     "triage": ("vlafuzz.cli.triage:command", "Find out which failures can be trusted, and what causes them."),
-    "findings": (
-        "vlafuzz.cli.findings:command",
-        "List the findings of a store: causes, evidence, next steps.",
+    "report": (
+        "vlafuzz.cli.report:command",
+        "List what was found, write it as one HTML page, or follow a run in the browser.",
     ),
-    "replay": ("vlafuzz.cli.replay:command", "Run one scene or finding again and show it."),
-    "lint": ("vlafuzz.cli.scenes:lint", "Check whether the scenes of a file are fair."),
-    "coverage": ("vlafuzz.cli.scenes:coverage", "Measure how much of the space scenes or runs cover."),
-    "import": ("vlafuzz.cli.scenes:app", "Import scenes of other formats."),
-    "export": ("vlafuzz.cli.export:export", "Write the failing scenes of a store to a file."),
+    "replay": ("vlafuzz.cli.replay:command", "Run one scene or failure again and show it."),
+    "export": (
+        "vlafuzz.cli.export:export",
+        "Write scenes, stores and corpora to files, also of other formats.",
+    ),
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
     "diff": ("vlafuzz.cli.diff:command", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
     "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: rates, repeats, two compared."),
-    "watch": ("vlafuzz.cli.watch:command", "Follow a run on a page in the browser."),
-    "report": ("vlafuzz.cli.report:command", "Write the findings as one HTML page."),
-    "merge": ("vlafuzz.cli.export:merge", "Merge the runs of several stores into one."),
-    "operators": ("vlafuzz.cli.listings:operators", "List the operators and their ranges."),
-    "objects": ("vlafuzz.cli.listings:objects", "List the objects of the catalogue."),
-    "strategies": ("vlafuzz.cli.policies:strategies", "List the strategies that propose scenes."),
-    "policies": ("vlafuzz.cli.policies:policies", "List the policies that can be tested."),
+    "lint": ("vlafuzz.cli.scenes:lint", "Check whether the scenes of a file are fair."),
     "serve": ("vlafuzz.cli.policies:serve", "Serve a policy to clients of other tools."),
     "doctor": (
         "vlafuzz.cli.doctor:doctor",
         "Check this machine, or with --policy a policy: does it see, hear, work?",
     ),
+    "list operators": ("vlafuzz.cli.listings:operators", "The operators and their ranges."),
+    "list objects": ("vlafuzz.cli.listings:objects", "The objects of the catalogue."),
+    "list strategies": ("vlafuzz.cli.policies:strategies", "The strategies that propose scenes."),
+    "list policies": ("vlafuzz.cli.policies:policies", "The policies that can be tested."),
+    "list worlds": ("vlafuzz.cli.policies:worlds", "The worlds, with their tasks and robots."),
+    "lab coverage": ("vlafuzz.cli.scenes:coverage", "Measure how much of the space scenes or runs cover."),
+    "lab study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with policies."),
+}
+
+# What the groups of commands do.
+GROUPS = {
+    "list": "List operators, objects, strategies, policies or worlds.",
+    "lab": "Experiments for papers: studies, and how much of the space is covered.",
 }
 
 app = typer.Typer(
@@ -81,8 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(arguments: Sequence[str] | None) -> int:
     try:
-        words = _renamed(sys.argv[1:] if arguments is None else arguments)
+        words = list(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
+        check_names(words)
         with trusting():  # what the command's flags name
             ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:
@@ -114,12 +122,6 @@ def _run(arguments: Sequence[str] | None) -> int:
     return ended if isinstance(ended, int) else 0
 
 
-def _renamed(arguments: Sequence[str]) -> list[str]:
-    """The arguments under today's names: up to version 0.1 a policy was called a subject."""
-    words = ["policies" if (place, word) == (0, "subjects") else word for place, word in enumerate(arguments)]
-    return [re.sub(r"^--subject(?==|$)", "--policy", word) for word in words]
-
-
 def _check_filled(words: Sequence[str]) -> None:
     """Refuse empty values: an unset shell variable must not select a default."""
     for before, argument in pairwise(["vlafuzz", *words]):
@@ -149,27 +151,25 @@ def _root(
     pass
 
 
-def _register(name: str, target: str, summary: str) -> None:
+def _register(group: typer.Typer, name: str, command: str, summary: str) -> None:
     class Deferred(TyperCommand):
         def make_context(
             self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
         ) -> Any:
-            command = _load(name, target)
-            trust(*named(command, args))
-            return command.make_context(info_name, args, parent, **extra)
+            loaded = load(command)
+            trust(*named(loaded, args))
+            return loaded.make_context(info_name, args, parent, **extra)
 
-    app.command(name, cls=Deferred, help=summary)(lambda: None)
+    group.command(name, cls=Deferred, help=summary)(lambda: None)
 
 
-def _load(name: str, target: str) -> Any:
-    module, _, attribute = target.partition(":")
-    command = getattr(importlib.import_module(module), attribute)
-    if not isinstance(command, typer.Typer):
-        command = _with_stdout_for_data(command)
-        single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-        single.command(name, epilog=epilog(name))(command)
-        return grouped(typer.main.get_command(single))
-    return typer.main.get_command(command)
+def load(name: str) -> Any:
+    """The command of that name, with its module imported."""
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    command = _with_stdout_for_data(getattr(importlib.import_module(module), attribute))
+    single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    single.command(name, epilog=epilog(name))(command)
+    return grouped(typer.main.get_command(single))
 
 
 def _with_stdout_for_data(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -183,5 +183,9 @@ def _with_stdout_for_data(command: Callable[..., Any]) -> Callable[..., Any]:
     return called
 
 
-for _name, (_target, _summary) in COMMANDS.items():
-    _register(_name, _target, _summary)
+_groups = {name: typer.Typer(help=says, no_args_is_help=True) for name, says in GROUPS.items()}
+for _command, (_, _summary) in COMMANDS.items():
+    _group, _, _name = _command.rpartition(" ")
+    _register(_groups.get(_group, app), _name, _command, _summary)
+for _name, _made in _groups.items():
+    app.add_typer(_made, name=_name)

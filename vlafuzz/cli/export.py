@@ -1,4 +1,4 @@
-"""``vlafuzz export`` and ``vlafuzz merge``."""
+"""``vlafuzz export``."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag
+from vlafuzz.cli.flags import Frame, TrustFlag
 from vlafuzz.cli.output import Bar, stderr
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
+from vlafuzz.model.scene_lines import is_document
 
 if TYPE_CHECKING:
     from vlafuzz.failures.corpus.corpus import Corpus
@@ -41,14 +42,16 @@ class Format(StrEnum):
     vlafuzz = "vlafuzz"
     vlatest = "vlatest"
     lerobot = "lerobot"
+    store = "store"
 
 
 def export(
-    store: Annotated[
-        Path,
+    sources: Annotated[
+        list[Path],
         typer.Argument(
-            help="A store that `vlafuzz run` wrote; a file of scenes, .jsonl or VLATest's; for lerobot "
-            "also a corpus."
+            help="A store that `vlafuzz run` wrote; a file of scenes, .jsonl; several of VLATest's, .json; "
+            "for lerobot also a corpus; for store several stores.",
+            metavar="SOURCE...",
         ),
     ],
     out: Annotated[Path, typer.Option(help="File to write; with --minimal or lerobot a new folder.")],
@@ -84,7 +87,9 @@ def export(
     format_: Annotated[
         Format,
         typer.Option(
-            "--format", help="One JSON scene a line, a scene file of VLATest, or a data set of LeRobot."
+            "--format",
+            help="One JSON scene a line, a scene file of VLATest, a data set of LeRobot, or one store with "
+            "all runs of several.",
         ),
     ] = Format.vlafuzz,
     scenes: Annotated[
@@ -114,8 +119,20 @@ def export(
             show_default="0",
         ),
     ] = None,
+    frame: Annotated[
+        Frame | None,
+        typer.Option(
+            help="How VLATest's scenes become ours. fit: stretch their box onto ours; keep: keep distances; "
+            "original: change nothing, keep their robots and names; robot: the same, seen from the robot as "
+            "ours are: can be run.",
+            show_default="fit",
+        ),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print what became of each of VLATest's files as JSON.")
+    ] = False,
 ) -> None:
-    """Write scenes of a store to a file, or its minimal failures to a folder.
+    """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
     With --minimal every failure is repeated until it is clear, with its witness and its passing
     counterparts, and only what holds is written. The policy's outcomes in random scenes, the controls, are
@@ -125,42 +142,61 @@ def export(
     With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with
     the pictures, state and actions of the policy: demonstrations to train it with. The store keeps the
     solutions.
+
+    VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are
+    left out, with a note.
+
+    With --format store all runs, trials and failures of several stores are written to a new one. A scene that
+    fails for one policy in several stores is one failure; a run that is in two of them appears twice.
     """
+    foreign = format_ is Format.vlafuzz and not minimal and all(map(is_document, sources))
     wanted = {"scenes": scenes, "demos": demos, "demos-per-scene": demos_per_scene, "hold-out": hold_out}
-    given = {name: value for name, value in wanted.items() if value is not None}
-    if given and (format_ is not Format.lerobot or minimal):
-        name, value = next(iter(given.items()))
-        raise UsageError(f"--{name} {value}: only --format lerobot has it", hint="add that")
+    _refuse(wanted, format_ is not Format.lerobot or minimal, "only --format lerobot has it")
+    of_files = {"frame": frame, "json": json or None}
+    _refuse(of_files, not foreign, "only VLATest's files, written as ours, have it")
+    _refuse({"run": run}, foreign, f"{sources[0]} is a file of scenes, not a store")
+    _refuse({"controls": controls}, not minimal, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
-    if minimal and (verdict is not Wanted.failed or format_ is not Format.vlafuzz):
-        raise UsageError(
-            "--minimal goes with neither --verdict nor --format",
-            hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
-        )
-    if controls is not None and not minimal:
-        raise UsageError(f"--controls {controls}: only a corpus has controls", hint="add --minimal")
-    if minimal:
-        check_number("--controls", controls, 0)
-        if firm is not None and not 0.5 <= firm <= 1:
+    if foreign:
+        from vlafuzz.cli.scenes import import_scenes
+
+        import_scenes(sources, out, frame or Frame.FIT, json=json)
+    elif format_ is Format.store and not minimal:
+        _merge(sources, out)
+    elif len(sources) > 1:
+        problem = f"{sources[1]}: several sources are for VLATest's files and --format store"
+        raise UsageError(problem, hint="export one after the other")
+    elif minimal:
+        if verdict is not Wanted.failed or format_ is not Format.vlafuzz:
             raise UsageError(
-                f"--firm {firm:g}: not a share from 0.5 to 1", hint="--firm 0.9 leaves out the rest"
+                "--minimal goes with neither --verdict nor --format",
+                hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
             )
-        _export_corpus(store, out, run, controls, firm, workers or 1)
-        return
-    if format_ is Format.lerobot:
+        _export_corpus(sources[0], out, run, controls, firm, workers or 1)
+    elif format_ is Format.lerobot:
         if verdict is not Wanted.failed:
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
-        _export_demonstrations(store, out, run, scenes, demos, demos_per_scene, hold_out, workers)
-        return
+        _export_demonstrations(sources[0], out, run, scenes, demos, demos_per_scene, hold_out, workers)
+    else:
+        _export_scenes(sources[0], out, run, verdict, format_)
+
+
+def _refuse(flags: Mapping[str, object], unfit: bool, reason: str) -> None:
+    """Raise a UsageError for flags that have no meaning here."""
+    for name, value in flags.items():
+        if unfit and value is not None:
+            raise UsageError(f"--{name}{'' if value is True else f' {value}'}: {reason}", hint="leave it out")
+
+
+def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, format_: Format) -> None:
+    """Write scenes to one file, ours or one of VLATest."""
     from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
     from vlafuzz.worlds.tabletop.vlatest.original import as_original
 
     chosen = scenes_of(store, run, verdict.value)
     exported = write_file(out, chosen, format_.value)
     if format_ is Format.vlatest and not all(map(as_original, chosen)):
-        Bar.note(
-            "note: positions are stretched from our box onto VLATest's, which undoes `import --frame fit`"
-        )
+        Bar.note("note: positions are stretched from our box onto VLATest's, which undoes --frame fit")
     what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
     stderr().print(f"{exported.written} {what} written to {out}")
     _print_left_out(exported.left_out)
@@ -210,6 +246,9 @@ def _export_corpus(
     store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
 ) -> None:
     """Check the minimal failures once more and write those that hold: a corpus, or one for each task."""
+    check_number("--controls", controls, 0)
+    if firm is not None and not 0.5 <= firm <= 1:
+        raise UsageError(f"--firm {firm:g}: not a share from 0.5 to 1", hint="--firm 0.9 leaves out the rest")
     from vlafuzz.cli.triage import note_alone
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import export as export_corpus
@@ -266,15 +305,8 @@ def _print_left_out(left_out: Mapping[str, int]) -> None:
         stderr().print(f"left out: {count}: {reason}")
 
 
-def merge(
-    stores: Annotated[list[Path], typer.Argument(help="Stores that `vlafuzz run` wrote.")],
-    out: Annotated[Path, typer.Option(help="The new store; must not exist yet.")],
-) -> None:
-    """Merge all runs, trials and findings of several stores into a new one.
-
-    Runs are renumbered in the given order. A scene that fails for one policy in several stores is one
-    finding. A run that is in two of the stores appears twice in the new one.
-    """
+def _merge(stores: list[Path], out: Path) -> None:
+    """Merge all runs, trials and failures of several stores into a new one, in the given order."""
     from vlafuzz.store.merge import merge as merge_stores
 
     twice = next((store for number, store in enumerate(stores) if store in stores[:number]), None)
@@ -282,6 +314,6 @@ def merge(
         raise UsageError(f"{twice}: given twice", hint="give each store once")
     merged = merge_stores(stores, out)
     stderr().print(
-        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} findings written to {out}",
+        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}",
         soft_wrap=True,
     )

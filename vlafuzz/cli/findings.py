@@ -1,48 +1,30 @@
-"""``vlafuzz findings``."""
+"""``vlafuzz report`` in the terminal."""
 
 import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import typer
-
-from vlafuzz.cli.flags import TrustFlag
 from vlafuzz.cli.output import print_json, print_list, stdout
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import plural
-from vlafuzz.errors import UsageError
-from vlafuzz.report.view import BUCKETS, Card, View
+from vlafuzz.report.view import Card, View
 
 FEW = 3  # operators of an untriaged finding that are shown with their values
 _DIGITS = 12
 
 
-def command(
-    source: Annotated[Path, typer.Argument(help="A store, or the folder of a corpus.")],
-    evidence: Annotated[
-        str | None, typer.Option(help=f"Only those with this evidence: {', '.join(BUCKETS)}.")
-    ] = None,
-    limit: Annotated[int, typer.Option(help="The most findings to show; 0 for all.")] = 20,
-    trust: TrustFlag = False,
-    json: Annotated[bool, typer.Option("--json", help="Print all of them as one JSON list.")] = False,
-) -> None:
-    """List the findings of a store or corpus: those of causes first, the strongest first, then by evidence.
+def print_findings(source: Path, view: View, evidence: str | None, limit: int, *, json: bool) -> None:
+    """Print what a store or corpus has: causes first, the strongest first, then other failures by evidence.
 
     A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
-    Findings that hardly differ from one that is listed, or only add operators to it, are counted beside it.
+    Failures that hardly differ from one that is listed, or only add operators to it, are counted with it.
     """
-    if evidence is not None and evidence not in BUCKETS:
-        raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
-    if limit < 0:
-        raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
-    from vlafuzz.cli.report import view_of
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import forecast
     from vlafuzz.store.store import Store
 
-    view = view_of(source)
     cards = [card for card in view.cards if evidence in (None, card.bucket)]
     if json:
         print_json(_rows(source, view, evidence))

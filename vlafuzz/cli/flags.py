@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,15 @@ from vlafuzz.common import assets
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.tabletop.objects import Pack
+
+
+class Frame(StrEnum):
+    """How VLATest's table frame is mapped to ours."""
+
+    FIT = "fit"
+    KEEP = "keep"
+    ORIGINAL = "original"
+    ROBOT = "robot"
 
 
 def listed(names: str | None) -> tuple[str, ...] | None:

@@ -13,7 +13,17 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("task", "world", "robot", "scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
     ),
     "Which scenes": (
-        *("strategy", "strategies", "seed", "operators", "vary", "study.alpha", "verdict", "evidence", "run"),
+        *(
+            "strategy",
+            "strategies",
+            "seed",
+            "operators",
+            "vary",
+            "lab study.alpha",
+            "verdict",
+            "evidence",
+            "run",
+        ),
         *("export.scenes", "hold_out", "run_a", "run_b"),
     ),
     "How long": (
@@ -29,7 +39,19 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     ),
     "Where it runs": ("workers", "executor", "address", "batch"),
     "Output": (
-        *("store", "out", "format_", "json", "csv", "markdown", "junit", "summary", "sarif", "table"),
+        *(
+            "store",
+            "out",
+            "follow",
+            "port",
+            "format_",
+            "json",
+            "csv",
+            "markdown",
+            "junit",
+            "summary",
+            "sarif",
+        ),
         *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
     ),
 }

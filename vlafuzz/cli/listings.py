@@ -1,4 +1,4 @@
-"""``vlafuzz operators`` and ``vlafuzz objects``."""
+"""``vlafuzz list operators`` and ``vlafuzz list objects``."""
 
 from typing import Annotated, Any
 

@@ -46,13 +46,34 @@ def strategies(
     print_rows(rows, json=json, csv=csv, title="strategies")
 
 
+def worlds(
+    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+) -> None:
+    """List the worlds that come with vlafuzz, with their tasks and robots, the defaults first."""
+    from vlafuzz.worlds import known_worlds
+
+    most = None if json or csv else 8  # tasks in a table
+    rows = []
+    for name, world in known_worlds().items():
+        tasks, robots = list(world.tasks), list(world.robots)
+        shown = tasks[:most] + ["…"] * (len(tasks[:most]) < len(tasks))
+        row = {"world": name, "tasks": shown, "robots": robots}
+        rows.append(
+            row
+            if json
+            else {key: value if isinstance(value, str) else ", ".join(value) for key, value in row.items()}
+        )
+    print_rows(rows, json=json, csv=csv, title="worlds")
+
+
 def _says(strategy: object) -> str:
     """The first paragraph of its docstring, in one line."""
     return " ".join((inspect.getdoc(strategy) or "").partition("\n\n")[0].split())
 
 
 def serve(
-    policy: Annotated[str, typer.Argument(help="The policy: vlafuzz policies lists them.")],
+    policy: Annotated[str, typer.Argument(help="The policy: `vlafuzz list policies` lists them.")],
     protocol: Annotated[str, typer.Option(help="vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
     port: Annotated[int, typer.Option(help="Where to listen; 0 for any port that is free.")] = 8000,
     host: Annotated[str, typer.Option(help="Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",

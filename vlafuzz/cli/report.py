@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import closing
+import sys
+from collections.abc import Mapping
+from contextlib import closing, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,13 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag
-from vlafuzz.cli.output import Bar, interruptible
+from vlafuzz.cli.flags import TrustFlag, label_option
+from vlafuzz.cli.output import Bar, data, interruptible
+from vlafuzz.cli.standings import TABLES, write_table
 from vlafuzz.common.text import size
-from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
     from vlafuzz.report.view import View
+
+
+FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
 
 
 def command(
@@ -24,16 +30,83 @@ def command(
         Path,
         typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR"),
     ],
-    out: Annotated[Path, typer.Option(help="The page to write.")],
-    videos: Annotated[
-        bool, typer.Option("--videos/--no-videos", help="Film the failures and their witnesses.")
-    ] = True,
-    trust: TrustFlag = False,
-    limit: Annotated[
-        int | None, typer.Option(help="Most findings that get videos.", show_default="50")
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Write one HTML page; or as .csv or .md how often each policy fails in each task.",
+            show_default="the terminal",
+        ),
     ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", help="Follow a run on a page in the browser, until interrupted.")
+    ] = False,
+    evidence: Annotated[
+        str | None, typer.Option(help="List only those with this evidence, such as minimal.")
+    ] = None,
+    limit: Annotated[
+        int | None,
+        typer.Option(
+            help="Most causes and failures that are listed, 0 for all; or on a page get videos.",
+            show_default=f"{FEW}; {FILMED} on a page",
+        ),
+    ] = None,
+    videos: Annotated[
+        bool, typer.Option("--videos/--no-videos", help="Film the failures on a page, and their witnesses.")
+    ] = True,
+    label: Annotated[
+        str | None, label_option("--label", "Follow the last run of this model.", "the last run")
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(help="Where --follow listens on this machine.", show_default="any port that is free"),
+    ] = None,
+    trust: TrustFlag = False,
+    json: Annotated[bool, typer.Option("--json", help="List all of them as JSON.")] = False,
 ) -> None:
-    """Write one HTML page that shows what was found. It needs no network and no other file."""
+    """Say what was found: in the terminal, or with --out as one HTML page that needs no other file.
+
+    Causes come first, the strongest first: those for which most random scenes fail. What hardly differs from
+    a failure that is listed, or only adds operators to it, is counted with it.
+
+    With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the
+    newest failure. Only this machine can open it; its address is printed. The store is read, never written.
+    """
+    _check(
+        follow, {"--out": out, "--evidence": evidence, "--limit": limit, "--json": json or None}, "--follow"
+    )
+    _check(bool(out), {"--evidence": evidence, "--json": json or None}, "--out")
+    _check(not follow, {"--label": label, "--port": port}, "the terminal and --out")
+    if follow:
+        _follow(source, label, port or 0, films=videos)
+    elif out is None:
+        _list(source, evidence, limit, json=json)
+    elif out.suffix in TABLES:
+        _check(True, {"--limit": limit, "--no-videos": None if videos else True}, f"a {out.suffix} file")
+        write_table(out, source)
+        Bar.note(f"written: {out}")
+    else:
+        _write(source, out, limit, videos=videos)
+
+
+def _check(applies: bool, flags: Mapping[str, object], to: str) -> None:
+    """Refuse flags that say nothing to this form of a report."""
+    for flag, value in flags.items():
+        if applies and value is not None:
+            raise UsageError(f"{flag} says nothing to {to}", hint="leave one of the two out")
+
+
+def _list(source: Path, evidence: str | None, limit: int | None, *, json: bool) -> None:
+    from vlafuzz.cli.findings import print_findings
+    from vlafuzz.report.view import BUCKETS
+
+    if evidence is not None and evidence not in BUCKETS:
+        raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
+    if limit is not None and limit < 0:
+        raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
+    print_findings(source, view_of(source), evidence, FEW if limit is None else limit, json=json)
+
+
+def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     if limit is not None and not videos:
         raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
     if limit is not None and limit < 1:
@@ -45,10 +118,25 @@ def command(
     view = view_of(source)
     check_place(out)  # before minutes go by
     if videos and view.cards:
-        view = _with_films(source, view, 50 if limit is None else limit)
+        view = _with_films(source, view, limit or FILMED)
     page = render(view)
     write_page(out, page)
     Bar.note(f"written: {out} ({size(len(page.encode()))})")
+
+
+def _follow(source: Path, label: str | None, port: int, *, films: bool) -> None:
+    check_number("--port", port, 0, 65535)
+    from vlafuzz.report.follow import Films, PageServer, live_page
+    from vlafuzz.report.live import Live
+    from vlafuzz.store.store import Store
+
+    with Store.open(source) as store:
+        live, made = Live(store, label), Films(source) if films else None
+        with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
+            data().write(f"{server.address}\n")
+            data().flush()
+            sys.stderr.write(f"following {source}; Ctrl-C ends it\n")
+            server.serve_forever()
 
 
 def view_of(source: Path) -> View:

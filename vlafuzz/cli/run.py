@@ -117,10 +117,6 @@ def command(
     trust: TrustFlag = False,
     config: ConfigFlag = None,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    table: Annotated[
-        Path | None,
-        typer.Option(help="Failure rate and causes of each policy and task of the store, as .csv or .md."),
-    ] = None,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.")
     ] = False,
@@ -139,12 +135,11 @@ def command(
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli.several import check_table, print_several, run_tasks, write_table
+    from vlafuzz.cli.several import run_tasks
+    from vlafuzz.cli.standings import print_several
     from vlafuzz.doctor.before_run import checked_plan
     from vlafuzz.worlds import task_of, tasks_named
 
-    if table:
-        check_table(table)
     named = task_of(world, task)
     tasks = tasks_named(named) if named else ()
     values = {
@@ -175,8 +170,6 @@ def command(
     if len(tasks) > 1:
         runs, path, left = run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked)
         print_several(runs, path, json=json)
-        if table:
-            write_table(table, path)
         end(runs, left, fail_on_finding=fail_on_finding)
         return
     if resume:
@@ -189,6 +182,4 @@ def command(
     done = run_plan(plan, speed, until, asked)
     if json:
         print_json(done.document)
-    if table:
-        write_table(table, plan.store)
     end([done], fail_on_finding=fail_on_finding)

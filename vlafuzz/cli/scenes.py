@@ -1,16 +1,16 @@
-"""``vlafuzz import``, ``vlafuzz lint`` and ``vlafuzz coverage``: files of scenes."""
+"""``vlafuzz lint``, ``vlafuzz lab coverage`` and how ``vlafuzz export`` reads VLATest's files."""
 
 import os
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, PlacementFlag, opened
+from vlafuzz.cli.flags import Frame, PackFlag, PlacementFlag, opened
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
 from vlafuzz.cli.suites import lint_suites, named_suites, refuse
 from vlafuzz.common.files import writing
@@ -28,40 +28,12 @@ from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 from vlafuzz.worlds.tabletop.vlatest.files import read_scene_file
 from vlafuzz.worlds.tabletop.vlatest.read import Imported, read_vlatest
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
 
-
-class Frame(StrEnum):
-    """How VLATest's table frame is mapped to ours."""
-
-    FIT = "fit"
-    KEEP = "keep"
-    ORIGINAL = "original"
-    ROBOT = "robot"
-
-
-@app.callback()
-def _group() -> None:
-    """Import scenes of other formats."""
-
-
-@app.command("vlatest")
-def vlatest(
-    files: Annotated[list[Path], typer.Argument(help="Scene files of VLATest.")],
-    out: Annotated[Path, typer.Option(help="JSON-lines file to write.")],
-    frame: Annotated[
-        Frame,
-        typer.Option(
-            help="fit: stretch their box onto ours; keep: keep distances; original: change nothing, keep "
-            "their robots and names; robot: the same, seen from the robot as ours are: can be run."
-        ),
-    ] = Frame.FIT,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-) -> None:
+def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
-    Scenes with an object that has no counterpart in our catalogue are left out, with a note; with --frame
-    original or robot none are.
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames
+    original and robot none are.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
@@ -98,7 +70,7 @@ def _print_missing(imported: list[Imported]) -> None:
     stderr().print(table(rows))
 
 
-_FRAME_HELP = "How VLATest's files are read: see `vlafuzz import vlatest`."
+_FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
 PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 

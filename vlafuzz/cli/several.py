@@ -11,17 +11,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vlafuzz.cli.one_run import Asked, Done, note_defaults, run_plan
-from vlafuzz.cli.output import Bar, print_json, print_rows
-from vlafuzz.common.files import write_whole
-from vlafuzz.common.text import csv_table, markdown_table
-from vlafuzz.errors import UsageError
+from vlafuzz.cli.output import Bar
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.common.deadline import Deadline
     from vlafuzz.doctor.before_run import Checked
-    from vlafuzz.report.standings import Standing
 
 
 def run_tasks(
@@ -109,37 +105,3 @@ def _checked(plan: Plan, before: Checked | None, flags: Mapping[str, Any], *, un
     if plan.resume is None:
         plan = replace(plan, manifest=replace(plan.manifest, checkup=before.plan.manifest.checkup))
     return before._replace(plan=plan)
-
-
-def standings(store: Path) -> tuple[Standing, ...]:
-    """How each policy of a store does in each task."""
-    from vlafuzz.report.standings import standings_of
-    from vlafuzz.store.store import Store
-
-    with Store.open(store) as opened:
-        return standings_of(opened)
-
-
-def print_several(runs: Sequence[Done], store: Path, *, json: bool) -> None:
-    """Print the table of a store, or as JSON also its runs."""
-    rows = standings(store)
-    if json:
-        documents = [done.document for done in runs]
-        print_json({"tasks": documents, "standings": [one.document() for one in rows]})
-    else:
-        print_rows([one.row() for one in rows], title=f"policies and tasks of {store}")
-
-
-def check_table(path: Path) -> None:
-    """Raise a UsageError for a file whose ending says no format."""
-    if path.suffix not in (".csv", ".md"):
-        raise UsageError(f"--table {path}: neither .csv nor .md", hint="such as --table rates.csv")
-
-
-def write_table(path: Path, store: Path) -> None:
-    """Write the table of a store as CSV or Markdown."""
-    rows = standings(store)
-    if path.suffix == ".csv":
-        write_whole(path, csv_table([one.document() for one in rows]))
-    else:
-        write_whole(path, markdown_table([one.row() for one in rows]) + "\n")

@@ -1,4 +1,4 @@
-"""``vlafuzz study``."""
+"""``vlafuzz lab study``."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def command(
     if (study == "rq5") != bool(unseen):
         raise UsageError(
             f"{study}: --unseen {'is missing' if study == 'rq5' else 'is for rq5 only'}",
-            hint="`vlafuzz study rq5 --unseen DIR`: the pack of the objects that the policies have not seen",
+            hint="`vlafuzz lab study rq5 --unseen DIR`: the pack of objects that no policy has seen",
         )
     check_number("--scenes", scenes, 1)
     for name in task or ():

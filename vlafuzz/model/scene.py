@@ -220,7 +220,7 @@ class Scene:
         try:
             scene = _ADAPTER.validate_json(text)
         except ValidationError as error:
-            hint = "`vlafuzz run` and `vlafuzz import` write valid scenes"
+            hint = "`vlafuzz run` and `vlafuzz export` write valid scenes"
             raise SceneError(first_problem(error), hint) from None
         if bool(scene.targets) is bool(scene.values):
             hint = "a scene on a table has targets, one of another world values by name"

@@ -96,8 +96,8 @@ class Effects:
         return (
             f"{self.failed.count} of {self.failed.of} random scenes fail: hardly any passes to compare with. "
             "To go on, vary one or two operators (--vary light,camera-position), narrow the ranges in a file "
-            "(--operators; `vlafuzz operators` lists them), or train the policy on demonstrations of the "
-            "failures (`vlafuzz export --format lerobot`)."
+            "(--operators; `vlafuzz list operators` lists them), or train the policy on demonstrations of "
+            "the failures (`vlafuzz export --format lerobot`)."
         )
 
     @property

@@ -264,7 +264,7 @@ class Store(KeptWork):
         query = "SELECT * FROM scene WHERE substr(digest, 1, length(?1)) = ?1 ORDER BY digest LIMIT ?2"
         matches = self._select(query, prefix, _SHOWN)
         if not matches:
-            hint = f"`vlafuzz findings {self.path}` lists the findings"
+            hint = f"`vlafuzz report {self.path}` lists the findings"
             raise StoreError(f"{self.path}: no scene {prefix!r}", hint=hint)
         if len(matches) > 1:
             hint = "give more digits: " + ", ".join(row["digest"] for row in matches)

@@ -226,7 +226,7 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
     got = "" if complete else f", got {shortened(problem['input'])}"
     raise CatalogueError(
         f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
-        hint="operators/README.md says what each key means; `vlafuzz operators` shows the ranges in use",
+        hint="operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use",
     )
 
 

@@ -133,7 +133,7 @@ def _narrowed(
             reason = "is of no use there" if name in catalogue else "is not in the catalogue"
             raise UsageError(f"{key}: {name!r} {reason}", hint="known: " + ", ".join(allowed))
     if not allowed:
-        raise UsageError(f"{key}: the catalogue has no object for it", hint="see `vlafuzz objects`")
+        raise UsageError(f"{key}: the catalogue has no object for it", hint="see `vlafuzz list objects`")
     return names or catalogue.preferred(allowed)
 
 
