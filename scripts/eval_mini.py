@@ -28,11 +28,10 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Camera, Light, Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 SEEN_WORDINGS = 4  # see make_demos.py
 TARGETS = ("target-type", "target-position", "target-orientation")

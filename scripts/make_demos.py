@@ -36,11 +36,10 @@ from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs.robots import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 SIZE = 128
 WORDINGS = 4  # of each task; the others stay unseen

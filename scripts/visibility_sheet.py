@@ -22,7 +22,7 @@ from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.stills import Stills
+from vlafuzz.worlds.tabletop.sim.evaluator import Stills
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

@@ -7,7 +7,7 @@ from tests.doubles import manifest
 from tests.packs import can, write_pack
 from vlafuzz.common import assets
 from vlafuzz.worlds.tabletop.objects import open_packs
-from vlafuzz.worlds.tabletop.objects.stored import packs_json, stored_packs
+from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_packs
 
 
 def test_robots_that_lie_beside_a_stores_packs_are_found_again(

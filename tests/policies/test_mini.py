@@ -22,10 +22,9 @@ from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, pro
 from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import default_policy
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.renderer import Renderer
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
 APPLE, CUBE = put("apple", -0.05, 0.1), put("green_cube", -0.05, -0.12)

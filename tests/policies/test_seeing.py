@@ -14,10 +14,9 @@ from vlafuzz.model.scene import Camera
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.manipulation.rigs.hand import hand_boxes
 from vlafuzz.worlds.manipulation.stored import visible_json
-from vlafuzz.worlds.tabletop.experts.fitting import Look
-from vlafuzz.worlds.tabletop.experts.knowledge import Calibration
+from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
-from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
+from vlafuzz.worlds.tabletop.experts.seeing import Look, SeeingExpert
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

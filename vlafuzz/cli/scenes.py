@@ -25,8 +25,7 @@ from vlafuzz.worlds.tabletop.lint import CLOSER, SHIFTED, Verdicts
 from vlafuzz.worlds.tabletop.lint import lint as lint_file
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
-from vlafuzz.worlds.tabletop.vlatest.files import read_scene_file
-from vlafuzz.worlds.tabletop.vlatest.read import Imported, read_vlatest
+from vlafuzz.worlds.tabletop.vlatest.read import Imported, read_scene_file, read_vlatest
 
 
 def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:

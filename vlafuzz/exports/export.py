@@ -13,8 +13,8 @@ from vlafuzz.model.scene_lines import is_document, load_verdicts, write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.vlatest.files import read_scene_file
 from vlafuzz.worlds.tabletop.vlatest.original import as_original
+from vlafuzz.worlds.tabletop.vlatest.read import read_scene_file
 from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
 
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts

@@ -19,7 +19,7 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rollouts.forks import single_threaded
-from vlafuzz.worlds.tabletop.objects.stored import stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue
 from vlafuzz.worlds.tabletop.sim.env import make_env
 from vlafuzz.worlds.tabletop.sim.evaluator import proprioception
 from vlafuzz.worlds.tabletop.state import State

@@ -8,9 +8,8 @@ from vlafuzz.lab.studies.runner import Tried
 from vlafuzz.lab.studies.sheet import adjusted
 from vlafuzz.lab.studies.wordings import Prompt, compared, prompts, reworded, two_steps, variants
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.worlds.tabletop.instructions import load_wordings
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings
 
 CATALOGUE = load_catalogue()
 

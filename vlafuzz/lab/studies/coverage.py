@@ -12,11 +12,9 @@ from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.stored import stored_operators
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.objects.stored import stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
-from vlafuzz.worlds.tabletop.vlatest.original import as_original
-from vlafuzz.worlds.tabletop.vlatest.table import Rectangle, vlatest_table
+from vlafuzz.worlds.tabletop.vlatest.original import Rectangle, as_original, vlatest_table
 
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
 SIZES = (10, 100, 1000)  # the paper's

@@ -47,7 +47,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds.manipulation.operators import Wording
 from vlafuzz.worlds.provenance import commit
 from vlafuzz.worlds.tabletop.objects import Pack
-from vlafuzz.worlds.tabletop.objects.stored import stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

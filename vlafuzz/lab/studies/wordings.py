@@ -18,8 +18,8 @@ from vlafuzz.lab.studies.stages import Reached, reached
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Table
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.tasks import load_wordings, say
 
 Study = Literal["rq6", "prompts"]
 PLAIN = "plain"

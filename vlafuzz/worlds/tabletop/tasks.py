@@ -1,16 +1,23 @@
-"""The four tasks of VLATest (FSE 2025, section 4.1), with success as described in the paper.
+"""The four tasks of VLATest (FSE 2025, section 4.1): success as described in the paper, and instructions.
 
 The weaker criteria of the published environments are here too, as ``published``.
 """
 
 import math
-from functools import lru_cache
+from collections.abc import Mapping, Sequence
+from functools import cache, lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.common.assets import operators_dir
+from vlafuzz.common.reading import read_yaml, validated
+from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.model.task import Stage
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, Situation, State, TableTask, corners
 
@@ -228,3 +235,53 @@ def task(name: str) -> TableTask:
     if name not in TASKS:
         raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))
     return TASKS[name]
+
+
+_WORDINGS = TypeAdapter(dict[str, list[str]])
+_SLOTS = ("{a}", "{b}")
+
+
+@cache
+def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
+    """The wordings of every task, the nominal one first.
+
+    Raises:
+        CatalogueError: the file is malformed, a task has no wording, or a wording lacks a target.
+    """
+    path = path or operators_dir() / "instructions.yaml"
+    hint = "expected one list of wordings per task"
+    wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
+    for name, task in TASKS.items():
+        for wording in wordings.get(name) or [""]:
+            for slot in _SLOTS[: task.targets]:
+                if slot not in wording:
+                    raise CatalogueError(
+                        f"{path}: {name}: {wording!r} does not say {slot}",
+                        hint="every wording names all targets",
+                    )
+    return {name: tuple(wordings[name]) for name in TASKS}
+
+
+def say(wording: str, spoken: Sequence[str]) -> str:
+    """A wording with the targets' spoken names filled in."""
+    for slot, name in zip(_SLOTS, spoken, strict=False):
+        wording = wording.replace(slot, name)
+    return wording
+
+
+def default_scene(task: str, catalogue: Catalogue) -> Scene:
+    """A fair scene with the first suitable objects of a catalogue."""
+    wanted = TASKS[task]
+    models = [catalogue[catalogue.graspable()[0]]]
+    if wanted.onto == "container":
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
+    elif wanted.onto == "support":
+        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
+    elif wanted.targets == 2:
+        models.append(catalogue[catalogue.graspable()[1]])
+    spots = ((-0.05, 0.0), (-0.05, 0.2))
+    targets = tuple(
+        Placement(model.name, model.stable_poses[0].name, x, y)
+        for model, (x, y) in zip(models, spots, strict=False)
+    )
+    return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in models]))

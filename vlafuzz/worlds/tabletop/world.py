@@ -25,8 +25,8 @@ from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
 from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.objects.stored import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS, task
@@ -136,7 +136,7 @@ class Tabletop:
         return TabletopDemonstrator(interface)
 
     def stills(self, conditions: Conditions, space: Space) -> Stills:
-        from vlafuzz.worlds.tabletop.sim.stills import Stills
+        from vlafuzz.worlds.tabletop.sim.evaluator import Stills
 
         assert isinstance(space, SearchSpace)
         return Stills(conditions.task, space.catalogue, placement=conditions.placement)

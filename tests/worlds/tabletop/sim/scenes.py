@@ -8,10 +8,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
-from vlafuzz.worlds.tabletop.instructions import default_scene
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, gym_id
 from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.tasks import default_scene
 
 CATALOGUE = load_catalogue()
 NOT_MOVED = Camera()

@@ -9,11 +9,10 @@ from tests.worlds.tabletop.sim.scenes import CROWD, STILL, make_env, nominal, pi
 from vlafuzz.errors import CatalogueError, SceneError, SimulatorError
 from vlafuzz.model.scene import Camera, Light, Placement
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.instructions import default_scene
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import gym_id
 from vlafuzz.worlds.tabletop.sim.objects import place
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 
 SHOWN = pick_up(
     put("orange", -0.10, 0.15, 30.0),

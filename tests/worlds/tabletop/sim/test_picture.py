@@ -10,7 +10,7 @@ from vlafuzz.model.scene import Camera, InitialPose
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.rigs import arms
 from vlafuzz.worlds.manipulation.rigs.robots import PANDA
-from vlafuzz.worlds.tabletop.fairness.picture import Picture
+from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 
 SIZE = 256

@@ -16,8 +16,7 @@ from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.stills import Stills
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, Stills
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 ASSETS = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"

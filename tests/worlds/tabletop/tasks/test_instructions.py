@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.errors import CatalogueError
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 GOOD = "pick-up: ['take {a}']\nmove-near: ['{a} to {b}']\nput-on: ['{a} on {b}']\nput-in: ['{a} in {b}']\n"
 

@@ -1,14 +1,41 @@
-"""The expert: a scripted controller on the simulator's state, which shows that a scene can be solved."""
+"""The expert, a scripted controller on the simulator's state that shows that a scene can be solved.
+
+Here is also what experts are told beside pictures: the ground truth, or how to read a picture.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from vlafuzz.errors import PolicyError
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.tabletop.experts.knowledge import Privileged
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.state import State
 from vlafuzz.worlds.tabletop.tasks import task
+
+
+@dataclass(frozen=True, eq=False)
+class Privileged:
+    """Ground truth, for experts only. ``done``: the success condition holds in this step."""
+
+    scene: Scene
+    models: tuple[ObjectModel, ...]
+    state: State
+    done: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """How to read a picture: the camera's true pose, the factor on all lights, and what the targets are."""
+
+    view: CameraPose
+    light: float
+    targets: tuple[ObjectModel, ...]
+
 
 GRASPS = 4
 LEANS = (0.0, 0.3, -0.3)  # radians

@@ -1,8 +1,10 @@
-"""The seeing expert: the expert's controller on what the camera shows, through its true calibration."""
+"""The seeing expert: it fits the poses of known objects to the outlines that its calibrated camera shows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,19 +16,169 @@ from vlafuzz.policies.base import (
     ActionSpec,
     EpisodeStart,
     Observation,
+    Outlines,
     PolicySpec,
 )
 from vlafuzz.worlds.manipulation.rigs.hand import hand_boxes
+from vlafuzz.worlds.manipulation.rigs.labels import SUBPIXEL, blank, fill, paint, polygons
 from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.tabletop.experts.expert import GRASPS, LEANS
-from vlafuzz.worlds.tabletop.experts.fitting import Look
+from vlafuzz.worlds.tabletop.experts.expert import GRASPS, LEANS, Calibration
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
-from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, RAISED
+from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, RAISED, camera_values, standing
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose
 
 Array = NDArray[np.float64]
+HAND = 255  # label; outlines are counted from 1, 0 is the background
+LEAST = 12  # pixels of an outline that can be recognized
+SAME = 0.5  # agreement from which on an outline is of an object
+YAWS = np.radians(np.arange(0, 360, 30))
+# To all sides by metres, and around by radians
+STEPS = [np.array(s) * [0.032, 0.032, np.radians(24)] for s in product((-1, 0, 1), repeat=3) if any(s)]
+HALVINGS = 7  # of the steps
+STARTS = 3  # yaws of a pose that are refined, at most
+GOOD = 0.98  # agreement above which no better pose is looked for
+
+
+class Guess(NamedTuple):
+    """An object in a stable pose on the table. ``shift``: x and y, metres, and yaw, radians."""
+
+    model: ObjectModel
+    pose: StablePose
+    shift: Array
+
+    @property
+    def thing(self) -> Thing:
+        return standing(self.model, self.pose, self.shift[:2], self.shift[2])
+
+    def moved(self, by: Array) -> Guess:
+        return self._replace(shift=self.shift + by)
+
+
+class Fit(NamedTuple):
+    """How well an object agrees with an outline, in [0, 1]."""
+
+    agreement: float
+    guess: Guess
+
+
+class Look:
+    """One picture, read through a calibrated camera. ``hand``: boxes ``(8, 3)``, which hide what is behind.
+
+    Whether outlines can be told from the table is not asked: for the targets, validity has checked it.
+
+    Attributes:
+        colours: apparent colours by label of the outlines that are large enough.
+    """
+
+    def __init__(self, outlines: Outlines, calibration: Calibration, hand: Sequence[Array]) -> None:
+        self._view, self._light = calibration.view, calibration.light
+        self._labels, self._painted = blank(self._view), blank(self._view)
+        paint(self._labels, hand, self._view, HAND)
+        self.colours: dict[int, Array] = {}
+        for label, thing in enumerate(outlines.things, 1):
+            if len(thing.pixels) >= LEAST:
+                u, v = (thing.pixels * self._labels.shape[::-1]).astype(int).T
+                self._labels[v, u] = label
+                self.colours[label] = camera_values(thing.colour)
+        self._sizes = np.bincount(self._labels.ravel(), minlength=HAND + 1)
+
+    def besides(self, things: Iterable[Thing]) -> list[int]:
+        """Labels of the outlines that are not of things known."""
+        known = list(things)
+        return [n for n in self.colours if all(self.agreement(thing, n) < SAME for thing in known)]
+
+    def alike(self, model: ObjectModel, labels: Iterable[int]) -> list[int]:
+        """Those of some outlines that are most like an object in colour; none if none has its colour."""
+        apparent = camera_values(np.minimum(model.colour * self._light, 1.0))
+        apart = {label: float(np.abs(self.colours[label] - apparent).max()) for label in labels}
+        nearest = min([NOISE, *apart.values()])
+        return [label for label, difference in apart.items() if difference <= nearest]
+
+    def agreement(self, thing: Thing, label: int) -> float:
+        """Intersection over union of an object and an outline, where nothing else hides the object."""
+        under = self._under(thing)
+        return float(under[label] / max(self._sizes[label] + under[0], 1))
+
+    def bare(self, thing: Thing) -> float:
+        """Share of an object's outline in which the table is seen instead."""
+        under = self._under(thing)
+        return float(under[0] / max(under.sum(), 1))
+
+    def find(self, model: ObjectModel, labels: Iterable[int]) -> Thing | None:
+        """An object in the pose in which it agrees best with one of some outlines; None without any."""
+        best = None
+        for label in sorted(labels, key=lambda n: self._start([model], n).agreement, reverse=True):
+            best = max(filter(None, [best, self._fit(model, label)]), key=agreement)
+            if best.agreement > GOOD:
+                break
+        return best.guess.thing if best else None
+
+    def recognize(self, models: Sequence[ObjectModel], label: int) -> Thing:
+        """Which of some objects an outline is most like, and its pose, less surely than with ``find``."""
+        return self._refine(self._start(models, label), label).guess.thing
+
+    def _fit(self, model: ObjectModel, label: int) -> Fit:
+        """The best pose of all; of several that agree well, the first."""
+        fits = []
+        for pose in model.stable_poses:
+            for start in self._starts(model, pose, label)[:STARTS]:
+                fits.append(self._refine(start, label))
+                if fits[-1].agreement > GOOD:
+                    return fits[-1]
+        return max(fits, key=agreement)
+
+    def _start(self, models: Sequence[ObjectModel], label: int) -> Fit:
+        poses = ((model, pose) for model in models for pose in model.stable_poses)
+        return max((self._starts(*pair, label)[0] for pair in poses), key=agreement)
+
+    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[Fit]:
+        """The object where the outline is, in all directions, the best first."""
+        guesses = (Guess(model, pose, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
+        rated = (self._rate(self._centred(guess, label), label) for guess in guesses)
+        return sorted(rated, key=agreement, reverse=True)
+
+    def _rate(self, guess: Guess, label: int) -> Fit:
+        return Fit(self.agreement(guess.thing, label), guess)
+
+    def _centred(self, guess: Guess, label: int) -> Guess:
+        """The object moved so that the middles of the two outlines coincide."""
+        height = guess.pose.height
+        v, u = np.nonzero(self._labels == label)
+        seen = (np.array([[u.mean(), v.mean()]]) + 0.5) / self._labels.shape[::-1]
+        place = self._view.back_project(seen, height)[0] * [1, 1, 0]
+        guess = guess.moved(place)
+        uv, _ = self._view.project(guess.thing.corners)
+        middle = (uv.min(axis=0) + uv.max(axis=0))[None] / 2
+        return guess.moved(place - self._view.back_project(middle, height)[0] * [1, 1, 0])
+
+    def _refine(self, fit: Fit, label: int) -> Fit:
+        """Moved and turned as long as it agrees better, by ever smaller steps."""
+        halved = 0
+        while halved < HALVINGS and fit.agreement <= GOOD:
+            tries = (self._rate(fit.guess.moved(step / 2**halved), label) for step in STEPS)
+            better = next((tried for tried in tries if tried.agreement > fit.agreement), None)
+            fit, halved = better or fit, halved + (better is None)
+        return fit
+
+    def _under(self, thing: Thing) -> NDArray[np.intp]:
+        """Number of pixels of each label within an object's outline."""
+        parts = [part @ thing.rotation.T + thing.position for part in thing.model.parts]
+        outlines = polygons(parts, self._view)
+        fill(self._painted, outlines, 1)
+        corners = np.concatenate(outlines).reshape(-1, 2) // 2**SUBPIXEL
+        left, top, right, bottom = np.maximum([*corners.min(axis=0), *corners.max(axis=0) + 2], 0)
+        box = slice(top, bottom), slice(left, right)
+        under = np.bincount(self._labels[box][self._painted[box] > 0], minlength=HAND + 1)
+        self._painted[box] = 0
+        return under
+
+
+def agreement(fit: Fit) -> float:
+    return fit.agreement
+
+
 GONE = 0.07  # share of an object's outline in which the table is seen, above which the object has moved
 
 

@@ -1,16 +1,158 @@
 """Whether a person could see the targets in the policy's first picture."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.manipulation.base import Visible
-from vlafuzz.worlds.manipulation.rigs.backdrops import PAINTS
-from vlafuzz.worlds.tabletop.fairness.picture import Picture
+from vlafuzz.worlds.manipulation.rigs import arms
+from vlafuzz.worlds.manipulation.rigs.backdrops import FLOOR_COLOUR, PAINTS, tones
+from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.labels import Labels, area_beyond, blank, fill, polygons
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs.shading import UP, glossy, shown
+from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.objects.skin import skin
+
+Array = NDArray[np.float64]
+ROBOT = 255  # label; objects are counted from 1, 0 is the background
+ROBOT_COLOUR = (0.80, 0.81, 0.82)  # linear, on average
+REACH = 3  # the surroundings end so many pixels beyond an outline
+RING = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """How much of an object's outline is in the picture and not hidden, and by what most of the rest is.
+
+    Shares: ``inside`` and ``unhidden`` of the outline, ``area`` of the picture.
+    """
+
+    inside: float
+    unhidden: float
+    area: float
+    by: str
+
+
+class Picture:
+    """The picture of a scene whose objects are all in the catalogue."""
+
+    def __init__(self, scene: Scene, catalogue: Catalogue) -> None:
+        self._scene, self._rig = scene, rig(scene.robot)
+        self._view = camera_pose(self._rig.view, scene.camera)
+        self._models = [catalogue[placement.object].scaled(placement.scale) for placement in scene.placements]
+        self._poses = [pose_of(*pair) for pair in zip(scene.placements, self._models, strict=True)]
+        self._parts = [
+            [part @ turn.T + place for part in model.parts]
+            for model, (turn, place) in zip(self._models, self._poses, strict=True)
+        ]
+        self._labels = self._painted()
+
+    def _painted(self) -> Labels:
+        robot = [[body] for body in arms.bodies(self._rig, self._scene.initial_pose)]
+        bodies = [*self._parts, *robot]
+        drawn = iter(polygons([part for parts in bodies for part in parts], self._view))
+        outlines = [[next(drawn) for _ in parts] for parts in bodies]
+        middles = np.array([np.concatenate(parts).mean(axis=0) for parts in bodies])
+        labels, self._outlines = blank(self._view), outlines[: len(self._parts)]
+        for index in np.argsort((self._view.position - middles) @ self._view.axes[0], kind="stable").tolist():
+            fill(labels, outlines[index], index + 1 if index < len(self._parts) else ROBOT)
+        return labels
+
+    def hidden(self, index: int) -> Hidden:
+        """How much of an object is hidden."""
+        alone, label = blank(self._view), index + 1
+        fill(alone, self._outlines[index], 1)
+        hiding = np.bincount(self._labels[alone > 0], minlength=256)
+        inside, area = int(hiding.sum()), int(hiding[label])
+        hiding[label] = 0
+        whole = max(area_beyond(self._parts[index], self._view), inside, 1)
+        by = self._name(int(hiding.argmax()))
+        return Hidden(inside / whole, area / max(inside, 1), area / alone.size, by)
+
+    def apart(self, index: int, least: float) -> tuple[float, str]:
+        """The difference in grey levels between an object and what half of its outline borders on.
+
+        A share ``least`` of what is seen of it differs by more from all shades around.
+        """
+        colours, areas = self.colours(index)
+        if not len(colours):
+            return 0.0, "what is around it"
+        around, passed = list(self._surroundings(index)), 0
+        total = sum(count for *_, count in around)
+        differences = [
+            (_difference(colours, areas, shades, least), name, count) for name, shades, count in around
+        ]
+        for difference, name, count in sorted(differences):
+            passed += count
+            if passed >= total / 2:
+                return difference, name
+        return 255.0, "nothing"
+
+    def colours(self, index: int) -> tuple[Array, Array]:
+        """Pixel values ``(n, 3)`` at points that the camera sees of an object, and their relative areas."""
+        look, (turn, place) = skin(self._models[index]), self._poses[index]
+        points, normals = look.points @ turn.T + place, look.normals @ turn.T
+        rays = self._view.position - points
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        facing = np.einsum("nc,nc->n", rays, normals)
+        uv, _ = self._view.project(points)
+        height, width = self._labels.shape
+        u, v = np.clip((uv * [width, height]).astype(int), 0, [width - 1, height - 1]).T
+        seen = (facing > 0) & (self._labels[v, u] == index + 1)
+        normals, lights = normals[seen], self._rig.lights
+        gloss = glossy(normals, rays[seen], look.roughness, lights)
+        return shown(look.colours[seen], normals, lights, self._scene.light.intensity, gloss), facing[seen]
+
+    def _name(self, label: int) -> str:
+        return "the robot" if label == ROBOT else self._models[label - 1].spoken
+
+    def _surroundings(self, index: int) -> Iterator[tuple[str, Array, int]]:
+        """What borders on an object: name, ``(k, 3)`` pixel values, and along how many pixels."""
+        uv, _ = self._view.project(np.concatenate(self._parts[index]))
+        height, width = self._labels.shape
+        low, high = uv.min(axis=0) * [width, height] - REACH, uv.max(axis=0) * [width, height] + REACH
+        left, top = np.maximum(low, 0).astype(int)
+        near = self._labels[top : max(int(high[1]) + 1, 0), left : max(int(high[0]) + 1, 0)]
+        seen = near == index + 1
+        ring = (cv2.dilate(seen.astype(np.uint8), RING) > 0) & ~seen
+        counts = np.bincount(near[ring], minlength=256)
+        for label in (np.flatnonzero(counts[1:]) + 1).tolist():
+            albedo = ROBOT_COLOUR if label == ROBOT else skin(self._models[label - 1]).colours.mean(axis=0)
+            yield self._name(label), self._lit(albedo), int(counts[label])
+        if counts[0] and not self._rig.photos:  # a photo's colours are not known here
+            v, u = np.nonzero(ring & (near == 0))
+            yield from self._background((np.stack([u + left, v + top], axis=1) + 0.5) / [width, height])
+
+    def _background(self, uv: Array) -> Iterator[tuple[str, Array, int]]:
+        backdrop, table = self._scene.backdrop, self._rig.table
+        x, y, _ = self._view.back_project(uv, 0.0).T
+        on = (abs(x - table.centre[0]) <= table.half[0]) & (abs(y - table.centre[1]) <= table.half[1])
+        if count := int(np.count_nonzero(on)):
+            yield "the table", self._lit(np.outer(tones(backdrop.table), PAINTS[backdrop.colour])), count
+        if count := int(np.count_nonzero(~on)):
+            yield "wall and floor", self._lit([PAINTS[backdrop.wall], FLOOR_COLOUR]), count
+
+    def _lit(self, albedo: Sequence[object] | Array) -> Array:
+        """Pixel values of level surfaces."""
+        colours = np.atleast_2d(np.asarray(albedo, dtype=np.float64))
+        return shown(colours, UP[None], self._rig.lights, self._scene.light.intensity)
+
+
+def _difference(colours: Array, areas: Array, shades: Array, least: float) -> float:
+    """The difference from the nearest shade that colours on a share ``least`` of the area exceed."""
+    apart = np.abs(colours[:, None] - shades).max(axis=2).min(axis=1)
+    order = np.argsort(-apart)
+    covered = np.cumsum(areas[order])
+    return float(apart[order][np.searchsorted(covered, least * covered[-1])])
+
 
 # Shares of what is seen of a target: less is never enough to find it (a sponge's edge is), the other always.
 LEAST, MOST = 0.04, 0.5

@@ -2,17 +2,149 @@
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
-from vlafuzz.worlds.tabletop.objects.hulls import Array, outline, triangles
+from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, mass_properties, outline, triangles
 from vlafuzz.worlds.tabletop.objects.model import Container, Grasp, ObjectModel, StablePose
 from vlafuzz.worlds.tabletop.objects.schema import Basket, ObjectSpec
 from vlafuzz.worlds.tabletop.objects.shapes import convex_parts
-from vlafuzz.worlds.tabletop.objects.stable_poses import Solid, quaternion, settled, solid
 from vlafuzz.worlds.tabletop.objects.surfaces import write_visual
+
+FLAT = 2e-5  # distance up to which a corner counts as in a face's plane: corners are rounded to a micrometre
+STEADY = 0.001  # least distance of the centre of mass from the face's edges
+UNEVEN = 5e-4  # as FLAT, for measured solids
+FIRM = 0.0015  # as STEADY, for measured solids: PhysX makes them up to a millimetre thinner
+TIPS = np.radians(3.0)  # least tilt that a stable pose tolerates
+ROLLS = np.radians(12.0)  # an object that tips at a smaller tilt rolls, if the adjacent face is near
+NEXT = np.radians([5.0, 45.0])  # angle between adjacent faces
+NEAR = 0.8  # cosine of the largest angle between the requested pose and the stable one
+UP = np.array([0.0, 0.0, 1.0])
+
+
+class Solid(NamedTuple):
+    """An object as physics simulates it.
+
+    Attributes:
+        parts: ``(n, 3)`` corners of each convex part, in the object's frame, metres.
+        hull: ``(m, 3)`` corners of the convex hull of all parts.
+        volume: summed over the parts, cubic metres.
+        balance: ``(3,)`` centre of mass.
+    """
+
+    parts: tuple[Array, ...]
+    hull: Array
+    volume: float
+    balance: Array
+
+
+def solid(parts: Sequence[Array]) -> Solid:
+    """The solid whose parts are the convex hulls of ``(n, 3)`` points each."""
+    exact = tuple(corners(part) for part in parts)
+    volumes, middles = zip(*map(mass_properties, exact), strict=True)
+    balance = np.average(middles, axis=0, weights=volumes)
+    return Solid(exact, corners(np.concatenate(exact)), float(sum(volumes)), balance)
+
+
+def settled(body: Solid, up: Sequence[float]) -> Array:
+    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most nearly upwards.
+
+    Raises:
+        CatalogueError: there is no stable face near that orientation.
+    """
+    wanted = np.array(up) / np.linalg.norm(up)
+    for face in _faces_from_below(body.hull, wanted):
+        reach = body.hull @ face
+        ground = body.hull[reach > reach.max() - FLAT]
+        turn = rotation(face, -UP)
+        if _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2]) > STEADY:
+            first = rotation(wanted, UP)
+            return np.asarray(rotation(first @ face, -UP) @ first)
+    raise CatalogueError(f"no stable face near this pose, got up {tuple(up)!r}")
+
+
+def _faces_from_below(hull: Array, up: Array) -> Array:
+    """Outward normals ``(k, 3)`` of the hull's faces that point down, the steepest first."""
+    normals = _normals(hull)
+    # Rounded, so that the last bit does not decide between mirrored faces
+    steepness = np.round(normals @ up, 6)
+    order = np.lexsort((*np.round(normals.T, 6), steepness))
+    return np.asarray(normals[order][steepness[order] < -NEAR])
+
+
+class Stable(NamedTuple):
+    """A rotation ``(3, 3)`` of a solid onto a stable face.
+
+    Attributes:
+        up: cosine between the solid's z axis and the vertical.
+        tilt: the tilt at which it tips over, radians.
+        rolls: whether it rolls: it tips easily, and onto an adjacent face.
+    """
+
+    turn: Array
+    up: float
+    tilt: float
+    rolls: bool
+
+
+def stable_turns(body: Solid) -> list[Stable]:
+    """All stable poses of a measured solid, on any face of its hull, even if it is not quite flat."""
+    stable = []
+    for face in _normals(body.hull):
+        reach = body.hull @ face
+        ground = body.hull[reach > reach.max() - UNEVEN]
+        turn = rotation(face, -UP)
+        margin = _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2])
+        tilt = float(np.arctan2(margin, reach.max() - body.balance @ face))
+        if margin > FIRM and tilt > TIPS:
+            stable.append((face, turn, tilt))
+    faces = np.array([face for face, _, _ in stable])
+    near, far = np.cos(NEXT)
+    poses = []
+    for face, turn, tilt in stable:
+        cosines = faces @ face
+        rolls = tilt < ROLLS and np.any((cosines < near) & (cosines > far))
+        poses.append(Stable(turn, float(turn[2, 2]), tilt, bool(rolls)))
+    return poses
+
+
+def _margin(polygon: Array, point: Array) -> float:
+    """Distance from a point ``(2,)`` to the edges of a counter-clockwise polygon; negative outside."""
+    side = np.roll(polygon, -1, axis=0) - polygon
+    arm = point - polygon
+    inside = (side[:, 0] * arm[:, 1] - side[:, 1] * arm[:, 0]) / np.linalg.norm(side, axis=1)
+    return float(inside.min())
+
+
+def _normals(hull: Array) -> Array:
+    """Outward normals ``(k, 3)`` of the hull's triangles."""
+    faces = hull[triangles(hull)]
+    normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
+
+def rotation(start: Array, end: Array) -> Array:
+    """The smallest rotation ``(3, 3)`` from one unit vector to another; about x or z if they are opposite."""
+    cosine = float(start @ end)
+    if cosine < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0]) if abs(start[0]) < 0.5 else np.diag([-1.0, -1.0, 1.0])
+    axis = np.cross(start, end)
+    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
+
+
+def quaternion(turn: Array) -> Array:
+    """``(4,)`` w, x, y, z of a rotation ``(3, 3)``, rounded to 9 digits."""
+    # Not by SciPy, whose last digit differs for some poses: built objects must not depend on its version
+    w = np.sqrt(max(0.0, 1 + np.trace(turn))) / 2
+    if w < 1e-6:
+        axis = np.sqrt(np.maximum(0.0, (np.diag(turn) + 1) / 2))  # half a turn: about x, y or z
+        return np.array([0.0, *axis])
+    lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)
 
 
 def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:

@@ -6,7 +6,7 @@ Built objects are cached, one folder each, named by the hash of the entry and th
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
@@ -16,8 +16,9 @@ import numpy as np
 
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, suggestion
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.worlds.tabletop.objects.model import Container, Fit, Grasp, ObjectModel, Role, StablePose
-from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject
+from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject, find_pack
 from vlafuzz.worlds.tabletop.objects.schema import ObjectSpec, read_file
 
 Entry = ObjectSpec | PackObject
@@ -186,3 +187,24 @@ def _array(values: list[Any]) -> Any:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False  # models are shared
     return array
+
+
+def packs_json(packs: Iterable[Pack]) -> str:
+    """Packs as a field of conditions: the digest says what they are, the folder where to look first."""
+    return json.dumps(
+        [{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs]
+    )
+
+
+def stored_packs(*several: Conditions) -> tuple[Pack, ...]:
+    """The packs that ``packs_json`` wrote, each once; robots that lie beside them are found again, too."""
+    marks = {mark["name"]: mark for conditions in several for mark in json.loads(conditions.packs)}
+    packs = tuple(find_pack(**mark) for mark in marks.values())
+    folders = dict.fromkeys(folder for pack in packs for folder in (pack.folder, pack.folder.parent))
+    assets.add_folders(folder for folder in folders if (folder / "robots").is_dir())
+    return packs
+
+
+def stored_catalogue(*several: Conditions) -> Catalogue:
+    """The catalogue with the packs of all these conditions; a UsageError if one is gone."""
+    return load_catalogue(packs=stored_packs(*several))

@@ -20,14 +20,21 @@ from scipy.spatial import ConvexHull, QhullError
 
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
-from vlafuzz.worlds.tabletop.objects.build import stable_pose, write_parts
+from vlafuzz.worlds.tabletop.objects.build import (
+    Solid,
+    Stable,
+    quaternion,
+    solid,
+    stable_pose,
+    stable_turns,
+    write_parts,
+)
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
 from vlafuzz.worlds.tabletop.objects.model import Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.worlds.tabletop.objects.packs import PackObject
 from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
 from vlafuzz.worlds.tabletop.objects.shapes import PROMINENT
 from vlafuzz.worlds.tabletop.objects.skin import ROUGH, SRGB
-from vlafuzz.worlds.tabletop.objects.stable_poses import Solid, Stable, quaternion, solid, stable_turns
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255

@@ -5,7 +5,9 @@ contains. vlafuzz itself uses ``begin`` and ``advance``: the same physics withou
 """
 
 import gc
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import gymnasium
@@ -18,17 +20,16 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.errors import PrerequisiteError, SceneError, suggestion
+from vlafuzz.errors import PrerequisiteError, SceneError, SimulatorError, suggestion
 from vlafuzz.model.conditions import PLACEMENTS, check_choice
-from vlafuzz.model.scene import Scene, Start
+from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.latency import DelayedCommands
 from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 from vlafuzz.worlds.noise import SensorNoise
-from vlafuzz.worlds.tabletop.instructions import default_scene
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.worlds.tabletop.sim.applied import Applied
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
 from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of
 from vlafuzz.worlds.tabletop.sim.rendering import SceneLights, render_backend
@@ -37,8 +38,86 @@ from vlafuzz.worlds.tabletop.sim.settle import start_poses
 from vlafuzz.worlds.tabletop.sim.table import BackdropPainter, add_table
 from vlafuzz.worlds.tabletop.sim.world import Robot, World, substeps
 from vlafuzz.worlds.tabletop.state import State, StateMonitor
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 from vlafuzz.worlds.tabletop.tasks import task as task_named
+
+METRES = 1e-5
+TURN = 1e-4  # of a quaternion's components
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Applied:
+    """What the simulator contains, read back from it.
+
+    Attributes:
+        light: factor on the nominal lights.
+        extras: the parts of the scene that extra operators vary, by field name, as far as they are in effect.
+    """
+
+    instruction: str
+    objects: tuple[str, ...]
+    poses: tuple[sapien.Pose, ...]
+    light: float
+    camera: sapien.Pose
+    extras: Mapping[str, Any]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain numbers, for ``info``."""
+        return {
+            "instruction": self.instruction,
+            "objects": [
+                {"name": name, "position": pose.p.tolist(), "quaternion": pose.q.tolist()}
+                for name, pose in zip(self.objects, self.poses, strict=True)
+            ],
+            "light": self.light,
+            "camera": {"position": self.camera.p.tolist(), "quaternion": self.camera.q.tolist()},
+            **{part: asdict(value) for part, value in self.extras.items()},
+        }
+
+    def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
+        """Compare with the requested scene and poses of its objects, before the first step.
+
+        Raises:
+            SimulatorError: an option was not applied.
+        """
+        if self.objects != tuple(placement.object for placement in scene.placements):
+            _fail("objects", [placement.object for placement in scene.placements], self.objects)
+        for name, expected, actual in zip(self.objects, poses, self.poses, strict=True):
+            _check_pose(name, expected, actual)
+        if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
+            _fail("light", scene.light.intensity, self.light)
+        view = camera_pose(rig.view, scene.camera)
+        _check_pose("camera", sapien.Pose(view.position, view.quaternion), self.camera)
+        if self.instruction != scene.instruction:
+            _fail("instruction", scene.instruction, self.instruction)
+        for part in EXTRAS:
+            expected, actual = getattr(scene, part), self.extras.get(part)
+            if actual is None or not _alike(asdict(expected), asdict(actual)):
+                _fail(part.replace("_", " "), expected, actual)
+
+
+def _alike(expected: Mapping[str, Any], actual: Mapping[str, Any]) -> bool:
+    """Whether two parts of scenes are equal up to the simulator's single precision."""
+    return all(
+        actual[field] == value
+        if isinstance(value, str)
+        else math.isclose(actual[field], value, rel_tol=1e-5, abs_tol=1e-4)
+        for field, value in expected.items()
+    )
+
+
+def _check_pose(name: str, expected: sapien.Pose, actual: sapien.Pose) -> None:
+    distance = float(np.abs(expected.p - actual.p).max())
+    turn = float(min(np.abs(expected.q - actual.q).max(), np.abs(expected.q + actual.q).max()))
+    if not (distance <= METRES and turn <= TURN):
+        _fail(f"pose of {name}", expected, actual)
+
+
+def _fail(part: str, expected: object, actual: object) -> None:
+    raise SimulatorError(
+        f"{part}: asked for {expected}, the simulator has {actual}", hint="this is a bug in vlafuzz"
+    )
+
 
 EPISODE_SECONDS = PANDA.seconds
 THIRD_PERSON = CameraRequest("third_person", 128, 128)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -9,13 +10,13 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import Knowing, Observation, Policy, PolicySpec
+from vlafuzz.policies.base import CameraRequest, Knowing, Observation, Policy, PolicySpec
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.manipulation.stored import stored_visible
 from vlafuzz.worlds.recording import Recording
-from vlafuzz.worlds.tabletop.experts.knowledge import Calibration, Privileged
+from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
@@ -132,3 +133,33 @@ def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> S
     models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
     poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
     return settle(task_named(scene.task), models, scene.placements, setup.table, poses)
+
+
+class Stills:
+    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
+
+    def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
+        self._task, self._catalogue, self._placement = task, catalogue, placement
+        self._camera = CameraRequest("still", size, size)
+        self._env: TabletopEnv | None = None
+
+    def png(self, scene: Scene) -> bytes:
+        """A picture of a valid scene by the third-person camera.
+
+        Raises:
+            PrerequisiteError: nothing here can render.
+        """
+        if self._env is not None and self._env.rig.robot != scene.robot:
+            self.close()
+        if self._env is None:
+            camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
+            self._env = make_env(
+                self._task, self._catalogue, (camera,), robot=scene.robot, placement=self._placement
+            )
+        self._env.begin(scene)
+        return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
+
+    def close(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None

@@ -9,13 +9,20 @@ from typing import Literal
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Placement, Quaternion, Scene
+from vlafuzz.model.scene_lines import SceneFile, is_document, read_scenes
 from vlafuzz.worlds.manipulation.base import Box
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 from vlafuzz.worlds.tabletop.vlatest.format import Entry, Thing, is_ycb, read_entries
-from vlafuzz.worlds.tabletop.vlatest.original import in_robot_frame, original_scene
-from vlafuzz.worlds.tabletop.vlatest.table import Counterpart, Rectangle, Table, our_box, vlatest_table
+from vlafuzz.worlds.tabletop.vlatest.original import (
+    Counterpart,
+    Rectangle,
+    Table,
+    in_robot_frame,
+    original_scene,
+    our_box,
+    vlatest_table,
+)
 
 Frame = Literal["fit", "keep", "original", "robot"]
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
@@ -138,3 +145,11 @@ def quaternion(yaw: float, *, level: bool) -> Quaternion:
         math.sin(half) * math.sin(lean),
         math.sin(half) * math.cos(lean),
     )
+
+
+def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
+    """Read a file of scenes, ours or VLATest's; for ``frame`` see ``read_vlatest``."""
+    if not is_document(path):
+        return SceneFile(path, tuple(read_scenes(path)))
+    imported = read_vlatest(path, catalogue, frame=frame)
+    return SceneFile(path, tuple(zip(imported.numbers, imported.scenes, strict=True)), imported.left_out)

@@ -7,22 +7,24 @@ from pathlib import Path
 
 from vlafuzz.errors import UsageError
 from vlafuzz.model.scene import EXTRAS, Camera, Light, Placement, Quaternion, Scene
-from vlafuzz.worlds.tabletop.instructions import load_wordings, say
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 from vlafuzz.worlds.tabletop.vlatest.format import Entry, Thing, is_ycb, write_entries
 from vlafuzz.worlds.tabletop.vlatest.original import (
     CUSTOM,
     YCB,
+    Counterpart,
+    Table,
     as_original,
     bare,
     is_place,
     original_entry,
     original_instruction,
     original_scale,
+    our_box,
+    vlatest_table,
 )
 from vlafuzz.worlds.tabletop.vlatest.read import quaternion
-from vlafuzz.worlds.tabletop.vlatest.table import Counterpart, Table, our_box, vlatest_table
 
 NOT_IN_FORMAT = "VLATest's scene files have no "  # light, camera, wording: arguments of its scripts
 
