@@ -94,7 +94,7 @@ def _name(paths: list[Path]) -> str:
 
 
 def _columns(given: list[str]) -> dict[str, str]:
-    from vlafuzz.logs.csv_table import NAMES
+    from vlafuzz.logs.formats import NAMES
 
     pairs = [entry.partition("=") for entry in given]
     for holds, equals, name in pairs:

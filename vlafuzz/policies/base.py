@@ -3,12 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from reprlib import repr as shown
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.policies.expected import expect, expect_count, expect_one_of
+from vlafuzz.errors import UsageError
 
 Role = Literal["third_person", "wrist"]
 Rotation = Literal["axis_angle", "euler_xyz", "rpy"]
@@ -16,6 +17,26 @@ Relative = Literal["target", "current"]
 Gripper = Literal["open_positive", "close_positive", "open_01", "close_01"]
 SIM_HZ = 100  # of the simulator
 _MOST_PIXELS = 4096  # of a side of an image
+
+
+def _expect(name: str, value: object, expected: str, *, usable: bool) -> None:
+    """Raise a UsageError unless a value is usable."""
+    if not usable:
+        message = f"the policy's spec: {name}: expected {expected}, got {shown(value)}"
+        raise UsageError(message, hint="vlafuzz.policies.base describes ActionSpec and PolicySpec")
+
+
+def _expect_one_of(name: str, value: object, literal: object) -> None:
+    """Raise a UsageError unless a value is one of those of a ``Literal``."""
+    known = get_args(literal)
+    usable = isinstance(value, str) and value in known
+    _expect(name, value, f"one of {', '.join(known)}", usable=usable)
+
+
+def _expect_count(name: str, value: object, least: int, most: int | None = None) -> None:
+    """Raise a UsageError unless a value is an integer from ``least`` to ``most``."""
+    within = isinstance(value, int) and least <= value <= (value if most is None else most)
+    _expect(name, value, f"{least} or more" if most is None else f"{least} to {most}", usable=within)
 
 
 @dataclass(frozen=True)
@@ -32,10 +53,10 @@ class CameraRequest:
     role: Role = "third_person"
 
     def __post_init__(self) -> None:
-        expect("name of a camera", self.name, "a text", usable=isinstance(self.name, str))
+        _expect("name of a camera", self.name, "a text", usable=isinstance(self.name, str))
         for side in ("width", "height"):
-            expect_count(f"{side} of the camera {self.name}", getattr(self, side), 1, _MOST_PIXELS)
-        expect_one_of("role", self.role, Role)
+            _expect_count(f"{side} of the camera {self.name}", getattr(self, side), 1, _MOST_PIXELS)
+        _expect_one_of("role", self.role, Role)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,14 +87,14 @@ class ActionSpec:
 
     def __post_init__(self) -> None:
         for name, known in (("rotation", Rotation), ("relative_to", Relative), ("gripper", Gripper)):
-            expect_one_of(name, getattr(self, name), known)
+            _expect_one_of(name, getattr(self, name), known)
         for name in ("position_scale", "rotation_scale"):
             scale = getattr(self, name)
             usable = isinstance(scale, int | float) and math.isfinite(scale) and scale != 0
-            expect(name, scale, "a finite number other than 0", usable=usable)
-        expect_count("sticky", self.sticky, 0)
-        expect_count("hz", self.hz, 1)
-        expect("hz", self.hz, f"a divisor of {SIM_HZ}", usable=SIM_HZ % self.hz == 0)
+            _expect(name, scale, "a finite number other than 0", usable=usable)
+        _expect_count("sticky", self.sticky, 0)
+        _expect_count("hz", self.hz, 1)
+        _expect("hz", self.hz, f"a divisor of {SIM_HZ}", usable=SIM_HZ % self.hz == 0)
 
 
 @dataclass(frozen=True)
@@ -109,19 +130,19 @@ class PolicySpec:
     def __post_init__(self) -> None:
         for name in ("name", "version"):
             text = getattr(self, name)
-            expect(name, text, "a text", usable=isinstance(text, str) and text != "")
-        expect("action", self.action, "an ActionSpec", usable=isinstance(self.action, ActionSpec))
+            _expect(name, text, "a text", usable=isinstance(text, str) and text != "")
+        _expect("action", self.action, "an ActionSpec", usable=isinstance(self.action, ActionSpec))
         requests = isinstance(self.cameras, tuple) and all(isinstance(c, CameraRequest) for c in self.cameras)
-        expect("cameras", self.cameras, "a tuple of CameraRequest", usable=requests)
+        _expect("cameras", self.cameras, "a tuple of CameraRequest", usable=requests)
         names = [camera.name for camera in self.cameras]
-        expect("cameras", names, "different names", usable=len(set(names)) == len(names))
-        expect_count("execute", 1 if self.execute is None else self.execute, 1)
-        expect_count("max_batch", self.max_batch, 1)
+        _expect("cameras", names, "different names", usable=len(set(names)) == len(names))
+        _expect_count("execute", 1 if self.execute is None else self.execute, 1)
+        _expect_count("max_batch", self.max_batch, 1)
         kept = self.provenance
         texts = isinstance(kept, Mapping) and all(
             isinstance(text, str) for pair in kept.items() for text in pair
         )
-        expect("provenance", kept, "texts by name", usable=texts)
+        _expect("provenance", kept, "texts by name", usable=texts)
 
 
 @dataclass(frozen=True)

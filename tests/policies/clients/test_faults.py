@@ -87,6 +87,7 @@ class TestScenes:
         )
         broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
         assert len(broken) == len(faults.came) - (protocol == "groot")  # ZeroMQ cuts off what is huge
+        assert all(outcomes[index].detail.startswith("policy: ") for index in broken)
         for index, (outcome, alone) in enumerate(zip(outcomes, undisturbed, strict=True)):
             assert index in broken or summary(outcome) == summary(alone)
 
@@ -158,8 +159,10 @@ def scenes(tmp_path_factory) -> Path:
 
 def run(name: str, scenes: Path, store: Path, capsys) -> dict[str, tuple[Verdict, list[str]]]:
     """The outcome of each scene."""
-    assert main(["run", "--policy", name, "--scenes", str(scenes), "--store", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["proposals"] == 200
+    code = main(["run", "--policy", name, "--scenes", str(scenes), "--store", str(store), "--json"])
+    ended = json.loads(capsys.readouterr().out)
+    assert ended["proposals"] == 200
+    assert code == (3 if ended["verdicts"]["error"] else 0)
     with Store.open(store) as opened:
         return {trial.scene.digest: summary(trial.outcome) for trial in opened.trials(1)}
 

@@ -10,15 +10,11 @@ import pytest
 
 from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy, parts, served
 from tests.policies.clients.served import STATE, black, seen, start
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import check_policy_name, make_policy
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
 STILL = np.array([[0.0] * 6 + [1.0]], dtype=np.float32)
@@ -143,18 +139,6 @@ class TestConversation:
         state = [float(unpack_groot(msgpack.packb(part))[0, 0, 0]) for part in observation.values()]
         assert state == pytest.approx([0.1, 0.2, 0.3, 0, 0, 0, 0, 0.5], abs=1e-6)
 
-    def test_in_the_simulator(self):
-        scenes = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
-        keys = MODALITIES | {"video": []}
-        replies = [b"?", [parts(np.repeat(STILL[None], 80, axis=1)), {}]]
-        with served(*replies, modalities=config(keys)) as (name, _):
-            policy = make_policy(f"{name}?camera=0")
-            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
-            broken, whole = evaluator.evaluate(scenes)
-            evaluator.close()
-        assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)
-        assert broken.detail.startswith("policy: protocol: tcp://127.0.0.1:")
-
 
 def failure(*replies: Any, options: str = "?camera=32") -> PolicyError:
     with served(*replies) as (name, _):
@@ -269,11 +253,6 @@ class TestRefused:
     def test_wrong_options(self, query, says):
         with pytest.raises(UsageError, match=re.escape(says)):
             check_policy_name(f"groot:tcp://gpu:5555?{query}")
-
-    def test_no_server_at_all(self):
-        with pytest.raises(PrerequisiteError, match=r"no GR00T server: .*: Connection refused") as caught:
-            make_policy("groot:tcp://127.0.0.1:9")
-        assert caught.value.hint.startswith("start it first")
 
     @pytest.mark.parametrize("modalities", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])
     def test_a_server_of_something_else(self, modalities):

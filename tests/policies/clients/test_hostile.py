@@ -65,6 +65,20 @@ def test_a_server_that_resets_right_after_the_handshake_is_none(protocol: str):
                 make_policy(f"{protocol}:ws://127.0.0.1:{port}?camera=0&timeout=2")
 
 
+@pytest.mark.parametrize(
+    ("name", "called"),
+    [
+        ("openpi:ws://127.0.0.1:9", "openpi"),
+        ("http://127.0.0.1:9/act", "/act"),
+        ("groot:tcp://127.0.0.1:9", "GR00T"),
+    ],
+)
+def test_where_no_server_is_a_hint_says_how_to_start_one(name: str, called: str):
+    with pytest.raises(PrerequisiteError, match=f"no {called} server: .*: Connection refused") as caught:
+        make_policy(name)
+    assert caught.value.hint.startswith("start it first")
+
+
 def drips(peer: socket.socket) -> None:
     """One more header every tenth of a second, for seconds."""
     peer.recv(1 << 16)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import websockets.sync.server
 
-from tests.policies.clients.served import CLOSE, HANG, STATE, black, seen, start, still_open
+from tests.policies.clients.served import CLOSE, HANG, STATE, black, seen, start
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.harness import Harness
@@ -109,24 +109,6 @@ class TestConversation:
             policy.close()
         assert list(requests[0][0]) == ["cam", "task"]
 
-    def test_of_a_chunk_as_many_actions_as_asked_are_executed(self):
-        chunk = np.hstack([np.arange(10.0)[:, None], np.zeros((10, 6))])
-        with scripted({"actions": chunk}, {"actions": chunk + 100}) as (name, _):
-            policy = make_policy(name + "?camera=0&execute=2&chunk=10")
-            harness = Harness(policy, start("one"))
-            moves = [harness.action(lambda: seen("one"))[0] for _ in range(3)]
-            policy.close()
-        assert moves == [0, 1, 100]
-
-    def test_each_rollout_has_a_connection_which_ends_with_it(self, opened):
-        with scripted() as (name, _):
-            policy = make_policy(name)
-            assert still_open(opened) == 0
-            harnesses = [Harness(policy, start(f"{number}")) for number in range(3)]
-            assert still_open(opened) == 3
-            del harnesses
-            assert still_open(opened) == 0
-
 
 class TestWrongAnswers:
     @pytest.mark.parametrize(
@@ -177,18 +159,8 @@ class TestWrongAnswers:
             error = failure(name, "?camera=0&chunk=10")
         assert error.message.endswith("a chunk of 16 actions, expected chunk=10")
 
-    def test_a_slow_server_runs_out_of_time(self):
-        with scripted(HANG) as (name, _):
-            error = failure(name, "?camera=0&timeout=0.2")
-        assert (error.cause, error.hint) == ("timeout", "the option timeout=… waits longer")
-
 
 class TestNoServer:
-    def test_none_at_all(self):
-        with pytest.raises(PrerequisiteError, match=r"no openpi server: .*: Connection refused") as caught:
-            make_policy("openpi:ws://127.0.0.1:9")
-        assert caught.value.hint.startswith("start it first")
-
     def test_one_that_greets_with_an_error(self):
         with (
             scripted(metadata="ImportError: no jax") as (name, _),

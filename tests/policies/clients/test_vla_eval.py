@@ -77,24 +77,6 @@ class TestRollouts:
         action = ActionSpec(rotation="rpy", gripper="close_01")
         self.same_as_in_process(lambda: Attentive(action=action))
 
-    def test_conventions_that_options_say(self):
-        action = ActionSpec(
-            rotation="euler_xyz",
-            relative_to="current",
-            position_scale=0.5,
-            rotation_scale=2.0,
-            gripper="open_01",
-            sticky=2,
-            hz=10,
-        )
-        query = "?rotation=euler_xyz&relative_to=current&position_scale=0.5&rotation_scale=2&gripper=open_01"
-        self.same_as_in_process(lambda: Attentive(action=action), f"{query}&sticky=2&hz=10")
-
-    @pytest.mark.render
-    def test_pictures(self):
-        cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
-        self.same_as_in_process(lambda: Attentive(*cameras), "?camera=64x48")
-
     @pytest.mark.render
     def test_mini(self):
         options = "?camera=128&execute=1&relative_to=current&state=1"

@@ -192,17 +192,6 @@ class TestWrongAnswers:
             assert [answer(policy, seen(rollout)) for rollout in "ab"] == [[STILL], [STILL]]
             policy.close()
 
-    def test_in_the_simulator_they_are_errors_and_the_next_scene_is_rolled_out(self, opened):
-        good = lambda number: message("action", {"actions": [STILL] * 80}, number)  # noqa: E731
-        with scripted(b"?", good) as name:
-            policy = make_policy(f"{name}?camera=0")
-            evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
-            broken, whole = evaluator.evaluate(SCENES)
-            assert (broken.verdict, whole.verdict) == (Verdict.ERROR, Verdict.FAILED)
-            assert broken.detail.startswith("policy: protocol: ws://127.0.0.1:")
-            assert still_open(opened) == 0
-            evaluator.close()
-
 
 class TestServerThatGoesAway:
     def test_while_it_is_away_scenes_are_errors(self):

@@ -2,17 +2,16 @@
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, Protocol, TypeVar
 from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, install, suggestion
-from vlafuzz.policies.base import SIM_HZ, CameraRequest, PolicySpec
-from vlafuzz.policies.clients.client import Client
+from vlafuzz.policies.base import SIM_HZ, CameraRequest, Policy, PolicySpec
 from vlafuzz.policies.clients.profiles import options_of
 
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
@@ -128,6 +127,22 @@ class Address(Generic[Options]):
     options: Options
 
 
+class Client(Protocol):
+    """The class of a policy behind a model server.
+
+    ``form`` shows how users name it. ``options``: a class of ``CommonOptions``. Without
+    ``schemes``, the policy is in a folder instead of at an address. With ``answers_batches`` set, its
+    servers answer several observations in one call of the model.
+    """
+
+    form: str
+    schemes: Sequence[str]
+    options: Any
+
+    def __call__(self, address: Any) -> Policy:
+        """Connect to a server; PrerequisiteError when none answers, UsageError when it is not supported."""
+
+
 # Options that are guessed where nobody gives them: what the default means. A wrong one makes any model fail.
 CONVENTIONS = {
     "action": "actions move the hand",
@@ -146,11 +161,8 @@ def guesses(options: CommonOptions, spec: PolicySpec) -> dict[str, str]:
     given = options.model_fields_set | {name for name, by in spec.provenance.items() if by == "server"}
     values = vars(options) | vars(spec.action)
     assumed = {name: means for name, means in CONVENTIONS.items() if name in values and name not in given}
-    return {f"{name}={_plain(values[name])}": means for name, means in assumed.items()}
-
-
-def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    plain = {name: f"{value:g}" if isinstance(value, float) else str(value) for name, value in values.items()}
+    return {f"{name}={plain[name]}": means for name, means in assumed.items()}
 
 
 def cameras_of(

@@ -5,8 +5,7 @@ from typing import Any, cast
 
 from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.clients import remote
-from vlafuzz.policies.clients.client import Client
-from vlafuzz.policies.clients.remote import Address, CommonOptions
+from vlafuzz.policies.clients.remote import Address, Client, CommonOptions
 
 # Named protocol:address, or just by the address for HTTP; each is imported when it is asked for.
 SERVERS = {
