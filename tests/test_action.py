@@ -97,7 +97,8 @@ class Job:
 
 def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
     corpus = str(ROOT / "corpus" / "mini-pick-up")
-    job = Job(tmp_path, mode="regress", policy="frozen", label="v2", corpus=corpus)
+    few = "--max-rollouts 20"
+    job = Job(tmp_path, mode="regress", policy="frozen", label="v2", corpus=corpus, arguments=few)
     job.run()
     assert job.code == 1
     assert job.summary.startswith("## ❌ v2 (frozen) is worse than mini as recorded: 8 worse and 0 better of")
@@ -126,7 +127,8 @@ def test_failures_of_several_nights_are_merged(tmp_path: Path):
 def test_every_task_of_a_folder_of_corpora_is_compared(tmp_path: Path):
     for task in ("pick-up", "put-on"):
         shutil.copytree(ROOT / "corpus" / f"mini-{task}", tmp_path / "corpora" / task)
-    job = Job(tmp_path, mode="regress", policy="frozen", corpus="corpora", task="all")
+    few = "--max-rollouts 20"
+    job = Job(tmp_path, mode="regress", policy="frozen", corpus="corpora", task="all", arguments=few)
     job.run()
     assert job.code == 1
     assert job.summary.count("frozen is worse than") == 2

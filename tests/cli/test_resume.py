@@ -103,7 +103,7 @@ def test_operators_come_from_the_store_though_their_file_is_gone(
     (folder / "mine.yaml").write_text(
         "extends: paper\noperators:\n  light:\n    intensity: {low: 0.5, high: 2.0, step: 0.05, nominal: 1}\n"
     )
-    flags = ("--budget", "20", "--operators", "mine.yaml", "--task", "put-in")
+    flags = ("--budget", "20", "--strategy", "random", "--operators", "mine.yaml", "--task", "put-in")
     run(*flags, "--store", "whole.db")
     cut(monkeypatch, *flags, "--store", "a.db")
     (folder / "mine.yaml").unlink()

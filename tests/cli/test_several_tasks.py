@@ -2,6 +2,7 @@
 
 import json
 import shlex
+import shutil
 from pathlib import Path
 
 import pytest
@@ -24,15 +25,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.fixture
-def mixed() -> Path:
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two tasks of one policy, one of which another policy has tried, too."""
-    store = Path("mixed.db")
-    assert main(["run", *IDLE, "--task", "pick-up", "--store", str(store)]) == 0
-    assert main(["run", *IDLE, "--task", "put-on", "--store", str(store)]) == 0
+    store = tmp_path_factory.mktemp("mixed") / "mixed.db"
     other = ["--policy", "expert", "--strategy", "random", "--workers", "1"]
-    assert main(["run", *IDLE, "--task", "pick-up", *other, "--store", str(store)]) == 0
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+        for flags in (["--task", "pick-up"], ["--task", "put-on"], ["--task", "pick-up", *other]):
+            assert main(["run", *IDLE, *flags, "--store", str(store)]) == 0
     return store
+
+
+@pytest.fixture
+def mixed(made: Path, folder: Path) -> Path:
+    return Path(shutil.copy(made, folder))
 
 
 def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(
@@ -88,7 +95,7 @@ def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.C
 def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    wanted = [*IDLE, "--task", "pick-up,put-on,put-in", "--store", "s.db"]
+    wanted = [*IDLE, "--task", "pick-up,put-on,put-in", "--strategy", "random", "--store", "s.db"]
 
     def evaluator(manifest: Manifest, _: object) -> ClosedForm:
         end = Raising(KeyboardInterrupt(), after=3)

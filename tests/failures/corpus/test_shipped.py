@@ -16,7 +16,7 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 RecordProperty = Callable[[str, object], None]
-SAMPLE, HOLD = 6, 4  # failures of each corpus that are run again; scripts/check_corpora.py runs all of them
+SAMPLE, HOLD = 3, 2  # cases of each corpus that are run again; scripts/check_corpora.py runs all of them
 FOLDERS = [corpus_dir() / f"mini-{task}" for task in TASKS]
 
 
@@ -57,15 +57,13 @@ def test_their_scenes_are_fair(shipped: tuple[Path, Corpus]):
 def test_witnesses_solve_the_scenes_and_the_policy_fails_in_them_here_too(
     shipped: tuple[Path, Corpus], record_property: RecordProperty
 ):
-    """Of the failures about 98 % hold on another processor or renderer, so one or two of six may not."""
+    """Of the failures about 98 % hold on another processor or renderer, so one of three may not."""
     folder, corpus = shipped
-    cases = sorted(corpus.cases, key=lambda case: len(case.operators))
+    cases = sorted(corpus.cases, key=lambda case: len(case.operators))[:SAMPLE]
     with closing(SimulatorSceneRunner(folder, corpus.runs[0])) as runner:
         solved = [runner.play(case.scene, case.witness.actions).verdict for case in cases]
-        failures = runner.evaluate([case.scene for case in cases[:SAMPLE]], [0] * SAMPLE)
-        passes = runner.evaluate(
-            [next(iter(case.counterparts.values())) for case in cases[:SAMPLE]], [0] * SAMPLE
-        )
+        failures = runner.evaluate([case.scene for case in cases], [0] * SAMPLE)
+        passes = runner.evaluate([next(iter(case.counterparts.values())) for case in cases], [0] * SAMPLE)
     failed = sum(outcome.verdict is Verdict.FAILED for outcome in failures)
     passed = sum(outcome.verdict is Verdict.PASSED for outcome in passes)
     record_property(

@@ -59,7 +59,7 @@ def test_what_fails_exactly_as_it_is_but_not_around_is_at_the_edge(store):
 
 def test_a_stochastic_policy_with_one_rate_everywhere_is_at_no_edge(store):
     """Luck in the scene itself is none of an edge."""
-    opened = store(scenes([TILTED], 12))
+    opened = store(scenes([TILTED], 6))
     buckets = [row.bucket for row in triaged(opened, PlantedRunner([lambda scene: True], rate=0.4))]
     assert "edge" not in buckets
 
