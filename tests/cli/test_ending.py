@@ -138,7 +138,7 @@ def swallow(*_):
         signal.raise_signal(signal.SIGINT)
     except BaseException:
         time.sleep(60)
-listings.load_operators = swallow
+listings.world_with = swallow
 """
     with started(swallowing, "list", "operators") as process:
         _, stderr = process.communicate()
@@ -146,7 +146,7 @@ listings.load_operators = swallow
 
 
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    monkeypatch.setattr("vlafuzz.cli.listings.load_operators", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("vlafuzz.cli.listings.world_with", lambda *_: signal.raise_signal(signal.SIGINT))
     assert main(["list", "operators"]) == 130
     assert capsys.readouterr().err == "error: interrupted\n"
 
@@ -209,7 +209,7 @@ def test_a_strategy_that_leaves_the_process_is_no_success(capsys: pytest.Capture
 def test_no_exit_from_within_is_taken_for_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr("vlafuzz.cli.listings.load_operators", leave)
+    monkeypatch.setattr("vlafuzz.cli.listings.world_with", leave)
     assert main(["list", "operators"]) == 2
     assert "ended the process: sys.exit(0)" in capsys.readouterr().err
 

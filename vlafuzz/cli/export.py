@@ -191,11 +191,12 @@ def _refuse(flags: Mapping[str, object], unfit: bool, reason: str) -> None:
 def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, format_: Format) -> None:
     """Write scenes to one file, ours or one of VLATest."""
     from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
-    from vlafuzz.worlds.tabletop.vlatest.original import as_original
+    from vlafuzz.worlds import world_with
+    from vlafuzz.worlds.capabilities import SceneFormats
 
     chosen = scenes_of(store, run, verdict.value)
     exported = write_file(out, chosen, format_.value)
-    if format_ is Format.vlatest and not all(map(as_original, chosen)):
+    if format_ is Format.vlatest and not all(map(world_with(SceneFormats).is_foreign, chosen)):
         Bar.note("note: positions are stretched from our box onto VLATest's, which undoes --frame fit")
     what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
     stderr().print(f"{exported.written} {what} written to {out}")

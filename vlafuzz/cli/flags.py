@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.output import Bar, progress
-from vlafuzz.common import assets
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.tabletop.objects import Pack
+from vlafuzz.cli.output import Bar
 
 
 class Frame(StrEnum):
@@ -121,7 +117,7 @@ PackFlag = Annotated[
 ]
 
 
-def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
+def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
     """The packs in these folders; notes say what is missing in them.
 
     Raises:
@@ -131,34 +127,8 @@ def opened(folders: Sequence[str] | None) -> tuple[Pack, ...]:
     if not folders:
         return ()
     # Imported late: `vlafuzz doctor` has to start anywhere.
-    from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
+    from vlafuzz.worlds import world_with
+    from vlafuzz.worlds.capabilities import Catalogued
 
-    assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
-    packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
-    for pack in packs:
-        for lack in _lacks(pack):
-            Bar.note(f"note: {pack.name}: {lack}")
-    catalogue = load_catalogue(packs=packs)
-    names = catalogue.preferred(catalogue.names()) if packs else ()
-    with progress() as bar:
-        for name in bar.track(names, description="objects measured"):
-            catalogue[name]  # once per object, up to some seconds
-    return packs
-
-
-def _is_robots_only(folder: Path) -> bool:
-    """Whether a folder has robots, and nothing that could be objects."""
-    names = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
-    return "robots" in names and names <= {"robots", "overlays"}
-
-
-def _lacks(pack: Pack) -> Iterable[str]:
-    plain = [name for name, model in pack.objects.items() if model.visual is None]
-    if plain:
-        some = ", ".join(plain[:3]) + (", …" if len(plain) > 3 else "")
-        yield (
-            f"{len(plain)} of {len(pack.objects)} objects have no textured mesh ({some}): "
-            "they look like their collision mesh, in one colour"
-        )
-    if pack.left_out:
-        yield f"no collision mesh, so left out: {', '.join(pack.left_out)}"
+    with Bar() as bar:
+        return world_with(Catalogued).open_packs(folders, bar)

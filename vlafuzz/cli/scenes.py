@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,17 +15,13 @@ from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stde
 from vlafuzz.cli.suites import lint_suites, named_suites, refuse
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import percent
-from vlafuzz.errors import SceneError, UsageError, check_number, sentence
-from vlafuzz.lab.studies.coverage import SIZES, Track, covered, tracks_of_scenes, tracks_of_store
+from vlafuzz.errors import UsageError, check_number, sentence
+from vlafuzz.lab.studies.coverage import SIZES, covered, tracks_of_files
 from vlafuzz.model.conditions import PLACEMENTS, check_choice
 from vlafuzz.model.scene_lines import is_document, is_store, write_scenes
-from vlafuzz.store.store import Store
+from vlafuzz.worlds import world_with
 from vlafuzz.worlds.audit import Scope
-from vlafuzz.worlds.tabletop.lint import CLOSER, SHIFTED, Verdicts
-from vlafuzz.worlds.tabletop.lint import lint as lint_file
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
-from vlafuzz.worlds.tabletop.vlatest.read import Imported, read_scene_file, read_vlatest
+from vlafuzz.worlds.capabilities import FileVerdicts, Imported, SceneFormats
 
 
 def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
@@ -36,10 +32,10 @@ def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool)
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
-    catalogue = load_catalogue()
+    world = world_with(SceneFormats)
     with progress() as bar:
         tracked = bar.track(files, description="reading")
-        imported = [read_vlatest(path, catalogue, frame=frame.value) for path in tracked]
+        imported = [world.import_scenes(path, frame.value) for path in tracked]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
     if frame is Frame.KEEP:
@@ -133,48 +129,24 @@ def lint(
     refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
-    defaults = load_operators()
-    keep = defaults.min_distance if min_distance is None else min_distance
     put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
     if static and placement:
         raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
     _check_frame(frame, files)
-    catalogue = load_catalogue(packs=opened(pack))
+    linter = world_with(SceneFormats).linter(opened(pack))
     with Bar() as bar:
         judged = []
         for path in files:
             quick = is_document(path) and not placement if static is None else static
-            source = read_scene_file(path, catalogue, (frame or Frame.FIT).value)
-            if not (source.lines or source.left_out):
-                raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-            placed = None if quick else put
-            judged.append(lint_file(source, catalogue, keep, defaults.visible, placement=placed, watch=bar))
-    _print(judged, json=json, verbose=verbose)
-    stderr().print(f"a target counts as visible with at least {defaults.visible}")
+            judged.append(
+                linter.lint(path, (frame or Frame.FIT).value, min_distance, None if quick else put, bar)
+            )
+    _print(judged, linter.means, json=json, verbose=verbose)
+    stderr().print(f"a target counts as visible with at least {linter.visibility}")
     if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if any(file.problems for file in judged):
         raise typer.Exit(1)
-
-
-_MEANS = {
-    "left out": "not read: an object has no counterpart here",
-    "valid": "fair",
-    "semantic": "with an unknown object, rest pose or task",
-    "geometry": "with objects off the table, in each other, or too close",
-    "unseen": "with a target that cannot be seen in the first picture",
-    "settling": "in which something falls, rolls or shifts in the first second",
-    "solved": "that are solved before the robot moves",
-    "broken": "lines that hold no scene",
-    "overlap": "with footprints that overlap, of those with several objects",
-    f"moved > {SHIFTED} m": "in which something moves farther while it settles",
-    "solved already": "solved after settling, fair or not",
-    "as published": "the same by the published criteria",
-    **dict.fromkeys(
-        (f"< {metres} m" for metres in CLOSER),
-        "with two centres closer than that, of those with several objects",
-    ),
-}
 
 
 def _check_frame(frame: Frame | None, files: list[Path]) -> None:
@@ -182,7 +154,7 @@ def _check_frame(frame: Frame | None, files: list[Path]) -> None:
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
 
 
-def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
+def _print(judged: list[FileVerdicts], means: Mapping[str, str], *, json: bool, verbose: bool) -> None:
     rows = [file.row() for file in judged]
     if json:
         rejections = [[asdict(problem) for problem in file.problems] for file in judged]
@@ -197,7 +169,7 @@ def _print(judged: list[Verdicts], *, json: bool, verbose: bool) -> None:
     names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
     for row, name in zip(rows, names, strict=True):
         shown = [
-            {"": key, "scenes": _count(value), "are": _MEANS.get(key, "")}
+            {"": key, "scenes": _count(value), "are": means.get(key, "")}
             for key, value in row.items()
             if key != "file"
         ]
@@ -242,21 +214,11 @@ def coverage(
     if operators and all(map(is_store, files)):
         problem = f"--operators {operators}: the files are stores, whose runs have ranges of their own"
         raise UsageError(problem, hint="leave it out")
-    catalogue, ranges = load_catalogue(), load_operators(operators)
     rows: list[dict[str, Any]] = []
     with progress() as bar:
-        for path in bar.track(files, description="reading"):
-            for track in _tracks(path, catalogue, ranges, frame or Frame.ORIGINAL):
+        tracked = bar.track(files, description="reading")
+        for path, tracks in tracks_of_files(tracked, operators, (frame or Frame.ORIGINAL).value, Bar.note):
+            for track in tracks:
                 origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
                 rows += [origin | asdict(row) for row in covered(track, sizes)]
     print_rows(rows, json=json, csv=csv, title="coverage")
-
-
-def _tracks(path: Path, catalogue: Catalogue, ranges: OperatorSet, frame: Frame) -> list[Track]:
-    if is_store(path):
-        with Store.open(path) as store:
-            return tracks_of_store(store)
-    source = read_scene_file(path, catalogue, frame.value)
-    if source.left_out:
-        stderr().print(f"{path}: {source.left_out} scenes are left out: they have unknown objects")
-    return tracks_of_scenes(source.scenes(), ranges, catalogue)

@@ -12,7 +12,7 @@ import typer
 from vlafuzz.cli.flags import PackFlag, RobotFlag, WorkersFlag, opened
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds import usual_world
 
 if TYPE_CHECKING:
     from vlafuzz.lab.studies.sheet import StudyResult
@@ -90,8 +90,8 @@ def command(
         )
     check_number("--scenes", scenes, 1)
     for name in task or ():
-        if name not in TASKS:
-            raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))
+        if name not in usual_world().tasks:
+            raise UsageError(f"unknown task {name!r}", hint=suggestion(name, usual_world().tasks))
     if stores and study != "rq1":
         raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
     runs = {"--task": task, "--policy": policy, "--robot": robot, "--operators": operators, "--pack": pack}
@@ -100,9 +100,8 @@ def command(
 
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.doctor.before_run import speed_of
-    from vlafuzz.lab.studies.study import StudyRequest, study_of
+    from vlafuzz.lab.studies.study import StudyRequest, ranges_for, study_of
     from vlafuzz.lab.studies.study import study as run_study
-    from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 
     if stores:
         _print(study_of(stores), out, json)
@@ -118,7 +117,7 @@ def command(
         budget=scenes,
         seed=seed,
         robot=robot,
-        operators=operators or ("paper-rq1" if robot in (None, PANDA.robot) else rig(robot).operators),
+        operators=operators or ranges_for(robot),
         packs=opened(pack),
         workers=workers,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),

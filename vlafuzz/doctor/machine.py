@@ -1,5 +1,7 @@
 """Checks of this machine: what is installed, and what follows from it."""
 
+from __future__ import annotations
+
 import importlib.metadata
 import json as json_format
 import os
@@ -7,8 +9,9 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vlafuzz import __version__
 from vlafuzz.common import assets
@@ -16,14 +19,11 @@ from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
-from vlafuzz.worlds.tabletop import renderer
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.capabilities import Drawing, Equipped
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
-PACKAGES = {
-    "mani_skill": "no scene can be simulated",
-    "sapien": "no scene can be simulated",
-    "torch": "ManiSkill cannot be loaded",
-}
 LITTLE_DISK = 1e9  # bytes: some thousand videos
 # Run in a separate process, as an incompatible native library may crash.
 _IMPORT = """
@@ -39,20 +39,32 @@ for name in sys.argv[1:]:
 
 
 def machine(watch: Watch = SILENT) -> Iterator[Check]:
-    """All checks; they take some seconds, mostly for loading ManiSkill three times."""
+    """All checks; they take some seconds, mostly for loading the simulator three times."""
     watch.note("some twenty seconds, mostly for rolling out and drawing a scene in two processes")
     yield check_python()
     yield check_vlafuzz()
-    packages = list(check_packages())
+    try:
+        world = _equipped()
+    except ImportError as error:  # of what the package itself needs
+        yield Check("packages", f"ImportError: {error}", "refuse", "nothing runs; hint: run scripts/setup")
+        return
+    packages = list(check_packages(world.packages()))
     yield from packages
     yield check_cores()
-    probed = renderer.probe()
-    yield check_renderer(probed)
+    drawing = world.try_drawing()
+    yield check_drawing(drawing)
     cache = check_cache(assets.cache_dir())
     yield cache
     yield check_disk(Path.cwd())
     if all(check.verdict != "refuse" for check in [*packages, cache]):
-        yield from check_sameness(pictures=probed.works)
+        yield from check_sameness(pictures=drawing.works)
+
+
+def _equipped() -> Equipped:
+    from vlafuzz.worlds import world_with
+    from vlafuzz.worlds.capabilities import Equipped
+
+    return world_with(Equipped)
 
 
 def check_python() -> Check:
@@ -73,9 +85,9 @@ def check_vlafuzz() -> Check:
     return Check("vlafuzz", f"{version}, changed", "warn", "results cannot be traced to this commit alone")
 
 
-def check_packages() -> Iterator[Check]:
-    problems = _import_problems(list(PACKAGES))
-    for name, follows in PACKAGES.items():
+def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
+    problems = _import_problems(list(packages))
+    for name, follows in packages.items():
         try:
             version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:
@@ -92,13 +104,8 @@ def check_cores() -> Check:
     return Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
 
 
-def check_renderer(probed: renderer.Renderer) -> Check:
-    if probed.works:
-        software = "llvmpipe" in (probed.device or "")
-        speed = "in software: pictures cost more than physics" if software else ""
-        return Check("renderer", probed.name, "ok", speed)
-    follows = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
-    return Check("renderer", probed.problem or "", "warn", f"{follows}; hint: {renderer.HINT}")
+def check_drawing(drawing: Drawing) -> Check:
+    return Check("renderer", drawing.name, "ok" if drawing.works else "warn", drawing.follows)
 
 
 def check_cache(folder: Path) -> Check:

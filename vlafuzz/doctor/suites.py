@@ -6,7 +6,7 @@ import os
 
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.audit import AuditedSuite, Scope
-from vlafuzz.worlds.base import Audited
+from vlafuzz.worlds.capabilities import Audited
 
 
 def is_suite(name: str) -> bool:

@@ -11,11 +11,8 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_verdicts, write_scenes
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.vlatest.original import as_original
-from vlafuzz.worlds.tabletop.vlatest.read import read_scene_file
-from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
+from vlafuzz.worlds import world_with
+from vlafuzz.worlds.capabilities import SceneFormats
 
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 
@@ -38,7 +35,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
         if run is not None:
             problem = f"--run {run}: {source} is a file of scenes, not a store"
             raise UsageError(problem, hint="leave out --run")
-        scenes = read_scene_file(source, load_catalogue(), "original").scenes()
+        scenes = world_with(SceneFormats).read_scene_file(source, "original").scenes()
         told = {} if is_document(source) else load_verdicts(source)
         return {scene: told.get(scene.digest) for scene in scenes}
     with Store.open(source) as store:
@@ -62,7 +59,5 @@ def write_file(out: Path, scenes: Mapping[Scene, str | None], layout: str) -> Ex
         if layout == "vlafuzz":
             write_scenes(out, scenes, scenes)
         else:
-            ours = (scene for scene in scenes if not as_original(scene))  # originals are written unchanged
-            names = (placement.object for scene in ours for placement in scene.placements)
-            left_out = write_vlatest(out, list(scenes), load_catalogue(packs=packs_of(names)))
+            left_out = world_with(SceneFormats).export_scenes(out, list(scenes))
     return Exported(len(scenes) - sum(left_out.values()), left_out)

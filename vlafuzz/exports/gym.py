@@ -17,12 +17,9 @@ from numpy.typing import NDArray
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rollouts.forks import single_threaded
-from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue
-from vlafuzz.worlds.tabletop.sim.env import make_env
-from vlafuzz.worlds.tabletop.sim.evaluator import proprioception
-from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds import world_of
+from vlafuzz.worlds.capabilities import Steppable
 
 HZ = 5
 ID = "vlafuzz/Corpus-v0"
@@ -57,16 +54,19 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     def __init__(self, corpus: Path | str, size: int = 128, *, first: int = 0, every: int = 1) -> None:
         exported = read_corpus(Path(corpus))
         self.cases, self._runs = exported.cases, exported.runs
-        self._camera = CameraRequest("image", size, size) if size else None
-        cameras = (self._camera,) if self._camera else ()
-        catalogue, robot = stored_catalogue(*exported.runs), self.cases[0].scene.robot
-        self._env = make_env(exported.task, catalogue, cameras, HZ, robot, exported.runs[0].placement)
+        self._draws = bool(size)
+        robot = self.cases[0].scene.robot
+        world = world_of(exported.task)
+        if not isinstance(world, Steppable):
+            problem = f"{exported.task}: its world cannot be driven step by step"
+            raise UsageError(problem, hint="`vlafuzz replay` and `vlafuzz regress` run its scenes")
+        self._env = world.stepped(exported.runs, robot, size, HZ)
         instructions = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
             "instruction": spaces.Text(max(map(len, instructions)), charset=frozenset("".join(instructions))),
         }
-        if self._camera:
+        if self._draws:
             seen["image"] = spaces.Box(0, 255, (size, size, 3), np.uint8)
         self.observation_space = spaces.Dict(seen)
         reach = np.array([*MOST, 1.0])
@@ -84,10 +84,10 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
             raise UsageError(f"options['case']: {number!r}", hint=f"0 to {len(self.cases) - 1}")
         self._next = (number + self._every) % len(self.cases)
         self._case: Case = self.cases[number]
-        state = self._env.begin(self._case.scene)
+        self._env.begin(self._case.scene)
         self._steps = 0
         about = {"case": number, "digest": self._case.scene.digest, "signature": self._case.signature}
-        return self._observation(state), about | {"lost_stage": self._case.lost_stage}
+        return self._observation(), about | {"lost_stage": self._case.lost_stage}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         metric = np.asarray(action, dtype=np.float64)
@@ -95,26 +95,26 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
             raise UsageError(f"action: {action!r}", hint="expected 7 finite numbers")
         monitor = self._env.monitor
         before = monitor.progress
-        state = self._env.advance(metric, "current")
+        self._env.advance(metric)
         self._steps += 1
         info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
         published = self._runs[self._case.run].criteria == "published"
         done = monitor.published_success if published else monitor.success_once
-        late = self._steps >= self._env.rig.seconds * self._env.control_hz
+        late = self._steps >= self._env.most_steps
         info["success"] = done
-        return self._observation(state), monitor.progress - before, done, late and not done, info
+        return self._observation(), monitor.progress - before, done, late and not done, info
 
     def render(self) -> Any:
         """The current image of the third-person camera: (size, size, 3) uint8."""
-        return self._env.picture(self._camera.name) if self._camera else None
+        return self._env.picture() if self._draws else None
 
     def close(self) -> None:
         self._env.close()
 
-    def _observation(self, state: State) -> Seen:
-        hand = proprioception(state, self._env.rig.opening)
+    def _observation(self) -> Seen:
+        hand = self._env.proprioception()
         seen: Seen = {"state": hand, "instruction": self._case.scene.instruction}
-        return seen | ({"image": self._env.seen(self._camera.name)} if self._camera else {})
+        return seen | ({"image": self._env.seen()} if self._draws else {})
 
 
 def corpus_envs(

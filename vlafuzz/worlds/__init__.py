@@ -6,7 +6,7 @@ import pkgutil
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from vlafuzz.common.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
@@ -14,6 +14,7 @@ from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 if TYPE_CHECKING:
     from vlafuzz.worlds.base import World
 
+T = TypeVar("T")
 GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
 
 
@@ -67,17 +68,30 @@ def world_of(task: str) -> World:
         if world.has(task):
             return world
     name, slash, _ = task.rpartition("/")
-    return world_named(name) if slash else next(iter(known_worlds().values()))
+    return world_named(name) if slash else usual_world()
+
+
+def usual_world() -> World:
+    """The world that is meant where nobody names one."""
+    return next(iter(known_worlds().values()))
+
+
+def world_with(capability: type[T]) -> T:
+    """The first of our worlds that has a capability, one of the protocols in ``capabilities``."""
+    for world in known_worlds().values():
+        if isinstance(world, capability):
+            return world
+    raise PrerequisiteError(f"no world is {capability.__name__}", hint="reinstall vlafuzz")
 
 
 def default_task() -> str:
     """What a run is about where nobody names a task."""
-    return next(iter(next(iter(known_worlds().values())).tasks))
+    return next(iter(usual_world().tasks))
 
 
 def default_policy(task: str | None = None, robot: str | None = None) -> str:
     """What is tested where nobody names a policy; a UsageError if the task's world has none."""
-    world = world_of(task) if task else next(iter(known_worlds().values()))
+    world = world_of(task) if task else usual_world()
     return world.default_policy(robot or next(iter(world.robots)))
 
 
@@ -133,7 +147,7 @@ def tasks_named(names: str) -> tuple[str, ...]:
         UsageError: there is no such task.
     """
     if names == "all":
-        return tuple(next(iter(known_worlds().values())).tasks)
+        return tuple(usual_world().tasks)
     tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
     if len(tasks) > 1:
         for name in tasks:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol
 
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
@@ -13,7 +13,6 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
-from vlafuzz.worlds.audit import AuditedSuite, Scope
 from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
@@ -183,16 +182,3 @@ class World(Protocol):
 
     def stills(self, conditions: Conditions, space: Space) -> Stills:
         """What takes pictures of scenes of a task."""
-
-
-@runtime_checkable
-class Audited(Protocol):
-    """A world with suites of its own initial states, which can be audited."""
-
-    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
-        """What is wrong with a suite's initial states before any policy acts.
-
-        Raises:
-            UsageError: there is no such suite.
-            PrerequisiteError: the world's packages are not installed.
-        """

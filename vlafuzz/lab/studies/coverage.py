@@ -1,20 +1,24 @@
 """How much of the space scenes cover: places of the first object, as in the paper, and behaviour."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.lab.studies import published
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import is_store
 from vlafuzz.search.scoring import cell
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.capabilities import Frame
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.stored import stored_operators
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, stored_catalogue
-from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue, stored_catalogue
+from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest.original import Rectangle, as_original, vlatest_table
+from vlafuzz.worlds.tabletop.vlatest.read import read_scene_file
 
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
 SIZES = (10, 100, 1000)  # the paper's
@@ -63,6 +67,22 @@ class Covered:
     sites: int | None
     cells: int | None
     failures: int | None
+
+
+def tracks_of_files(
+    paths: Iterable[Path], operators: str | None, frame: Frame, note: Callable[[str], None]
+) -> Iterator[tuple[Path, list[Track]]]:
+    """The tracks of files of scenes and of stores; ``operators``: the ranges that scenes are measured in."""
+    catalogue, ranges = load_catalogue(), load_operators(operators)
+    for path in paths:
+        if is_store(path):
+            with Store.open(path) as store:
+                yield path, tracks_of_store(store)
+            continue
+        source = read_scene_file(path, catalogue, frame)
+        if source.left_out:
+            note(f"{path}: {source.left_out} scenes are left out: they have unknown objects")
+        yield path, tracks_of_scenes(source.scenes(), ranges, catalogue)
 
 
 def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue: Catalogue) -> list[Track]:

@@ -45,6 +45,7 @@ from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.manipulation.operators import Wording
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 from vlafuzz.worlds.provenance import commit
 from vlafuzz.worlds.tabletop.objects import Pack
 from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue
@@ -71,6 +72,11 @@ class StudyRequest:
         """The runs of random scenes."""
         tasks = self.tasks or (wordings.two_steps() if self.study == "prompts" else TASKS)
         return parts_of(self.study, list(tasks), self.policies)
+
+
+def ranges_for(robot: str | None) -> str:
+    """The file of ranges that studies use for a robot: the paper's, or that of another robot."""
+    return "paper-rq1" if robot in (None, PANDA.robot) else rig(robot).operators
 
 
 def study(

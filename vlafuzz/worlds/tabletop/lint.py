@@ -11,7 +11,9 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import SceneFile
+from vlafuzz.worlds.capabilities import Frame, Problem
 from vlafuzz.worlds.manipulation.base import Visible
+from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.rigs.robots import RIGS
 from vlafuzz.worlds.tabletop.fairness import CHECKS, check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import (
@@ -24,6 +26,7 @@ from vlafuzz.worlds.tabletop.fairness.footprint import (
 )
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.vlatest.read import read_scene_file
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.tabletop.sim.settle import Settled
@@ -31,15 +34,24 @@ if TYPE_CHECKING:
 BROKEN = "broken"  # a line that is no scene
 CLOSER = (0.15, 0.05)  # metres between centres
 SHIFTED = 0.05  # metres, seen from above
-
-
-@dataclass(frozen=True)
-class Problem:
-    """A problem in a line; ``check`` is the check that the line fails, or ``broken``."""
-
-    line: int
-    check: str
-    reason: str
+MEANS = {
+    "left out": "not read: an object has no counterpart here",
+    "valid": "fair",
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+    "broken": "lines that hold no scene",
+    "overlap": "with footprints that overlap, of those with several objects",
+    f"moved > {SHIFTED} m": "in which something moves farther while it settles",
+    "solved already": "solved after settling, fair or not",
+    "as published": "the same by the published criteria",
+    **dict.fromkeys(
+        (f"< {metres} m" for metres in CLOSER),
+        "with two centres closer than that, of those with several objects",
+    ),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,6 +126,28 @@ def lint(
         crowded=tuple(filter(None, crowded)),
         settled=tuple(settled.values()),
     )
+
+
+class TableLinter:
+    """A ``Linter`` of scenes with the objects of a catalogue."""
+
+    means = MEANS
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self._catalogue, self._usual = catalogue, load_operators()
+
+    @property
+    def visibility(self) -> str:
+        return str(self._usual.visible)
+
+    def lint(
+        self, path: Path, frame: Frame, min_distance: float | None, placement: str | None, watch: Watch
+    ) -> Verdicts:
+        source = read_scene_file(path, self._catalogue, frame)
+        if not (source.lines or source.left_out):
+            raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+        apart = self._usual.min_distance if min_distance is None else min_distance
+        return lint(source, self._catalogue, apart, self._usual.visible, placement=placement, watch=watch)
 
 
 def _can_settle(scene: Scene, catalogue: Catalogue) -> bool:

@@ -21,6 +21,7 @@ from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import check_varied, named_operators
 from vlafuzz.worlds.manipulation.stored import stored_operators
 from vlafuzz.worlds.provenance import versions
+from vlafuzz.worlds.tabletop.capabilities import TabletopCapabilities
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
 
 
-class Tabletop:
+class Tabletop(TabletopCapabilities):
     """A ``World``."""
 
     usual = True

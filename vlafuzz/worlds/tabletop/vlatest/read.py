@@ -5,11 +5,11 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Placement, Quaternion, Scene
 from vlafuzz.model.scene_lines import SceneFile, is_document, read_scenes
+from vlafuzz.worlds.capabilities import Frame, Imported
 from vlafuzz.worlds.manipulation.base import Box
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
@@ -24,30 +24,7 @@ from vlafuzz.worlds.tabletop.vlatest.original import (
     vlatest_table,
 )
 
-Frame = Literal["fit", "keep", "original", "robot"]
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
-
-
-@dataclass(frozen=True)
-class Imported:
-    """The scenes of a file.
-
-    Attributes:
-        read: number of scenes in the file.
-        numbers: of the imported scenes in the file.
-        missing: names without a counterpart of ours, with the number of scenes that have them.
-    """
-
-    path: Path
-    read: int
-    numbers: tuple[int, ...]
-    scenes: tuple[Scene, ...]
-    missing: dict[str, int]
-
-    @property
-    def left_out(self) -> int:
-        """Number of scenes with an object that has no counterpart."""
-        return self.read - len(self.scenes)
 
 
 def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> Imported:

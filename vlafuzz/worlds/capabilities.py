@@ -1,0 +1,225 @@
+"""Capabilities that a world may have besides its tasks; ``world_with`` finds a world with one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+
+from vlafuzz.common.watch import Watch
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import SceneFile
+from vlafuzz.model.task import Monitor
+from vlafuzz.worlds.audit import AuditedSuite, Scope
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Frame = Literal["fit", "keep", "original", "robot"]
+
+
+@runtime_checkable
+class Audited(Protocol):
+    """A world with suites of its own initial states, which can be audited."""
+
+    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
+        """What is wrong with a suite's initial states before any policy acts.
+
+        Raises:
+            UsageError: there is no such suite.
+            PrerequisiteError: the world's packages are not installed.
+        """
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """Whether pictures can be drawn: ``name`` says by what, or why not; ``follows`` what that means."""
+
+    name: str
+    works: bool
+    follows: str = ""
+
+
+@runtime_checkable
+class Equipped(Protocol):
+    """A world that needs packages and drivers, which ``vlafuzz doctor`` checks."""
+
+    def packages(self) -> Mapping[str, str]:
+        """The packages by name, with what follows where one cannot be imported."""
+
+    def try_drawing(self) -> Drawing:
+        """The result of drawing a picture in a new process."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedObject:
+    """An object of a catalogue.
+
+    Attributes:
+        size: sides of the bounding box, metres.
+        mass: kilograms.
+        poses: its rest poses, each with the narrowest grasp in it, metres; None without one.
+    """
+
+    name: str
+    spoken: str
+    role: str
+    size: tuple[float, ...]
+    mass: float
+    poses: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedOperators:
+    """The operators of a file as rows; ``differing`` names the tasks that have ranges of their own."""
+
+    title: str
+    rows: Sequence[Mapping[str, Any]]
+    differing: Sequence[str]
+
+
+@runtime_checkable
+class Catalogued(Protocol):
+    """A world with a catalogue of objects, to which packs of the user's add others."""
+
+    def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Any, ...]:
+        """The packs in these folders, measured; notes say what is missing in them.
+
+        Raises:
+            UsageError: a folder is no pack and has none in it.
+            CatalogueError: a mesh is damaged.
+        """
+
+    def listed_objects(self, packs: Sequence[Any]) -> list[ListedObject]:
+        """The objects of the catalogue, or of packs."""
+
+    def listed_operators(
+        self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Any]
+    ) -> ListedOperators:
+        """The operators of a file; a CatalogueError or UsageError where a run would refuse it."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The scenes of a file in another format.
+
+    Attributes:
+        read: number of scenes in the file.
+        numbers: of the imported scenes in the file.
+        missing: names without a counterpart of ours, with the number of scenes that have them.
+    """
+
+    path: Path
+    read: int
+    numbers: tuple[int, ...]
+    scenes: tuple[Scene, ...]
+    missing: dict[str, int]
+
+    @property
+    def left_out(self) -> int:
+        """Number of scenes with an object that has no counterpart."""
+        return self.read - len(self.scenes)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem in a line of a file of scenes; ``check`` is the check that the line fails, or ``broken``."""
+
+    line: int
+    check: str
+    reason: str
+
+
+class FileVerdicts(Protocol):
+    """The verdicts on the scenes of a file."""
+
+    @property
+    def path(self) -> Path: ...
+
+    @property
+    def problems(self) -> Sequence[Problem]: ...
+
+    def row(self) -> dict[str, Any]:
+        """Counts and shares of scenes, by what ``Linter.means`` explains."""
+
+
+class Linter(Protocol):
+    """Judges files of scenes."""
+
+    @property
+    def means(self) -> Mapping[str, str]:
+        """What the keys of a row of verdicts mean."""
+
+    @property
+    def visibility(self) -> str:
+        """The bounds within which a target counts as visible."""
+
+    def lint(
+        self, path: Path, frame: Frame, min_distance: float | None, placement: str | None, watch: Watch
+    ) -> FileVerdicts:
+        """Check all scenes of a file.
+
+        Args:
+            min_distance: to keep between the centres of any two objects, metres; None for the usual one.
+            placement: how objects are placed before they settle; None to skip settling.
+        """
+
+
+@runtime_checkable
+class SceneFormats(Protocol):
+    """A world whose scenes other programs write to files and read from them."""
+
+    def import_scenes(self, path: Path, frame: Frame) -> Imported:
+        """The scenes of a file in the other format; a SceneError if it is none."""
+
+    def read_scene_file(self, path: Path, frame: Frame) -> SceneFile:
+        """The scenes of a file, ours or in the other format."""
+
+    def export_scenes(self, out: Path, scenes: Sequence[Scene]) -> Mapping[str, int]:
+        """Write a file in the other format; the result says how many are left out, by reason."""
+
+    def is_foreign(self, scene: Scene) -> bool:
+        """Whether a scene was imported unchanged, and is exported so."""
+
+    def linter(self, packs: Sequence[Any]) -> Linter:
+        """What judges files of scenes with objects of the catalogue and of packs."""
+
+
+class Stepped(Protocol):
+    """A simulated robot that one's own loop drives step by step."""
+
+    @property
+    def monitor(self) -> Monitor:
+        """The stages that the present rollout has reached."""
+
+    @property
+    def most_steps(self) -> int:
+        """The number of control steps after which a rollout ends."""
+
+    def begin(self, scene: Scene) -> None:
+        """Build a scene."""
+
+    def advance(self, action: NDArray[Any]) -> None:
+        """Do a control step; ``action``: (7,), metres and radians relative to the hand, gripper."""
+
+    def proprioception(self) -> NDArray[Any]:
+        """The hand's position, rotation vector and opening now: (7,)."""
+
+    def seen(self) -> NDArray[Any]:
+        """The picture of the last observation."""
+
+    def picture(self) -> NDArray[Any]:
+        """A picture of what is there now."""
+
+    def close(self) -> None:
+        """Release the simulator."""
+
+
+@runtime_checkable
+class Steppable(Protocol):
+    """A world that one's own loop can drive."""
+
+    def stepped(self, runs: Sequence[Conditions], robot: str, size: int, hz: int) -> Stepped:
+        """A simulation under these conditions, with square pictures of ``size`` pixels; 0 for none."""
