@@ -42,16 +42,6 @@ def fresh() -> str:
     env.close()
 
 
-@pytest.fixture(scope="module")
-def process_without_vulkan() -> list[str]:
-    nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
-    child = subprocess.run(
-        [sys.executable, "-c", CHILD], env=os.environ | nowhere, capture_output=True, text=True, check=False
-    )
-    assert child.returncode == 0, child.stderr
-    return json.loads(child.stdout.splitlines()[-1])
-
-
 def test_the_trajectory_has_the_objects_in_motion(env):
     start = env.begin(CROWD)
     end = play(env, pushes())
@@ -73,15 +63,10 @@ def test_a_used_environment_repeats_what_a_fresh_one_does(env, fresh, seed):
             assert states_hash(env) == fresh
 
 
-def test_a_full_rebuild_repeats_it(env, fresh):
+def test_a_full_rebuild_repeats_it_and_so_does_what_comes_after_it(env, fresh):
     env.reset(options={"scene": CROWD, "reconfigure": True})
     play(env, pushes())
-    assert env.world.states_hash == fresh
-
-
-def test_it_goes_on_repeating_after_a_full_rebuild(env, fresh):
-    env.reset(options={"scene": nominal(), "reconfigure": True})
-    assert states_hash(env) == fresh
+    assert env.world.states_hash == states_hash(env) == fresh
 
 
 def test_a_scene_cut_short_leaves_no_trace(env, fresh):
@@ -97,15 +82,14 @@ def test_gymnasiums_step_is_the_same_physics(env, fresh):
     assert env.world.states_hash == fresh
 
 
-def test_another_process_repeats_it(process_without_vulkan, fresh):
-    assert process_without_vulkan[0] == fresh
-
-
-def test_physics_and_expert_need_no_vulkan(process_without_vulkan, expert_on):
-    assert process_without_vulkan[1:] == [
-        "PASSED",
-        expert_on("pick-up").evaluate([nominal()])[0].rollouts[0].states_hash,
-    ]
+def test_another_process_without_vulkan_repeats_it_and_the_experts_rollout(fresh, expert_on):
+    nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
+    child = subprocess.run(
+        [sys.executable, "-c", CHILD], env=os.environ | nowhere, capture_output=True, text=True, check=False
+    )
+    assert child.returncode == 0, child.stderr
+    (rollout,) = expert_on("pick-up").evaluate([nominal()])[0].rollouts
+    assert json.loads(child.stdout.splitlines()[-1]) == [fresh, "PASSED", rollout.states_hash]
 
 
 @pytest.mark.render
