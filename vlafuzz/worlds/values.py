@@ -371,7 +371,7 @@ class ValuesWorld(ABC, Generic[State]):
         return {"expert": expert} if expert else {}
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
-        raise UsageError("this world has no demonstrations", hint="those of the tabletop and of LIBERO do")
+        raise UsageError("this world has no demonstrations", hint="leave them out")
 
     def stills(self, conditions: Conditions, space: Space) -> Stills:
         raise PrerequisiteError("this world draws no stills", hint="leave pictures out")

@@ -101,9 +101,7 @@ class Libero:
     def stored_space(
         self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
     ) -> LiberoSpace:
-        operators = stored_operators(source, conditions)
-        if vary is not None:
-            operators = operators.only(vary)
+        operators = stored_operators(source, conditions, vary)
         return LiberoSpace(operators, conditions.task, conditions.robot)
 
     def evaluator(

@@ -1,6 +1,7 @@
 """Operators and bounds of visibility as conditions keep them, and how they are read again."""
 
 import json
+from collections.abc import Collection
 from pathlib import Path
 
 from vlafuzz.errors import StoreError
@@ -19,8 +20,13 @@ def operators_json(operators: OperatorSet) -> str:
     )
 
 
-def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
-    """The operators that ``operators_json`` wrote; ``source`` is the store or corpus, for messages."""
+def stored_operators(
+    source: Path, conditions: Conditions, vary: Collection[str] | None = None
+) -> OperatorSet:
+    """The operators that ``operators_json`` wrote, of which those in ``vary`` vary, by default as then.
+
+    ``source`` is the store or corpus, for messages.
+    """
     try:
         stored = json.loads(conditions.operators)
         written = {
@@ -28,11 +34,10 @@ def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
             for name, kind in OPERATORS.items()
             if name in stored["operators"] or name not in EXTRAS
         }
-        operators = {**load_operators().operators, **written}
-        return OperatorSet(
+        operators = OperatorSet(
             source=source,
             min_distance=stored["min_distance"],
-            operators=operators,
+            operators={**load_operators().operators, **written},
             varied=frozenset(stored["varied"]),
             visible=stored_visible(conditions),
         )
@@ -41,6 +46,7 @@ def stored_operators(source: Path, conditions: Conditions) -> OperatorSet:
             f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
             hint="use the version that began the run",
         ) from None
+    return operators if vary is None else operators.only(vary)
 
 
 def visible_json(visible: Visible | None) -> str:

@@ -109,9 +109,7 @@ class Tabletop(TabletopCapabilities):
     def stored_space(
         self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
     ) -> SearchSpace:
-        operators = stored_operators(source, conditions)
-        if vary is not None:
-            operators = operators.only(vary)
+        operators = stored_operators(source, conditions, vary)
         return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
 
     def evaluator(
