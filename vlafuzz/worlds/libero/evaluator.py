@@ -29,8 +29,8 @@ from vlafuzz.worlds.libero.scenes.setting import VIEW, Setting
 from vlafuzz.worlds.libero.scenes.space import nominal_scene
 from vlafuzz.worlds.libero.shared import Workplace, close_idle, give_back, take
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING
-from vlafuzz.worlds.libero.tasks import task as task_named
 from vlafuzz.worlds.noise import SensorNoise
 from vlafuzz.worlds.stepping import Evaluation
 

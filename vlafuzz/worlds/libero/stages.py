@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model.task import Monitor, Stage
+from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.suites import LiberoTask
+from vlafuzz.worlds.libero.suites import LiberoTask, find_task
 
 Array = NDArray[np.float64]
 NEAR = 0.02  # metres between the hand's centre and the boxes about an object's shapes, for reach
@@ -145,3 +145,16 @@ def distance(env: LiberoEnv, thing: Shapes, point: Array) -> float:
     inside = np.einsum("nij,ni->nj", turned, point - data.geom_xpos[geoms]) - model.geom_aabb[geoms, :3]
     outside = np.maximum(np.abs(inside) - model.geom_aabb[geoms, 3:], 0.0)
     return float(np.linalg.norm(outside, axis=1).min())
+
+
+@cache
+def task(name: str) -> Task:
+    """The task that ``SUITE/NUMBER`` names. Its situations are a ``Moment`` each.
+
+    Raises:
+        UsageError: there is no such suite or task.
+        PrerequisiteError: LIBERO is not installed.
+    """
+    found = find_task(name)
+    stages = find_stages(found)
+    return Task(name, len(found.things), stages, stages[-1].holds)

@@ -23,8 +23,8 @@ from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures.opengl import opengl
 from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
-from vlafuzz.worlds.libero.tasks import task
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO, rig

@@ -19,8 +19,8 @@ from vlafuzz.model.space import Values
 from vlafuzz.worlds.libero.scenes.casts import doubles, extras, recast, swaps
 from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.room import room_of
+from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
-from vlafuzz.worlds.libero.tasks import task as task_named
 from vlafuzz.worlds.manipulation.base import Layout, Span
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
