@@ -9,13 +9,17 @@ from typing import Any
 
 import msgpack
 import numpy as np
+import pytest
 import websockets.sync.server
 from vla_eval import serve_background
 from vla_eval.model_servers.predict import PredictModelServer
 from vla_eval.specs import DimSpec
 from websockets.protocol import State
 
+from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
+from vlafuzz.policies.harness import Harness
+from vlafuzz.rollouts.policies import make_policy
 
 STATE = np.array([0.1, -0.2, 0.3, 3.0, 0.5, 0.0, 0.5], dtype=np.float32)
 GRIPPERS = {
@@ -207,6 +211,15 @@ def seen(episode: str, step: int = 0, **more: object) -> Observation:
 
 def black(spec: PolicySpec) -> dict[str, np.ndarray]:
     return {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras}
+
+
+def failure(name: str, **more: object) -> PolicyError:
+    """The error of the first action of a rollout; ``more``: of the observation."""
+    policy = make_policy(name)
+    with pytest.raises(PolicyError) as caught:
+        Harness(policy, start("one")).action(lambda: seen("one", **more))
+    policy.close()
+    return caught.value
 
 
 def still_open(opened) -> int:

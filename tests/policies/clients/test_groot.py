@@ -10,10 +10,10 @@ import pytest
 
 from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy, parts, served
 from tests.policies.clients.served import STATE, black, seen, start
+from tests.policies.clients.served import failure as served_failure
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
-from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import check_policy_name, make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
@@ -142,11 +142,7 @@ class TestConversation:
 
 def failure(*replies: Any, options: str = "?camera=32") -> PolicyError:
     with served(*replies) as (name, _):
-        policy = make_policy(name + options)
-        with pytest.raises(PolicyError) as caught:
-            Harness(policy, start("one")).action(lambda: looking("one")[0])
-        policy.close()
-    return caught.value
+        return served_failure(name + options, images=looking("one")[0].images)
 
 
 def forged(descr: str, data: bytes, shape: list[int] = [1, 1, 1]) -> list:  # noqa: B006

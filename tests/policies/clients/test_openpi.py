@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import websockets.sync.server
 
-from tests.policies.clients.served import CLOSE, HANG, STATE, black, seen, start
+from tests.policies.clients.served import CLOSE, HANG, STATE, black, failure, seen, start
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.harness import Harness
@@ -49,14 +49,6 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
     finally:
         server.shutdown()
         thread.join()
-
-
-def failure(name: str, options: str = "?camera=0") -> PolicyError:
-    policy = make_policy(name + options)
-    with pytest.raises(PolicyError) as caught:
-        Harness(policy, start("one")).action(lambda: seen("one"))
-    policy.close()
-    return caught.value
 
 
 OBSERVATION = {
@@ -130,7 +122,7 @@ class TestWrongAnswers:
     )  # fmt: skip
     def test_are_errors_with_their_cause(self, reply, cause, says):
         with scripted(reply) as (name, _):
-            error = failure(name)
+            error = failure(f"{name}?camera=0")
         assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
         assert len(error.message) < 500
 
@@ -156,7 +148,7 @@ class TestWrongAnswers:
 
     def test_a_chunk_of_another_length_than_the_options_say(self):
         with scripted({"actions": np.zeros((16, 7))}) as (name, _):
-            error = failure(name, "?camera=0&chunk=10")
+            error = failure(f"{name}?camera=0&chunk=10")
         assert error.message.endswith("a chunk of 16 actions, expected chunk=10")
 
 

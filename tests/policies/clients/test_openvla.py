@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.policies.clients.served import black, seen, start
+from tests.policies.clients.served import black, failure, seen, start
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.clients.openvla import decode, encode, request
-from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: see test_conformance
@@ -139,15 +138,6 @@ class TestConversation:
         assert [json.loads(header)["asked"] for _, _, header in requests] == [0, 1]
 
 
-def failure(*replies: Any, options: str = "?camera=0") -> PolicyError:
-    with scripted(*replies) as (name, *_):
-        policy = make_policy(name + options)
-        with pytest.raises(PolicyError) as caught:
-            Harness(policy, start("one")).action(lambda: seen("one"))
-        policy.close()
-    return caught.value
-
-
 class TestWrongAnswers:
     @pytest.mark.parametrize(
         ("reply", "cause", "says"),
@@ -174,12 +164,14 @@ class TestWrongAnswers:
         ],
     )
     def test_are_errors_with_their_cause(self, reply, cause, says):
-        error = failure(reply)
+        with scripted(reply) as (name, *_):
+            error = failure(f"{name}?camera=0")
         assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
         assert len(error.message) < 800
 
     def test_a_slow_server_runs_out_of_time(self):
-        error = failure(5.0, options="?camera=0&timeout=0.2")
+        with scripted(5.0) as (name, *_):
+            error = failure(f"{name}?camera=0&timeout=0.2")
         assert (error.cause, error.message.split(": ")[-1]) == ("timeout", "no reply within 0.2 s")
 
     def test_a_server_that_has_gone_makes_scenes_errors(self):

@@ -13,6 +13,7 @@ from tests.policies.clients.served import (
     Answering,
     Rounded,
     black,
+    failure,
     message,
     scripted,
     seen,
@@ -35,15 +36,6 @@ from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
 STILL = [0.0] * 6 + [1.0]
-
-
-def failure(name: str, options: str = "") -> PolicyError:
-    """The error of the first action of a rollout."""
-    policy = make_policy(name + options)
-    with pytest.raises(PolicyError) as caught:
-        Harness(policy, start("one")).action(lambda: seen("one"))
-    policy.close()
-    return caught.value
 
 
 def answer(policy: Policy, observation: Observation) -> object:
@@ -69,13 +61,13 @@ class TestWrongAnswers:
     )
     def test_of_a_model(self, answer, says):
         with serving(Answering(lambda _: np.array(answer))) as name:
-            error = failure(name, "?camera=0")
+            error = failure(f"{name}?camera=0")
         assert error.cause == "bad_action"
         assert re.search(says, error.message)
 
     def test_an_error_of_the_model_is_told(self):
         with serving(Answering(lambda message: message["nothing"])) as name:
-            error = failure(name, "?camera=0")
+            error = failure(f"{name}?camera=0")
         assert error.cause == "remote"
         assert error.message.endswith("observation_failed: KeyError: 'nothing'")
 
@@ -136,14 +128,14 @@ class TestWrongAnswers:
     )
     def test_of_a_server(self, reply, cause, says):
         with scripted(reply) as name:
-            error = failure(name, "?camera=0")
+            error = failure(f"{name}?camera=0")
         assert (error.cause, says in error.message) == (cause, True), error.message
         assert len(error.message) < 500
 
     def test_a_slow_server_runs_out_of_time(self):
         with serving(Answering(lambda _: time.sleep(0.6) or STILL)) as name:
             began = time.monotonic()
-            error = failure(name, "?camera=0&timeout=0.2")
+            error = failure(f"{name}?camera=0&timeout=0.2")
         assert error.cause == "timeout"
         assert (error.message.split(": ")[-1], error.hint) == (
             "no reply within 0.2 s",
