@@ -70,7 +70,8 @@ def measure(policy: str, strategy: str, workers: int, folder: Path) -> dict[str,
     words = [f"--{name}={value}" for name, value in flags.items()]
     environment = os.environ | {REPORT: str(report), STRATEGY: strategy, BEGAN: str(time.monotonic())}
     environment["PYTHONPATH"] = f"{Path(__file__).parent}:{os.environ.get('PYTHONPATH', '')}"
-    command = [sys.executable, "-m", "vlafuzz", "run", "--budget=2", "--batch=1", "--no-certify", *words]
+    command = [sys.executable, "-m", "vlafuzz", "run", "--budget=2", "--no-certify", *words]
+    command += ["--config=batch=1"]
     subprocess.run(command, env=environment, check=True, capture_output=True)
     noted: dict[str, Any] = json.loads(report.read_text(encoding="utf-8"))
     return noted

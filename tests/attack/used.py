@@ -24,7 +24,7 @@ PLACES = ("campaign.launch", "campaign.replay", "failures.triage.scene_runner")
 RUN = {
     "task": "pick-up", "strategy": "random", "vary": ["light", "camera-position"], "batch": 2, "repeats": 1,
     "time": "1m", "label": "a", "operators": "tabletop", "criteria": "strict", "robot": "panda",
-    "stop-early": True, "address": "auto", "pack": ["mine"], "scenes": "a.jsonl", "pool": "b.jsonl",
+    "stop-early": True, "pack": ["mine"], "scenes": "a.jsonl", "pool": "b.jsonl",
 }  # fmt: skip
 
 
@@ -87,10 +87,10 @@ def config(rng: Rng, folder: Path) -> None:
     short = (
         "--budget",
         2,
-        "--batch",
-        2,
-        "--repeats",
-        1,
+        "--config",
+        "batch=2",
+        "--config",
+        "repeats=1",
         "--workers",
         1,
         "--executor",

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from vlafuzz.cli import COMMANDS, main, renamed
+from vlafuzz.cli import COMMANDS, load, main, renamed
 from vlafuzz.rollouts import policies
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
@@ -64,6 +64,11 @@ def test_every_command_that_is_there_has_help():
 
 def test_there_are_at_most_15_commands():
     assert len({name.split()[0] for name in COMMANDS}) <= 15
+
+
+def test_run_has_at_most_22_options():
+    shown = [param for param in load("run").params if not param.hidden and param.name != "help"]
+    assert len(shown) <= 22
 
 
 @pytest.mark.parametrize("name", renamed.COMMANDS)

@@ -190,7 +190,7 @@ def test_failures_that_cannot_be_judged_are_told(
         (("--task", "pick_up"), "unknown task 'pick_up'"),
         (("--policy", "pinhol"), "unknown policy 'pinhol'"),
         (("--executor", "cloud"), "unknown executor 'cloud'"),
-        (("--address", "auto"), "the executor local has no address"),
+        (("--executor", "local:auto"), "unknown executor 'local:auto'"),
         (("--json", "--csv"), "--json, --csv and --markdown exclude each other"),
     ],
 )

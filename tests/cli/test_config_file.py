@@ -28,6 +28,14 @@ def test_a_file_says_how_to_run_and_the_command_line_wins(folder, capsys):
     assert run(capsys, "--budget", "1", "--store", "b.db")["rollouts"] == 1
 
 
+def test_options_are_also_given_one_by_one_and_the_last_one_counts(folder, capsys):
+    (folder / "run.yaml").write_text("policy: frozen\nstrategy: random\nbudget: 2\nrepeats: 1\n")
+    done = run(capsys, "--config", "repeats=2", "--store", "a.db")
+    assert (done["rollouts"], done["proposals"]) == (2, 1)
+    assert main(["run", "--config", "repaets=2"]) == 2
+    assert "'repaets' is no flag of this command" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "says"),
     [

@@ -38,6 +38,6 @@ def test_a_flag_without_effect_is_refused(arguments: str, says: str, capsys: pyt
 
 
 def test_repeats_of_a_deterministic_policy_are_noted(capsys: pytest.CaptureFixture[str]):
-    flags = ["--strategy", "random", "--budget", "2", "--repeats", "2", "--no-certify"]
+    flags = ["--strategy", "random", "--budget", "2", "--config", "repeats=2", "--no-certify"]
     assert main(["run", "--policy", "frozen", *flags, "--store", "b.db"]) == 0
     assert "note: frozen is deterministic: repeats differ only" in capsys.readouterr().err

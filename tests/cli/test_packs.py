@@ -52,7 +52,7 @@ def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):
 def run(folder: Path, policy: str = "expert", *more: str) -> Path:
     store = folder.parent / "a.db"
     given = ["--pack", str(folder), "--policy", policy, "--strategy", "random", "--budget", "4"]
-    assert main(["run", *given, "--stop-early", "--store", str(store), "--json", *more]) == 0
+    assert main(["run", *given, "--config", "stop-early=true", "--store", str(store), "--json", *more]) == 0
     return store
 
 

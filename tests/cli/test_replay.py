@@ -19,7 +19,22 @@ from vlafuzz.store.store import Store
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     path = tmp_path_factory.mktemp("replay") / "s.db"
-    assert main(["run", "--policy", "frozen", "--budget", "3", "--store", str(path), "--stop-early"]) == 0
+    assert (
+        main(
+            [
+                "run",
+                "--policy",
+                "frozen",
+                "--budget",
+                "3",
+                "--store",
+                str(path),
+                "--config",
+                "stop-early=true",
+            ]
+        )
+        == 0
+    )
     return path
 
 
@@ -87,7 +102,7 @@ def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkey
 
 def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
-    flags = ["--scenes", str(tmp_path / "s.jsonl"), "--policy", "expert", "--stop-early"]
+    flags = ["--scenes", str(tmp_path / "s.jsonl"), "--policy", "expert", "--config", "stop-early=true"]
     assert main(["run", *flags, "--store", str(tmp_path / "s.db")]) == 0
     capsys.readouterr()
     assert main(["replay", str(tmp_path / "s.db"), nominal("pick-up").digest, "--json"]) == 0
@@ -138,7 +153,7 @@ def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(
 def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, capsys):
     path = tmp_path / "s.db"
     for label, seed in (("v1", 0), ("v2", 1)):
-        flags = ["--policy", "frozen", "--label", label, "--budget", "2", "--stop-early"]
+        flags = ["--policy", "frozen", "--label", label, "--budget", "2", "--config", "stop-early=true"]
         assert main(["run", *flags, "--strategy", "random", "--seed", str(seed), "--store", str(path)]) == 0
     capsys.readouterr()
     with Store.open(path) as store:

@@ -152,7 +152,7 @@ def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (["--budget", "21"], "budget 20, not 21"),
         (["--task", "put-in"], "task pick-up, not put-in"),
         (["--policy", "frozen"], "not frozen"),
-        (["--stop-early"], "stop_early False, not True"),
+        (["--config", "stop-early=true"], "stop_early False, not True"),
         (["--vary", "light"], "other operators, or other ranges"),
         (["--operators", "paper"], "other operators, or other ranges"),
     ],

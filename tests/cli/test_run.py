@@ -91,7 +91,20 @@ def test_before_a_run_with_a_time_it_says_how_far_that_gets(
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):
     for name, batch in (("a.db", "5"), ("b.db", "20")):
         assert (
-            main(["run", *IDLE, "--strategy", "random", "--budget", "20", "--store", name, "--batch", batch])
+            main(
+                [
+                    "run",
+                    *IDLE,
+                    "--strategy",
+                    "random",
+                    "--budget",
+                    "20",
+                    "--store",
+                    name,
+                    "--config",
+                    f"batch={batch}",
+                ]
+            )
             == 0
         )
     proposed = []
@@ -121,8 +134,8 @@ def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
             "a.db",
             "--vary",
             "light,target-position",
-            "--repeats",
-            "3",
+            "--config",
+            "repeats=3",
         ]
     )
     with Store.open(folder / "a.db") as store:
@@ -162,14 +175,28 @@ def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys
 def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, code: int):
     write_scenes(folder / "pool.jsonl", [scene(light)])
     for _ in range(2):  # answered from the store, it is a finding all the same
-        assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db", "--fail-on-finding"]) == code
+        assert (
+            main(
+                [
+                    "run",
+                    *IDLE,
+                    "--scenes",
+                    "pool.jsonl",
+                    "--store",
+                    "a.db",
+                    "--config",
+                    "fail-on-finding=true",
+                ]
+            )
+            == code
+        )
 
 
 def test_a_run_in_which_nothing_was_judged_is_no_success(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
-    assert main(["run", *IDLE, "--store", "a.db", "--fail-on-finding"]) == 3
+    assert main(["run", *IDLE, "--store", "a.db", "--config", "fail-on-finding=true"]) == 3
     shown = capsys.readouterr()
     assert "ConnectionError: refused" in shown.out
     assert "stopped: all of the first 8 scenes ended in the same error: ConnectionError: refused" in shown.err
@@ -202,13 +229,13 @@ def test_a_run_whose_policy_goes_away_says_how_to_go_on(
     assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
 
 
-@pytest.mark.parametrize("flag", ["--scenes", "--pool"])
+@pytest.mark.parametrize("flag", ["--scenes=", "--config=pool="])
 def test_a_run_of_given_scenes_finds_them_again(
     folder: Path, flag: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     lights = [2.0**power for power in range(-4, 5)]
     write_scenes(folder / "given.jsonl", [scene(light, y=0.05 * y) for light in lights for y in range(-2, 3)])
-    given = ["run", *IDLE, "--store", "a.db", flag, "given.jsonl"]
+    given = ["run", *IDLE, "--store", "a.db", f"{flag}given.jsonl"]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert main(given) == 3
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
@@ -226,7 +253,7 @@ def test_a_run_of_given_scenes_finds_them_again(
 
 def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys: pytest.CaptureFixture[str]):
     write_scenes(folder / "pool.jsonl", [scene(2.0**power) for power in range(-4, 5)])
-    assert main(["run", *IDLE, "--store", "a.db", "--pool", "pool.jsonl", "--strategy", "random"]) == 0
+    assert main(["run", *IDLE, "--store", "a.db", "--config", "pool=pool.jsonl", "--strategy", "random"]) == 0
     assert main(["run", *IDLE, "--store", "a.db", "--strategy", "feedback", "--budget", "20"]) == 0
     assert "beside random: unknown, the store has no random run" in capsys.readouterr().out
 
@@ -278,19 +305,19 @@ def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     ("arguments", "says"),
     [
         (["--budget", "0"], "--budget: expected at least 1, got 0"),
-        (["--budget", "2", "--repeats", "3"], "--budget: expected at least 3, got 2"),
-        (["--batch", "0"], "--batch: expected at least 1, got 0"),
+        (["--budget", "2", "--config", "repeats=3"], "--budget: expected at least 3, got 2"),
+        (["--config", "batch=0"], "batch: expected at least 1, got 0"),
         (["--workers", "0"], "--workers: expected at least 1, got 0"),
         (["--executor", "rya"], "unknown executor 'rya'"),
         (["--executor", "local", "--workers", "2"], "--executor local: it has one worker, not 2"),
-        (["--address", "auto"], "--address auto: the executor local has no address"),
-        (["--executor", "ray", "--address", "gpu"], "--address gpu: no address of a ray cluster"),
+        (["--executor", "local:auto"], "unknown executor 'local:auto'"),
+        (["--executor", "ray:gpu"], "--executor ray:gpu: no address of a ray cluster"),
         (["--seed", "-1"], "--seed: expected at least 0, got -1"),
         (["--seed", "9223372036854775808"], "--seed: expected at most 9223372036854775807"),
         (["--task", "pick_up"], "unknown task 'pick_up'"),
         (["--policy", "pinhol"], "unknown policy 'pinhol'"),
         (["--strategy", "radnom"], "unknown strategy 'radnom'"),
-        (["--criteria", "strickt"], "unknown criteria 'strickt'"),
+        (["--config", "criteria=strickt"], "unknown criteria 'strickt'"),
         (["--vary", "lihgt"], "unknown operator 'lihgt'"),
         (["--operators", "no.yaml"], "no.yaml"),
         (["--scenes", "no.jsonl"], "no.jsonl"),
@@ -316,9 +343,9 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], address: str
 ):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
-    assert main(["run", *IDLE, "--store", "a.db", "--executor", "ray", "--address", address]) == 3
+    assert main(["run", *IDLE, "--store", "a.db", "--executor", f"ray:{address}"]) == 3
     first, hint = capsys.readouterr().err.splitlines()
-    assert first.startswith(f"error: --address {address}: no ray cluster answers: ")
+    assert first.startswith(f"error: --executor ray:{address}: no ray cluster answers: ")
     assert hint.startswith("hint: `ray start --head` starts one")
 
 
@@ -328,10 +355,10 @@ def test_triage_follows_a_run_when_so_wished(
     monkeypatch.setattr(
         runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([CONDITIONS["light"][0]])
     )
-    assert main(["run", *IDLE, "--budget", "8", "--triage", "--json"]) == 0
+    assert main(["run", *IDLE, "--budget", "8", "--config", "triage=true", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert printed["findings"] == printed["triage"]["triaged"] > 0
-    assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--triage"]) == 0
+    assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--config", "triage=true"]) == 0
     assert "distinct causes" in capsys.readouterr().out
 
 

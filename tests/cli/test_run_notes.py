@@ -16,7 +16,9 @@ def test_a_run_says_when_its_batch_leaves_cores_idle(
 ):
     monkeypatch.setenv("VLAFUZZ_WORKERS", "16")
     note_defaults(planned(batch=2), {})
-    assert "2 scenes at a time keep 2 of 16 cores busy; --batch 16 is faster" in capsys.readouterr().err
+    assert (
+        "2 scenes at a time keep 2 of 16 cores busy; --config batch=16 is faster" in capsys.readouterr().err
+    )
     note_defaults(planned(batch=2, workers=2), {"workers": 2})
     assert capsys.readouterr().err == ""
 

@@ -1,19 +1,18 @@
-"""RunConfig: a run as the user asks for it. Plan: the objects that it names, all of them checked."""
+"""Plan: the objects that a RunConfig names, all of them checked."""
 
 import hashlib
 import json
 import re
-import secrets
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
+from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.campaign.results import Embed
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.model.conditions import ALONE, CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.model.conditions import CRITERIA, PLACEMENTS, check_choice
 from vlafuzz.model.label import check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
@@ -37,56 +36,6 @@ OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many:
 # Identifies most planted faults; with a pool, most failures: scripts/bench_strategies.py
 STRATEGY, STRATEGY_OF_POOL = "causes", "surrogate"
 MOST = 2**63 - 1  # the largest integer of SQLite
-
-
-@dataclass(frozen=True, kw_only=True)
-class RunConfig:
-    """A run as the user asks for it; None stands for a default.
-
-    Attributes:
-        task: by default that of ``scenes``, else pick-up; of another world its name there, see ``worlds``.
-        robot: the name of a rig; by default that of ``scenes``, else panda.
-        policy: by default that of the world, see ``World.default_policy``.
-        label: which model the policy is; by default empty, but ``alone`` where the policy's name leaves open
-            which model it is, so that the run shares no outcomes with others.
-        alone: a label that no other configuration has, except for copies of this one.
-        strategy: by default causes, with a pool surrogate; the scenes of a file are taken in order.
-        budget: in policy rollouts; by default all scenes of a file, else 100.
-        batch: proposals that are evaluated at a time; by default as many as suit the strategy, for a policy
-            behind a server at least ``OF_SERVER`` if it takes as many.
-        repeats: rollouts a scene.
-        operators: a file of ranges, or the name of a shipped one; by default that of the robot.
-        vary: operators that vary; empty for all that the file varies.
-        scenes: a file of scenes to run in place of generated ones.
-        pool: a file of scenes from which the strategy chooses, each of them once at most.
-        packs: of objects, which replace the built-in ones unless ``operators`` names those.
-        store: by default ``runs/<task>-<policy>-<seed>.db``.
-        workers: by default as many as this machine has room for, see ``default_workers``.
-    """
-
-    task: str | None = None
-    robot: str | None = None
-    policy: str | None = None
-    label: str | None = None
-    alone: str = field(default_factory=lambda: ALONE + secrets.token_hex(4), compare=False)
-    strategy: str | None = None
-    budget: int | None = None
-    seed: int = 0
-    batch: int | None = None
-    repeats: int = 1
-    stop_early: bool = False
-    criteria: str = "strict"
-    placement: str = "resting"
-    operators: str | None = None
-    vary: tuple[str, ...] = ()
-    scenes: Path | None = None
-    pool: Path | None = None
-    packs: tuple[Any, ...] = ()
-    store: Path | None = None
-    workers: int | None = None
-    executor: str | None = None
-    address: str | None = None
-    command: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,7 +121,8 @@ def _place(config: RunConfig, policy: str, most: int) -> Place:
     workers = config.workers
     if workers is None:
         workers = 1 if config.executor == "local" else default_workers(policy, most)
-    place = Place(workers, config.executor, config.address)
+    kind, _, address = (config.executor or "").partition(":")
+    place = Place(workers, *((kind, address or None) if kind == "ray" else (config.executor, None)))
     place.check()
     if policy.startswith(OBJECT) and place.kind != "local":
         hint = "name a factory of yours: python:pkg.mod:factory"
@@ -195,7 +145,7 @@ def default_store(task: str, policy: str, seed: int) -> Path:
 def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
     """The scenes of a file, to run or to choose from; none where neither file is named."""
     if scenes and pool:
-        raise UsageError("--scenes and --pool: both name a file of scenes", hint="leave one of the two out")
+        raise UsageError("--scenes and pool: both name a file of scenes", hint="leave one of the two out")
     path = scenes or pool
     if path and path.is_file() and is_document(path):
         hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
@@ -217,9 +167,9 @@ def _check_numbers(config: RunConfig) -> None:
     if config.scenes and config.vary:
         problem = f"--vary {','.join(config.vary)}: the scenes of --scenes are run as they are"
         raise UsageError(problem, hint="leave one of the two out")
-    check_number("--repeats", config.repeats, 1, MOST)
+    check_number("repeats", config.repeats, 1, MOST)
     check_number("--budget", config.budget, config.repeats, MOST)
-    check_number("--batch", config.batch, 1, MOST)
+    check_number("batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
     check_label("--label", config.label)
     check_choice("placement", config.placement, PLACEMENTS)
@@ -262,7 +212,7 @@ def named_strategy(config: RunConfig) -> str:
         return config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)
     if config.strategy not in (None, POOL):
         problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
-        raise UsageError(problem, hint="--pool lets it choose from the file")
+        raise UsageError(problem, hint="--config pool=FILE lets it choose from the file")
     return POOL
 
 

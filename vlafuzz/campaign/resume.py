@@ -28,7 +28,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, world_of
 from vlafuzz.worlds.place import elsewhere
 
-_ANEW = ("scenes", "pool", "workers", "executor", "address")  # not stored: every command says them anew
+_ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command says them anew
 
 
 def resume(flags: Mapping[str, Any]) -> Plan:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.campaign.options import OPTIONS
 from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.flags import (
-    AddressFlag,
     ExecutorFlag,
     OperatorsFlag,
     PolicyFlag,
@@ -34,7 +34,10 @@ def command(
     strategies: Annotated[
         str, typer.Option(help="Strategies, separated by commas; the others are compared with the first.")
     ] = "random,causes",
-    task: Annotated[str, typer.Option(help="What the robot is told to do.")] = "pick-up",
+    task: Annotated[
+        str | None,
+        typer.Option(help="What the robot is told to do.", show_default=OPTIONS["task"].default),
+    ] = None,
     policy: PolicyFlag = None,
     budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,
     repeats: Annotated[int, typer.Option(help="Runs of every strategy.")] = 10,
@@ -43,7 +46,6 @@ def command(
     vary: VaryFlag = None,
     workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
-    address: AddressFlag = None,
     triage_rollouts: Annotated[
         int | None,
         typer.Option(
@@ -73,10 +75,11 @@ def command(
     from vlafuzz.doctor.before_run import speed_of
     from vlafuzz.lab.compare.compare import compare
     from vlafuzz.lab.compare.page import write_folder
-    from vlafuzz.worlds import default_policy
+    from vlafuzz.worlds import default_policy, default_task
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
     _check(names, repeats, seed, limit, sum((json, csv, markdown)))
+    task = task or default_task()
     policy = policy or default_policy(task)
     default = f"compare-{default_store(task, policy, 0).stem[:-2]}"
     store = store or Path("runs") / f"{default}.db"
@@ -91,7 +94,6 @@ def command(
         store=store,
         workers=workers,
         executor=executor,
-        address=address,
         command=shlex.join(["vlafuzz", *sys.argv[1:]]),
     )
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import StrEnum
+from inspect import Parameter, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from vlafuzz.campaign.options import OPTIONS, RunConfig
 from vlafuzz.cli.output import Bar
 
 
@@ -42,26 +44,51 @@ def label_option(flag: str, text: str, default: str = "") -> Any:
     return typer.Option(flag, help=text, show_default=default or False, callback=checked)
 
 
-RobotFlag = Annotated[
-    str | None,
-    _option("--robot", "Whose hand it is: panda; widowx or google, with files from a --pack.", "panda"),
-]
-PolicyFlag = Annotated[
-    str | None,
-    _option(
-        "--policy",
-        "The policy under test, or python:pkg.mod:factory.",
-        "mini, or pinhole where nothing renders",
-    ),
-]
-LabelFlag = Annotated[
-    str | None,
-    label_option(
-        "--label",
-        "Which model the policy is: stored outcomes answer only under the same label.",
-        "behind a server none, so that none answer",
-    ),
-]
+def option_of(name: str) -> Any:
+    """The option of a run's configuration; hidden if only ``--config`` has it."""
+    told = OPTIONS[name]
+    flag = told.flag or f"--{name.replace('_', '-')}"
+    if name == "label":
+        return label_option(flag, told.help, told.default)
+    shown = told.default or False
+    return typer.Option(flag, help=told.help, show_default=shown, hidden=not told.flag)
+
+
+def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
+    """The same command with all options of a ``RunConfig``, which it gets in its keywords."""
+    hints = get_type_hints(RunConfig)
+    options = [
+        Parameter(
+            name,
+            Parameter.KEYWORD_ONLY,
+            default=None,
+            annotation=Annotated[(told.kind or hints[name]) | None, option_of(name)],
+        )
+        for name, told in OPTIONS.items()
+    ]
+    whole = signature(command, eval_str=True)
+    own = [one for one in whole.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+    command.__signature__ = whole.replace(  # type: ignore[attr-defined] # typer reads it
+        parameters=[*options, *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in own)]
+    )
+    return command
+
+
+def configured(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a ``RunConfig`` that the options say, without those that nobody gives."""
+    read: dict[str, Callable[[Any], Any]] = {"vary": listed, "packs": lambda folders: opened(folders) or None}
+    values = {name: read[name](value) if name in read else value for name, value in given.items()}
+    return {name: value for name, value in values.items() if value is not None}
+
+
+RobotFlag = Annotated[str | None, option_of("robot")]
+PolicyFlag = Annotated[str | None, option_of("policy")]
+LabelFlag = Annotated[str | None, option_of("label")]
+OperatorsFlag = Annotated[str | None, option_of("operators")]
+VaryFlag = Annotated[str | None, option_of("vary")]
+WorkersFlag = Annotated[int | None, option_of("workers")]
+ExecutorFlag = Annotated[str | None, option_of("executor")]
+PackFlag = Annotated[list[str] | None, option_of("packs")]
 ServedFlag = Annotated[
     str | None,
     label_option("--label", "Of models that are served at one address in turn, the one that answers now."),
@@ -69,10 +96,6 @@ ServedFlag = Annotated[
 AnswersFlag = Annotated[
     Path | None, _option("--answers", "Keep outcomes by model in this file, and reuse those in it.")
 ]
-OperatorsFlag = Annotated[
-    str | None, _option("--operators", "YAML file of ranges, or a shipped one's name.", "tabletop")
-]
-VaryFlag = Annotated[str | None, _option("--vary", "Only these operators vary: light,camera-position,…")]
 PlacementFlag = Annotated[
     str | None,
     _option(
@@ -80,22 +103,6 @@ PlacementFlag = Annotated[
         "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
         "resting",
     ),
-]
-WorkersFlag = Annotated[
-    int | None,
-    typer.Option(
-        help="Processes that evaluate scenes.",
-        show_default="as many as there are cores and memory for; 1 for a policy of your own",
-    ),
-]
-ExecutorFlag = Annotated[
-    str | None,
-    _option(
-        "--executor", "Where scenes are evaluated: local, processes, or ray.", "local; processes for several"
-    ),
-]
-AddressFlag = Annotated[
-    str | None, _option("--address", "Of a ray cluster: auto, or host:port.", "a ray of this machine")
 ]
 TimeFlag = Annotated[
     str | None, _option("--time", "Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit")
@@ -106,13 +113,6 @@ TrustFlag = Annotated[
     bool,
     typer.Option(
         "--trust", help="Load code (python:…) and ask servers that the file names, not only those you name."
-    ),
-]
-PackFlag = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--pack",
-        help="Objects and robots from this folder, laid out as SIMPLER and VLATest do; may be repeated.",
     ),
 ]
 

@@ -5,53 +5,30 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-# Panels, in the order in which a help page shows them, with the parameters of the commands in them.
+from vlafuzz.campaign.options import JUDGE, LONG, MORE, OPTIONS, OUTPUT, SCENES, WHAT, WHERE
+
+# Groups of the options that no ``RunConfig`` declares.
 PANELS: Mapping[str, tuple[str, ...]] = {
-    "What to run": (
-        *("policy", "version", "label", "baseline", "policy_a", "policy_b"),
-        *("label_a", "label_b", "checkpoints", "against", "column"),
-        *("task", "world", "robot", "scenes", "first_failure", "pool", "pack", "unseen", "stores", "config"),
+    WHAT: (
+        *("version", "baseline", "policy_a", "policy_b", "label_a", "label_b", "checkpoints", "against"),
+        *("column", "world", "first_failure", "pack", "unseen", "stores", "config"),
     ),
-    "Which scenes": (
-        *(
-            "strategy",
-            "strategies",
-            "seed",
-            "operators",
-            "vary",
-            "lab study.alpha",
-            "verdict",
-            "evidence",
-            "run",
-        ),
-        *("export.scenes", "hold_out", "run_a", "run_b"),
+    SCENES: (
+        *("strategies", "lab study.alpha", "verdict", "evidence", "run", "export.scenes"),
+        *("hold_out", "run_a", "run_b"),
     ),
-    "How long": (
-        *("budget", "time", "rollouts", "triage_rollouts", "max_rollouts", "limit", "comparisons"),
+    LONG: (
+        *("time", "rollouts", "triage_rollouts", "max_rollouts", "limit", "comparisons"),
         *("demos", "demos_per_scene", "n"),
     ),
-    "How to judge": (
-        *("repeats", "criteria", "placement", "stop_early", "alpha", "error", "whole", "firm"),
-        *("static", "frame", "min_distance", "thorough", "states", "pictures"),
+    JUDGE: (
+        *("alpha", "error", "whole", "firm", "static", "frame", "min_distance", "thorough"),
+        *("states", "pictures"),
     ),
-    "What else to do": (
-        *("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),
-    ),
-    "Where it runs": ("workers", "executor", "address", "batch"),
-    "Output": (
-        *(
-            "store",
-            "out",
-            "follow",
-            "port",
-            "format_",
-            "json",
-            "csv",
-            "markdown",
-            "junit",
-            "summary",
-            "sarif",
-        ),
+    MORE: ("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),
+    WHERE: (),
+    OUTPUT: (
+        *("out", "follow", "port", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
         *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
     ),
 }
@@ -96,7 +73,9 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
 }
 
 MANY = 6  # more options than these are shown in panels
-_PANEL_OF = {name: panel for panel, names in PANELS.items() for name in names}
+_PANEL_OF = {name: told.panel for name, told in OPTIONS.items()} | {
+    name: panel for panel, names in PANELS.items() for name in names
+}
 
 
 def epilog(command: str) -> str | None:

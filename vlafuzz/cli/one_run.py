@@ -52,8 +52,8 @@ def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
     if "workers" not in flags and plan.place.kind == "processes" and used == batch < most_workers():
         room = most_workers()
         Bar.note(
-            f"note: {batch} scenes at a time keep {used} of {room} cores busy; --batch {room} is faster, and "
-            "chooses them by less of what came before"
+            f"note: {batch} scenes at a time keep {used} of {room} cores busy; --config batch={room} is "
+            "faster, and chooses them by less of what came before"
         )
 
 

@@ -18,8 +18,22 @@ COMMANDS: Mapping[str, str] = {
     "coverage": "lab coverage",
 }
 
+_CLUSTER = {"--address": "--executor ray:ADDRESS"}
+_CONFIG = {
+    "--batch": "batch=8",
+    "--criteria": "criteria=published",
+    "--fail-on-finding": "fail-on-finding=true",
+    "--placement": "placement=published",
+    "--pool": "pool=FILE",
+    "--repeats": "repeats=3",
+    "--stop-early": "stop-early=true",
+    "--triage": "triage=true",
+}
 OPTIONS: Mapping[str, Mapping[str, str]] = {
-    "run": {"--table": "`vlafuzz report STORE --out rates.csv`"},
+    "run": _CLUSTER
+    | {"--table": "`vlafuzz report STORE --out rates.csv`"}
+    | {flag: f"--config {value}" for flag, value in _CONFIG.items()},
+    "compare": _CLUSTER,
 }
 
 

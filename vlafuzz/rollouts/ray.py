@@ -159,5 +159,5 @@ def _connect(address: str | None, workers: int) -> bool:
         if address is None:
             raise PrerequisiteError(f"ray does not start here: {why}", hint="--executor processes") from None
         hint = "`ray start --head` starts one; where it has a token, set RAY_AUTH_MODE=token here"
-        raise PrerequisiteError(f"--address {address}: no ray cluster answers: {why}", hint) from None
+        raise PrerequisiteError(f"--executor ray:{address}: no ray cluster answers: {why}", hint) from None
     return True

@@ -50,12 +50,9 @@ class Place:
         if self.kind == "local" and self.workers > 1:
             message = f"--executor local: it has one worker, not {self.workers}"
             raise UsageError(message, hint="--executor processes")
-        if self.address is not None and self.kind != "ray":
-            message = f"--address {self.address}: the executor {self.kind} has no address"
-            raise UsageError(message, hint="add --executor ray")
         if self.address not in (None, "auto") and not re.fullmatch(r"[^/:]+:\d{1,5}", self.address or ""):
-            message = f"--address {self.address}: no address of a ray cluster"
-            raise UsageError(message, hint="expected auto or host:port")
+            message = f"--executor ray:{self.address}: no address of a ray cluster"
+            raise UsageError(message, hint="expected ray:auto or ray:HOST:PORT")
         if self.kind == "ray" and importlib.util.find_spec("ray") is None:
             raise PrerequisiteError("--executor ray needs the package 'ray'", install("ray"))
 
