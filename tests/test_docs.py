@@ -44,7 +44,7 @@ def test_readme_has_at_most_200_lines():
     assert len(README.splitlines()) <= 200
 
 
-@pytest.mark.parametrize("name", {name.split()[0] for name in COMMANDS})
+@pytest.mark.parametrize("name", sorted({name.split()[0] for name in COMMANDS}))
 def test_the_page_on_commands_has_every_command(name):
     assert f"`vlafuzz {name}" in COMMANDS_PAGE
 
