@@ -99,7 +99,7 @@ def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys: pytest.Capture
     raw = {"model_id": "hammer", "obj_init_options": {"init_xy": [-0.3, 0.2], "orientation": upright}}
     theirs = Path("t-grasp_s-7.json")
     theirs.write_text(json.dumps({"0": raw, "seed": 7, "num": 1}))
-    assert main(["export", str(theirs), "--out", "ours.jsonl"]) == 0
+    assert main(["export", str(theirs), "--frame", "original", "--out", "ours.jsonl"]) == 0
     assert load_scenes(Path("ours.jsonl"))[0].robot == "google"
     Path("again").mkdir()
     assert main(["export", "ours.jsonl", "--format", "vlatest", "--out", f"again/{theirs}"]) == 0

@@ -120,5 +120,5 @@ def test_a_run_chooses_from_a_file(tmp_path: Path):
 
 def test_a_file_is_run_in_order_or_chosen_from_but_not_both(tmp_path: Path):
     write_scenes(tmp_path / "pool.jsonl", sampled(3))
-    with pytest.raises(UsageError, match="--scenes and --pool"):
+    with pytest.raises(UsageError, match="--scenes and pool"):
         plan(RunConfig(pool=tmp_path / "pool.jsonl", scenes=tmp_path / "pool.jsonl", policy="frozen"))
