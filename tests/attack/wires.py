@@ -6,6 +6,7 @@ from collections import deque
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import msgpack
 import numpy as np
@@ -14,15 +15,9 @@ from tests.attack import mutators
 from tests.attack.readers import Reader, Rng
 from tests.policies.clients import groot_server
 from tests.policies.clients.served import black, seen, start
-from vlafuzz.policies.clients import msgpack_wire
-from vlafuzz.policies.clients.groot import Groot
-from vlafuzz.policies.clients.msgpack_wire import pack_groot, pack_openpi, pack_vla_eval
-from vlafuzz.policies.clients.openpi import OpenPi
-from vlafuzz.policies.clients.openvla import ActSession, OpenVla
-from vlafuzz.policies.clients.profiled import Model
-from vlafuzz.policies.clients.remote import parse
-from vlafuzz.policies.clients.vla_eval import Messages, VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import spec_of
+from vlafuzz.policies.clients import openvla, websocket_connection, zmq_connection
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval
+from vlafuzz.rollouts.policies import make_policy
 
 ACTIONS = np.tile([0.01, 0.0, -0.01, 0.0, 0.1, 0.0, 1.0], (3, 1))
 HELLO = {
@@ -121,64 +116,33 @@ class Played:
         pass
 
 
-def _rolled(policy: Any) -> None:
-    policy.reset([start("one")])
-    policy.act([seen("one")])
-    policy.close()
-
-
-def _wired(kind: Any, name: str, connection: Played) -> Any:
-    """A policy whose connection is played."""
-    policy = object.__new__(kind)
-    address = parse(name, kind)
-    policy._name, policy._url, policy._timeout, policy._live, policy._kept = (
-        address.name,
-        address.url,
-        5.0,
-        {},
-        {},
-    )
-    policy._msgpack, policy._connect, policy._options = msgpack_wire, lambda *_: connection, address.options
-    if kind is not VlaEval:
-        policy._model = Model(address.name, address.options)
-        policy.spec = policy._model.spec
-    return policy
+def _rolled(name: str, module: Any, connection: str, *frames: Any) -> None:
+    """A rollout at a server whose frames are played."""
+    played = Played(*frames)
+    with patch.object(module, connection, lambda *_: played):
+        policy: Any = make_policy(name)
+        policy.reset([start("one")])
+        policy.act([seen("one", images=black(policy.spec))])
+        policy.close()
 
 
 def vla_eval_frames(rng: Rng, folder: Path) -> None:
     hello = {"type": "hello", "payload": HELLO, "seq": 1, "timestamp": 0.0}
     reply = {"type": "action", "payload": {"actions": array_of(rng)}, "seq": 3, "timestamp": 0.0}
-    first = frame_of(rng, hello, "vla-eval") if rng.random() < 0.4 else pack_vla_eval("hello", HELLO, 1)
     greeted = pack_vla_eval("hello", HELLO, 1)
-    policy = _wired(
-        VlaEval,
-        "vla-eval:ws://127.0.0.1:9?camera=0",
-        Played(first, greeted, frame_of(rng, reply, "vla-eval")),
-    )
-    _, declared = policy._open()
-    policy.spec = spec_of(policy._name, declared, policy._options)
-    policy._messages = Messages(policy._name, declared, policy._options)
-    if declared.model_server == "m":
-        _rolled(policy)
+    first = frame_of(rng, hello, "vla-eval") if rng.random() < 0.4 else greeted
+    frames = first, greeted, frame_of(rng, reply, "vla-eval")
+    _rolled("vla-eval:ws://127.0.0.1:9?camera=0", websocket_connection, "WebSocketConnection", *frames)
 
 
 def openpi_frames(rng: Rng, folder: Path) -> None:
-    name = str(
-        rng.choice(
-            [
-                "profile=libero",
-                "camera=0&state=1",
-                "camera=0&rotation=quaternion_xyzw&action=eef_pose&execute=1",
-            ]
-        )
-    )
-    frames = [pack_openpi({}), frame_of(rng, {"actions": array_of(rng), "n": np.float32(1)}, "openpi")]
-    frames = [
-        mutators.text(rng, "Traceback\nValueError: x") if rng.random() < 0.1 else frame for frame in frames
-    ]
-    policy = _wired(OpenPi, f"openpi:ws://127.0.0.1:9?{name}", Played(*frames))
-    policy.reset([start("one")])
-    policy.act([seen("one", images=black(policy.spec))])
+    pose = "camera=0&rotation=quaternion_xyzw&action=eef_pose&execute=1"
+    query = str(rng.choice(["profile=libero", "camera=0&state=1", pose]))
+    frame: Any = frame_of(rng, {"actions": array_of(rng), "n": np.float32(1)}, "openpi")
+    if rng.random() < 0.1:
+        frame = mutators.text(rng, "Traceback\nValueError: x")
+    frames = pack_openpi({}), pack_openpi({}), frame
+    _rolled(f"openpi:ws://127.0.0.1:9?{query}", websocket_connection, "WebSocketConnection", *frames)
 
 
 def groot_frames(rng: Rng, folder: Path) -> None:
@@ -186,34 +150,21 @@ def groot_frames(rng: Rng, folder: Path) -> None:
     reply = [groot_server.parts(ACTIONS[None].astype("<f4"), lambda array: array), {}]
     reset, config = msgpack.packb({}), msgpack.packb(marks)
     first = frame_of(rng, marks, "groot") if rng.random() < 0.3 else config
-    played = Played(first, config, reset, frame_of(rng, reply, "groot"))
-    policy: Any = object.__new__(Groot)
-    address = parse("groot:tcp://127.0.0.1:9?camera=0", Groot)
-    policy._address, policy._options, policy._msgpack = address, address.options, msgpack_wire
-    policy._connection, policy._connect = played, lambda *_: played
-    policy._model = Model(address.name, address.options)
-    policy.spec = policy._model.spec
-    policy._modalities = policy._get_modalities()
-    _rolled(policy)
-    pack_groot({})
+    frames = first, config, reset, frame_of(rng, reply, "groot")
+    _rolled("groot:tcp://127.0.0.1:9?camera=0", zmq_connection, "ZmqConnection", *frames)
 
 
 def act_frames(rng: Rng, folder: Path) -> None:
-    actions: Any = [
-        ACTIONS.tolist(),
-        {"actions": ACTIONS.tolist()},
-        {"action": ACTIONS[0].tolist()},
-        {"error": "no"},
-    ][int(rng.integers(4))]
+    several = ACTIONS.tolist()
+    kinds: list[Any] = [several, {"actions": several}, {"action": several[0]}, {"error": "no"}]
+    actions = kinds[int(rng.integers(4))]
     if rng.random() < 0.4:
         raw = base64.b64encode(ACTIONS.tobytes()).decode()
         actions = {"__numpy__": raw, "dtype": "<f8", "shape": [3, 7]}
     body = json.dumps(mutators.tree(rng, actions)).encode()
     body = json.dumps(body.decode()).encode() if rng.random() < 0.2 else body
     body = mutators.data(rng, body) if rng.random() < 0.4 else body
-    policy = _wired(OpenVla, "http://127.0.0.1:9/act?camera=0", Played(body))
-    policy._begin = lambda begun: ActSession(Played(body), policy._model, policy._options, begun)
-    _rolled(policy)
+    _rolled("http://127.0.0.1:9/act?camera=0", openvla, "HttpConnection", body)
 
 
 FRAMES: dict[str, tuple[Reader, int]] = {

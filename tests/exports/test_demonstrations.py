@@ -19,7 +19,7 @@ from vlafuzz.exports.selection import around, failures_of_store
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
-from vlafuzz.policies.clients.profiled import Model
+from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.servers import options_of
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store

@@ -32,15 +32,14 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import probes
 from vlafuzz.failures.triage.witness import Player
 from vlafuzz.policies.base import Observation
-from vlafuzz.policies.clients.remote import parse
-from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION, Messages, VlaEval
+from vlafuzz.policies.clients.servers import parse
+from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION, VlaEval
 from vlafuzz.policies.clients.vla_eval_spec import (
+    DeclaredModel,
     Hello,
     Parameters,
     declared_actions,
     declared_observations,
-    layout_of,
-    spec_of,
 )
 from vlafuzz.policies.clients.wire import actions_of
 from vlafuzz.policies.harness import Harness
@@ -63,7 +62,7 @@ class CorpusBenchmark(StepBenchmark):
         corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
         send_state: whether to send proprioception where the option ``state`` is not given; most servers
             declare this, and ``send_wrist_image``.
-        options: the model's cameras and action conventions, as in ``policies.clients.remote.VlaEvalOptions``.
+        options: the model's cameras and action conventions, see ``policies.clients.options.VlaEvalOptions``.
 
     Raises:
         CorpusError: the folder is not a corpus, or is damaged.
@@ -83,8 +82,8 @@ class CorpusBenchmark(StepBenchmark):
             protocol_version=PROTOCOL_VERSION,
             observation_params=Parameters(send_state=send_state, send_wrist_image=send_wrist_image),
         )
-        self.spec, self._layout = spec_of(NAME, hello, parsed), layout_of(NAME, hello, parsed)
-        self._message = Messages(NAME, hello, parsed)
+        self._model = DeclaredModel(NAME, hello, parsed)
+        self.spec = self._model.spec
         self._corpus = read_corpus(Path(corpus))
         self._probes = {probe.scene.digest: probe for probe in probes(self._corpus)}
         self._player = Player(self.spec)
@@ -137,7 +136,7 @@ class CorpusBenchmark(StepBenchmark):
 
     def make_obs(self, raw_obs: Observation, task: dict[str, Any]) -> dict[str, Any]:
         """The same message that vlafuzz sends to a vla-eval server."""
-        return self._message(raw_obs)
+        return self._model.message(raw_obs)
 
     def get_step_result(self, step_result: StepResult) -> dict[str, Any]:
         """Success as vlafuzz judges it, and progress."""
@@ -159,7 +158,7 @@ class CorpusBenchmark(StepBenchmark):
         return _specs(declared_actions(self.spec.action))
 
     def get_observation_spec(self) -> dict[str, DimSpec]:
-        return _specs(declared_observations(self.spec.cameras, self._layout))
+        return _specs(declared_observations(self.spec.cameras, self._model.layout))
 
     def cleanup(self) -> None:
         for evaluator in self._evaluators.values():

@@ -22,7 +22,7 @@ import pytest
 
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.policies.clients.lerobot import Card, LeRobot, LeRobotOptions, fitted
-from vlafuzz.policies.clients.remote import parse
+from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import check_policy_name, is_shared, make_policy
 
 THERE = os.environ.get("VLAFUZZ_LEROBOT")

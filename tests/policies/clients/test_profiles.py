@@ -11,14 +11,14 @@ from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest
 from vlafuzz.policies.clients.groot import GrootOptions
 from vlafuzz.policies.clients.lerobot import LeRobotOptions
+from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi, OpenPiOptions
 from vlafuzz.policies.clients.openvla import ActOptions, OpenVla
-from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
+from vlafuzz.policies.clients.options import ProfiledOptions
 from vlafuzz.policies.clients.profiles import known_profiles
-from vlafuzz.policies.clients.remote import parse
-from vlafuzz.policies.clients.servers import client
+from vlafuzz.policies.clients.servers import client, parse
 from vlafuzz.policies.clients.vla_eval import VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import Hello, spec_of
+from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
 from vlafuzz.rollouts.policies import check_policy_name
 
 PAGE = text("docs/servers.md")
@@ -73,7 +73,7 @@ class TestKnown:
             "observation_params": {"send_wrist_image": asked, "send_state": asked},
             "protocol_version": 1,
         }
-        spec = spec_of("it", Hello.model_validate(declared), options)
+        spec = DeclaredModel("it", Hello.model_validate(declared), options).spec
         assert spec.action == ActionSpec(
             relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
         )

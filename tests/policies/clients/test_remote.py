@@ -8,7 +8,8 @@ import pytest
 from tests.documentation import text
 from vlafuzz.errors import PrerequisiteError, UsageError, install
 from vlafuzz.policies.clients.conventions import LAYOUTS
-from vlafuzz.policies.clients.remote import VlaEvalOptions, parse
+from vlafuzz.policies.clients.options import VlaEvalOptions
+from vlafuzz.policies.clients.servers import parse
 from vlafuzz.policies.clients.vla_eval import VlaEval
 from vlafuzz.rollouts.policies import check_policy_name, known_policies, make_policy
 

@@ -10,9 +10,8 @@ from tests.policies.clients.served import HELLO, STATE
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.clients.conventions import LAYOUTS, OWN
-from vlafuzz.policies.clients.remote import VlaEvalOptions
-from vlafuzz.policies.clients.vla_eval import Messages
-from vlafuzz.policies.clients.vla_eval_spec import Hello, layout_of, spec_of
+from vlafuzz.policies.clients.options import VlaEvalOptions
+from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
 
 RGB = "rgb_hwc_uint8"
 
@@ -28,8 +27,12 @@ def hello(**declared: dict) -> Hello:
     return Hello.model_validate(HELLO | specs | {"observation_params": declared.get("params", {})})
 
 
+def model(greeting: Hello, **options: object) -> DeclaredModel:
+    return DeclaredModel("it", greeting, VlaEvalOptions.model_validate(options))
+
+
 def spec(greeting: Hello, **options: object) -> PolicySpec:
-    return spec_of("it", greeting, VlaEvalOptions.model_validate(options))
+    return model(greeting, **options).spec
 
 
 class TestSpec:
@@ -135,9 +138,9 @@ class TestSpec:
         ],
     )
     def test_proprioception(self, greeting, option, layout):
-        options = VlaEvalOptions.model_validate({"state": option})
-        assert layout_of("it", greeting, options) == layout
-        assert spec_of("it", greeting, options).state is (layout is not None)
+        described = model(greeting, state=option)
+        assert described.layout == layout
+        assert described.spec.state is (layout is not None)
 
     def test_proprioception_that_is_not_supported(self):
         with pytest.raises(UsageError, match="declares state 'joint_positions'") as caught:
@@ -165,7 +168,7 @@ class TestSpec:
 
 
 @pytest.mark.parametrize(
-    ("module", "name", "model", "expected"),
+    ("module", "name", "weights", "expected"),
     [
         ("openvla", "OpenVLAModelServer", {}, ("axis_angle", "close_positive", 1, None)),
         (
@@ -183,18 +186,17 @@ class TestSpec:
         ("cogact", "CogACTModelServer", {}, ("axis_angle", "open_positive", 1, None)),
     ],
 )
-def test_servers_of_known_models_are_understood(module, name, model, expected):
+def test_servers_of_known_models_are_understood(module, name, weights, expected):
     server_class = getattr(importlib.import_module(f"vla_eval.model_servers.{module}"), name)
     server = object.__new__(server_class)  # declarations need no weights
-    vars(server).update(model)
+    vars(server).update(weights)
     greeting = hello(
         action={part: declared.format for part, declared in server.get_action_spec().items()},
         observation={part: declared.format for part, declared in server.get_observation_spec().items()},
         params=server.get_observation_params(),
     )
     action, cameras = spec(greeting).action, spec(greeting).cameras
-    layout = layout_of("it", greeting, VlaEvalOptions())
-    assert (action.rotation, action.gripper, len(cameras), layout) == expected
+    assert (action.rotation, action.gripper, len(cameras), model(greeting).layout) == expected
 
 
 @pytest.mark.parametrize(
@@ -229,7 +231,7 @@ def test_a_model_of_libero_gets_what_vla_evals_own_benchmark_sends(params, turn)
     images = {"front": picture, "wrist": picture + 1}
     seen = Observation("e", 0, "lift it", images=images, state=state, fingers=fingers)
     asked = hello(params={"send_state": True, "send_wrist_image": True} | params)
-    message = Messages("it", asked, VlaEvalOptions(benchmark="libero"))(seen)
+    message = model(asked, benchmark="libero").message(seen)
     assert list(message["images"]) == ["agentview", "wrist"]
     assert message["images"]["wrist"].max() == 1
     assert message["states"] == pytest.approx([0.1, 0.2, 0.3, *turn, 0.03, -0.02])

@@ -12,11 +12,11 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
 from vlafuzz.policies.base import Observation, PolicySpec
+from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
-from vlafuzz.policies.clients.profiled import Model
-from vlafuzz.policies.clients.remote import parse
-from vlafuzz.policies.clients.vla_eval import Messages, VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import Hello, Parameters, spec_of
+from vlafuzz.policies.clients.servers import parse
+from vlafuzz.policies.clients.vla_eval import VlaEval
+from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello, Parameters
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -284,8 +284,8 @@ class TestEvaluator:
         asked = Hello(
             protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True)
         )
-        seen = first_seen(space, spec_of("vla-eval", asked, options))
-        message = Messages("vla-eval", asked, options)(seen)
+        model = DeclaredModel("vla-eval", asked, options)
+        message = model.message(first_seen(space, model.spec))
         assert list(message["images"]) == ["agentview", "wrist"]
         for key, camera in (("agentview", "agentview"), ("wrist", "robot0_eye_in_hand")):
             assert np.array_equal(message["images"][key], shown.pictures[camera])

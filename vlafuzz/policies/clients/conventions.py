@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from vlafuzz.policies.base import Observation
 
 Array = NDArray[np.float64]
 State = NDArray[np.float32]
-Layout = Callable[[State], State]
 
 
 def _two_columns(numbers: Array) -> Rotation:
@@ -30,35 +30,13 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / lengths)
 
 
-# Representations of rotations: how many numbers, and how to read them.
-ROTATIONS: dict[str, tuple[int, Callable[[Array], Rotation]]] = {
-    "axis_angle": (3, Rotation.from_rotvec),
-    "rpy": (3, lambda numbers: Rotation.from_euler("xyz", numbers)),
-    "euler_xyz": (3, lambda numbers: Rotation.from_euler("XYZ", numbers)),
-    "quaternion_xyzw": (4, Rotation.from_quat),
-    "quaternion_wxyz": (4, lambda numbers: Rotation.from_quat(np.roll(numbers, -1, axis=1))),
-    "rot6d": (6, _two_columns),
-    "rot6d_interleaved": (
-        6,
-        lambda numbers: _two_columns(numbers[:, [0, 2, 4, 1, 3, 5]]),
-    ),  # in row-major order
-}
-SCALED = tuple(name for name, (width, _) in ROTATIONS.items() if width == 3)
-
-
-def _columns(turns: Rotation) -> Array:
-    """``(n, 3, 2)``: the first two columns of the matrices."""
-    return np.asarray(turns.as_matrix()[:, :, :2])
-
-
 # A hand that points down is half a turn about x away from the base. Its angle would jump between 180 and -180
-# degrees with the last bit, and nobody learns from such numbers, so it goes on to 270, as LIBERO's do.
+# degrees with the last bit, and nobody learns from such numbers, so it goes on to 270, as robosuite's do.
 
 
 def _vectors(turns: Rotation) -> Array:
     """``(n, 3)`` rotation vectors; beyond 90 degrees those with x from 0 on."""
-    vectors = turns.as_rotvec()
-    angles = turns.magnitude()
+    vectors, angles = turns.as_rotvec(), turns.magnitude()
     other = (angles > np.pi / 2) & (vectors[:, 0] < 0)
     vectors[other] *= 1 - 2 * np.pi / angles[other, None]
     return np.asarray(vectors)
@@ -78,16 +56,35 @@ def _angles(turns: Rotation, axes: str) -> Array:
     return np.asarray(angles)
 
 
-# How to write what ``ROTATIONS`` reads.
-_WRITTEN: dict[str, Callable[[Rotation], Array]] = {
-    "axis_angle": _vectors,
-    "rpy": lambda turns: _angles(turns, "xyz"),
-    "euler_xyz": lambda turns: _angles(turns, "XYZ"),
-    "quaternion_xyzw": _quaternions,
-    "quaternion_wxyz": lambda turns: np.roll(_quaternions(turns), 1, axis=1),
-    "rot6d": lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6),
-    "rot6d_interleaved": lambda turns: _columns(turns).reshape(-1, 6),
+def _columns(turns: Rotation) -> Array:
+    """``(n, 3, 2)``: the first two columns of the matrices."""
+    return np.asarray(turns.as_matrix()[:, :, :2])
+
+
+class Numbers(NamedTuple):
+    """A rotation as ``width`` numbers: how they are read, and how they are written."""
+
+    width: int
+    read: Callable[[Array], Rotation]
+    write: Callable[[Rotation], Array]
+
+
+ROTATIONS = {
+    "axis_angle": Numbers(3, Rotation.from_rotvec, _vectors),
+    "rpy": Numbers(3, lambda n: Rotation.from_euler("xyz", n), lambda turns: _angles(turns, "xyz")),
+    "euler_xyz": Numbers(3, lambda n: Rotation.from_euler("XYZ", n), lambda turns: _angles(turns, "XYZ")),
+    "quaternion_xyzw": Numbers(4, Rotation.from_quat, _quaternions),
+    "quaternion_wxyz": Numbers(
+        4,
+        lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)),
+        lambda turns: np.roll(_quaternions(turns), 1, axis=1),
+    ),
+    "rot6d": Numbers(6, _two_columns, lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6)),
+    "rot6d_interleaved": Numbers(  # in row-major order
+        6, lambda n: _two_columns(n[:, [0, 2, 4, 1, 3, 5]]), lambda turns: _columns(turns).reshape(-1, 6)
+    ),
 }
+SCALED = tuple(name for name, numbers in ROTATIONS.items() if numbers.width == 3)
 
 
 @dataclass(frozen=True)
@@ -125,7 +122,7 @@ class Convention:
         Raises:
             ValueError: wrong number of values, not finite, or not a rotation.
         """
-        width, read = ROTATIONS[self.rotation]
+        width, read, _ = ROTATIONS[self.rotation]
         if actions.ndim != 2 or actions.shape[1] != 4 + width:
             expected = f"expected (steps, {4 + width}) with {self.rotation}"
             raise ValueError(f"actions of shape {actions.shape}, {expected}")
@@ -148,50 +145,52 @@ class Convention:
             shifts, turns = shifts + hand[:3], turns * now
         elif self.tool:
             shifts, turns = now.apply(shifts, inverse=True), now.inv() * turns * now
-        numbers = _WRITTEN[self.rotation](turns)
+        numbers = ROTATIONS[self.rotation].write(turns)
         if self.rotation in SCALED:
             numbers = numbers / self.rotation_scale
         return np.hstack([shifts / self.position_scale, numbers, moves[:, -1:]])
 
 
 def _two_fingers(state: State) -> State:
+    """As robosuite has it, fingers in metres."""
     finger = state[6] * 0.04
     (turn,) = _vectors(Rotation.from_rotvec(state[None, 3:6]))
     return np.concatenate([state[:3], turn, [finger, -finger]], dtype=np.float32)
 
 
 def _quaternion(state: State) -> State:
+    """As SimplerEnv has it: w x y z, opening in [0, 1]."""
     ((x, y, z, w),) = _quaternions(Rotation.from_rotvec(state[None, 3:6]))
     return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)
 
 
-def _bridge(state: State) -> State:
+def _from_down(state: State) -> State:
     """Angles relative to a hand that points down; the fingers are alike, so the smaller turn counts."""
     now = Rotation.from_rotvec(state[3:6])
-    turn = min((now * down for down in DOWN), key=lambda turned: float(turned.magnitude()))
+    turn = min((now * down for down in _DOWN), key=lambda turned: float(turned.magnitude()))
     return np.concatenate([state[:3], turn.as_euler("xyz"), [0.0], state[6:]], dtype=np.float32)
 
 
-def sent(layout: Layout, seen: Observation) -> State:
+_DOWN = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
+OWN = "eef_pos3_axisangle3_gripper1"  # as in ``PolicySpec.state``
+MEASURED = "eef_pos3_axisangle3_gripper2"  # with both fingers, where a world measures them
+# How our seven numbers are sent.
+LAYOUTS: dict[str, Callable[[State], State]] = {
+    OWN: lambda state: state,
+    MEASURED: _two_fingers,
+    "eef_pos3_quat4_gripper1": _quaternion,
+    "eef_pos3_rpy3_pad1_gripper1": _from_down,
+}
+
+
+def sent(layout: str, seen: Observation) -> State:
     """The state of an observation in a layout; where a world measures both fingers, all of it as measured."""
     assert seen.state is not None, "the spec asks for it"
-    if layout is _two_fingers and seen.fingers is not None:
+    if layout == MEASURED and seen.fingers is not None:
         return np.concatenate([seen.state[:6], seen.fingers])
-    return layout(seen.state)
+    return LAYOUTS[layout](seen.state)
 
 
 def layout_width(layout: str) -> int:
     """The number of values in a layout."""
     return len(LAYOUTS[layout](np.zeros(7, dtype=np.float32)))
-
-
-DOWN = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
-OWN = "eef_pos3_axisangle3_gripper1"  # as in ``PolicySpec.state``
-# How our seven numbers are sent: as vla-eval's LIBERO (fingers in metres) and SimplerEnv (quaternion w x y z,
-# opening in [0, 1]) send them, and as GR00T's WidowX, whose angles are zero for a hand that points down.
-LAYOUTS: dict[str, Layout] = {
-    OWN: lambda state: state,
-    "eef_pos3_axisangle3_gripper2": _two_fingers,
-    "eef_pos3_quat4_gripper1": _quaternion,
-    "eef_pos3_rpy3_pad1_gripper1": _bridge,
-}

@@ -7,12 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel
 
-from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.conventions import layout_width
-from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
-from vlafuzz.policies.clients.remote import Address, CommonOptions, needed
+from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
+from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.harness import check_chunks
 
 
@@ -31,7 +32,7 @@ Parts = Annotated[str, AfterValidator(lambda text: parts_of(text) and text)]
 
 
 class GrootOptions(ProfiledOptions):
-    """The user's options for the model. The default keys are those of its SimplerEnv and LIBERO models.
+    """The user's options for the model. The default keys are those of its published models.
 
     Attributes:
         state_key: the parts in which proprioception is sent, in the layout's order.
@@ -86,10 +87,10 @@ class Groot:
     answers_batches: ClassVar[bool] = True
     options: ClassVar[type[CommonOptions]] = GrootOptions
 
-    def __init__(self, address: Address[GrootOptions]) -> None:
+    def __init__(self, address: Address) -> None:
         with needed(address.name):
             from vlafuzz.policies.clients import msgpack_wire, zmq_connection
-        self._address, self._options = address, address.options
+        self._name, self._url, self._options = address.name, address.url, address.options
         self._msgpack, self._connect = msgpack_wire, zmq_connection.ZmqConnection
         self._connection: zmq_connection.ZmqConnection | None = None
         self._model = Model(address.name, address.options)
@@ -97,13 +98,12 @@ class Groot:
         with wire.required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
             self._modalities = self._get_modalities()
         with wire.closed_on_error(self):
-            _check_modalities(address.name, self._modalities, self._keys())
+            self._check_keys()
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Begin these rollouts, after checking that the server still has the same model."""
         if self._get_modalities() != self._modalities:
-            message = f"{self._address.name}: another server answers than at the beginning of the run"
-            raise PolicyError(message, cause="protocol")
+            raise wire.replaced(self._name)
         self._ask("reset", {"options": None})
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
@@ -111,12 +111,11 @@ class Groot:
             return []
         reply = self._ask("get_action", {"observation": self._message(observations), "options": None})
         if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
-            raise wire.failure(self._address.url, f"no actions, but {wire.short(reply)}", "protocol")
-        with wire.bad_action(self._address.name):
-            joined = self._joined(reply[0], len(observations))
-            pairs = zip(joined, observations, strict=True)
+            raise wire.failure(self._url, f"no actions, but {wire.short(reply)}", "protocol")
+        with wire.bad_action(self._name):
+            pairs = zip(self._joined(reply[0], len(observations)), observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
-        check_chunks(chunks, len(observations), self._address.name)
+        check_chunks(chunks, len(observations), self._name)
         return chunks
 
     def close(self) -> None:
@@ -127,9 +126,10 @@ class Groot:
     def _get_modalities(self) -> Modalities:
         declared = self._ask("get_modality_config")
         with wire.closed_on_error(self):
-            return wire.validated(Modalities, self._address.url, "modality config", declared)
+            return wire.validated(Modalities, self._url, "modality config", declared)
 
     def _keys(self) -> dict[str, tuple[str, ...]]:
+        """The model's keys by modality, as the options name them."""
         options = self._options
         key_of = {"front": options.image_key, "wrist": options.wrist_key}
         return {
@@ -139,23 +139,37 @@ class Groot:
             "action": tuple(parts_of(options.action_key)),
         }
 
+    def _check_keys(self) -> None:
+        """UsageError where the model wants other keys than the options name, or past steps."""
+        prefixes = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
+        for kind, keys in self._keys().items():
+            modality: Modality = getattr(self._modalities, kind)
+            if set(keys) != set(modality.modality_keys):
+                wanted, ours = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
+                message = (
+                    f"{self._name}: the model's keys of {kind} are {wanted}, and the options name {ours}"
+                )
+                raise UsageError(message, hint=f"a profile, or the option {prefixes[kind]}_key=…")
+            if kind != "action" and len(modality.delta_indices) != 1:
+                message = f"{self._name}: the model wants {len(modality.delta_indices)} time steps of {kind}"
+                raise UsageError(message, hint="supported: one, the current step")
+
     def _message(self, observations: Sequence[Observation]) -> dict[str, Any]:
         """All observations by modality and key, with one time step each: (count, 1, …)."""
         messages, keys, options = list(map(self._model.message, observations)), self._keys(), self._options
-        batch: dict[str, dict[str, Any]] = {"state": {}, "language": {}}
-        batch["video"] = {
-            key: np.stack([message[key] for message in messages])[:, None] for key in keys["video"]
-        }
+        video = {key: np.stack([message[key] for message in messages])[:, None] for key in keys["video"]}
+        state: dict[str, Any] = {}
         if options.layout:
             ends = np.cumsum([*parts_of(options.state_key).values()])[:-1]
-            states = np.stack([message[options.state_key] for message in messages])
-            parts = zip(keys["state"], np.split(states, ends, axis=1), strict=True)
-            batch["state"] = {key: part[:, None] for key, part in parts}
+            states = np.stack([message[options.state_key] for message in messages])[:, None]
+            state = dict(zip(keys["state"], np.split(states, ends, axis=2), strict=True))
         texts = [message[options.instruction_key] for message in messages]
         if options.flat:
-            flat = {f"{kind}.{key}": value for kind, by_key in batch.items() for key, value in by_key.items()}
+            flat = {f"state.{key}": part for key, part in state.items()}
+            flat |= {f"video.{key}": pictures for key, pictures in video.items()}
             return flat | {options.instruction_key: texts}
-        return batch | {"language": {options.instruction_key: [[text] for text in texts]}}
+        language = {options.instruction_key: [[text] for text in texts]}
+        return {"state": state, "language": language, "video": video}
 
     def _joined(self, reply: Mapping[str, Any], count: int) -> NDArray[np.float64]:
         """The parts of the actions, joined to ``(count, steps, n)``."""
@@ -175,29 +189,14 @@ class Groot:
         message = {"endpoint": endpoint} | ({} if data is None else {"data": data})
         reply = wire.with_retries(lambda: self._attempt(message))
         if isinstance(reply, dict) and "error" in reply:
-            raise wire.failure(self._address.url, wire.short(reply["error"]), "remote")
+            raise wire.failure(self._url, wire.short(reply["error"]), "remote")
         return reply
 
     def _attempt(self, message: object) -> Any:
         """One request; the connection is opened when there is none, and closed when it breaks."""
         with wire.closed_on_error(self):
             if self._connection is None:
-                self._connection = self._connect(self._address.url, self._options.timeout)
+                self._connection = self._connect(self._url, self._options.timeout)
             frame = self._connection.ask(self._msgpack.pack_groot(message))
-            try:
+            with wire.expected(self._url, "a GR00T message"):
                 return self._msgpack.unpack_groot(frame)
-            except ValueError as error:
-                raise wire.failure(self._address.url, f"not a GR00T message: {error}", "protocol") from None
-
-
-def _check_modalities(name: str, declared: Modalities, named: Mapping[str, tuple[str, ...]]) -> None:
-    prefixes = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
-    for kind, keys in named.items():
-        modality: Modality = getattr(declared, kind)
-        if set(keys) != set(modality.modality_keys):
-            wanted, ours = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
-            message = f"{name}: the model's keys of {kind} are {wanted}, and the options name {ours}"
-            raise UsageError(message, hint=f"a profile, or the option {prefixes[kind]}_key=…")
-        if kind != "action" and len(modality.delta_indices) != 1:
-            message = f"{name}: the model wants {len(modality.delta_indices)} time steps of {kind}"
-            raise UsageError(message, hint="supported: one, the current step")

@@ -27,7 +27,7 @@ class HttpConnection:
 
     def post(self, body: bytes, headers: Mapping[str, str]) -> None:
         with self._blamed(self._timeout):
-            if self._line.sock is None or _closed(self._line):
+            if self._line.sock is None or _closed(self._line.sock):
                 self._line.close()
                 self._line.connect()
             self._line.sock.settimeout(self._timeout)
@@ -35,7 +35,24 @@ class HttpConnection:
 
     def reply(self, wait: float) -> tuple[int, bytes]:
         """Status and body of the response, within ``wait`` seconds."""
-        with self._ended_after(wait), self._blamed(wait):
+        over = threading.Event()
+        # A socket's own timeout begins anew with every byte.
+        timer = threading.Timer(max(wait, 0.001), _end, [self._line.sock, over])
+        timer.daemon = True
+        timer.start()
+        try:
+            status, body = self._read(wait)
+        except PolicyError:
+            if not over.is_set():
+                raise
+        finally:
+            timer.cancel()
+        if over.is_set():
+            raise late(self.url, wait)
+        return status, body
+
+    def _read(self, wait: float) -> tuple[int, bytes]:
+        with self._blamed(wait):
             self._line.sock.settimeout(max(wait, 0.001))
             with self._line.getresponse() as response:
                 body = b""
@@ -46,29 +63,6 @@ class HttpConnection:
         return response.status, body
 
     @contextmanager
-    def _ended_after(self, wait: float) -> Iterator[None]:
-        """End the connection after ``wait`` seconds, since a socket's timeout begins anew with every byte."""
-        over = threading.Event()
-
-        def end(sock: socket.socket) -> None:
-            over.set()
-            with suppress(OSError):  # closed already
-                sock.shutdown(socket.SHUT_RDWR)
-
-        timer = threading.Timer(max(wait, 0.001), end, [self._line.sock])
-        timer.daemon = True
-        timer.start()
-        try:
-            yield
-        except PolicyError:
-            if not over.is_set():
-                raise
-        finally:
-            timer.cancel()
-        if over.is_set():
-            raise late(self.url, wait)
-
-    @contextmanager
     def _blamed(self, wait: float) -> Iterator[None]:
         try:
             with blamed(self.url, wait):
@@ -77,8 +71,14 @@ class HttpConnection:
             raise failure(self.url, f"not HTTP: {type(error).__name__}: {short(error)}", "protocol") from None
 
 
-def _closed(line: HTTPConnection) -> bool:
+def _end(sock: socket.socket, over: threading.Event) -> None:
+    over.set()
+    with suppress(OSError):  # closed already
+        sock.shutdown(socket.SHUT_RDWR)
+
+
+def _closed(sock: socket.socket) -> bool:
     """Whether the server closed an idle connection: no reply is pending, so readable data means its end."""
     poll = select.poll()
-    poll.register(line.sock, select.POLLIN)
+    poll.register(sock, select.POLLIN)
     return bool(poll.poll(0))

@@ -16,8 +16,7 @@ from vlafuzz.common.reading import read_json, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, Convention, sent
-from vlafuzz.policies.clients.profiled import ProfiledOptions
-from vlafuzz.policies.clients.remote import SIDE
+from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
 from vlafuzz.policies.clients.servers import options_of
 
 PICTURES = "observation.images."
@@ -79,7 +78,7 @@ class Interface:
 
     def state(self, seen: Observation) -> Written:
         """What the policy is told of the robot, in its layout."""
-        return sent(LAYOUTS[self.layout], seen)
+        return sent(self.layout, seen)
 
     def written(self, action: NDArray[np.float64], hand: Written) -> Written:
         """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it.

@@ -15,8 +15,9 @@ from pydantic import Field
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.conventions import ROTATIONS, layout_width
-from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
-from vlafuzz.policies.clients.remote import Address, CommonOptions, needed
+from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
+from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.wire import bad_action, numbers, short
 from vlafuzz.policies.harness import check_chunks
 
@@ -69,7 +70,7 @@ class LeRobot:
     options: ClassVar[type[CommonOptions]] = LeRobotOptions
     shared: ClassVar[bool] = True
 
-    def __init__(self, address: Address[LeRobotOptions]) -> None:
+    def __init__(self, address: Address) -> None:
         folder = Path(address.url).expanduser()
         if not (folder / "config.json").is_file():
             inner = [folder / name for name in SAVED if (folder / name / "config.json").is_file()]
@@ -141,7 +142,7 @@ def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
     if card.state != width:
         message = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {width}"
         raise UsageError(message, hint="name their layout: state=…")
-    expected = 4 + ROTATIONS[options.rotation][0]
+    expected = 4 + ROTATIONS[options.rotation].width
     if card.actions != expected:
         message = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
         raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")

@@ -17,7 +17,7 @@ import msgpack
 import numpy as np
 
 from vlafuzz.common.reading import KINDS, array_of, npy_array
-from vlafuzz.policies.clients.wire import MOST_VALUES, short
+from vlafuzz.policies.clients.wire import MOST_VALUES, check_sendable, short
 
 # GR00T's marks of modality configs, and keys of their content: N1.6, N1.7, and the copy in N1.7's examples.
 MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "as_dict")
@@ -85,7 +85,7 @@ def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
 
 
 def _encode_openpi(value: Any) -> Any:
-    _check(value, np.ndarray | np.generic)
+    check_sendable(value, np.ndarray | np.generic)
     dtype = value.dtype.str
     if isinstance(value, np.generic):
         return {b"__npgeneric__": True, b"data": value.item(), b"dtype": dtype}
@@ -104,7 +104,7 @@ def _decode_openpi(value: dict[Any, Any]) -> Any:
 
 
 def _encode_vla_eval(value: Any) -> Any:
-    _check(value)
+    check_sendable(value)
     # Uncompressed: PNG compression of an image takes longer than simulating the step.
     shape = list(value.shape)
     return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": shape}
@@ -115,7 +115,7 @@ def _decode_vla_eval(value: dict[str, Any]) -> Any:
 
 
 def _encode_groot(value: Any) -> Any:
-    _check(value)
+    check_sendable(value)
     file = io.BytesIO()
     np.save(file, value, allow_pickle=False)
     return {"__ndarray_class__": True, "as_npy": file.getvalue()}
@@ -131,8 +131,3 @@ def _decode_groot(value: dict[Any, Any]) -> Any:
         config = next(value[key] for key in UNDER if key in value)
         return json.loads(config) if isinstance(config, str) else config
     return value
-
-
-def _check(value: Any, kind: Any = np.ndarray) -> None:
-    if not isinstance(value, kind) or value.dtype.kind not in KINDS:
-        raise TypeError(f"{type(value).__name__} cannot be sent")

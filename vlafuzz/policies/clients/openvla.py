@@ -14,13 +14,12 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.common.reading import KINDS, array_of
+from vlafuzz.common.reading import array_of
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.http_connection import HttpConnection
-from vlafuzz.policies.clients.profiled import Model, ProfiledOptions
-from vlafuzz.policies.clients.remote import Address, CommonOptions
-from vlafuzz.policies.clients.sessions import Sessions
+from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
+from vlafuzz.policies.clients.sessions import Session, Sessions
 
 
 class ActOptions(ProfiledOptions):
@@ -46,45 +45,30 @@ class OpenVla(Sessions):
     form: ClassVar[str] = "http://host:port/act"
     schemes: ClassVar[Sequence[str]] = ("http", "https")
     options: ClassVar[type[CommonOptions]] = ActOptions
+    server, start_it = "/act", "python vla-scripts/deploy.py …"
 
-    def __init__(self, address: Address[ActOptions]) -> None:
-        super().__init__(address)
-        self._options = address.options
-        self._model = Model(address.name, address.options)
-        self.spec = self._model.spec
-        with wire.required("/act", "start it first: python vla-scripts/deploy.py …"):
-            self._open().close()
-
-    def _begin(self, start: EpisodeStart) -> ActSession:
-        return ActSession(self._open(), self._model, self._options, start)
-
-    def _open(self) -> HttpConnection:
-        return wire.with_retries(lambda: HttpConnection(self._url, self._timeout))
+    def _open(self, start: EpisodeStart | None) -> Session:
+        return ActSession(HttpConnection(self._url, self._options.timeout), self._options, start)
 
 
-class ActSession:
-    """A ``Session`` at such a server."""
+class ActSession(Session):
+    """A rollout at such a server."""
 
-    def __init__(
-        self, connection: HttpConnection, model: Model, options: ActOptions, start: EpisodeStart
-    ) -> None:
-        self._connection, self._model, self._options, self._start = connection, model, options, start
-        self._sent = 0
-        self.close = connection.close
+    def __init__(self, connection: HttpConnection, options: ActOptions, start: EpisodeStart | None) -> None:
+        super().__init__(connection)
+        self._options, self._start, self._sent = options, start, 0
 
     def ask(self, seen: Observation) -> None:
+        assert self._start is not None, "the first session is for looking whether a server is there"
         key = self._options.unnorm_key
-        message = self._model.message(seen) | ({"unnorm_key": key} if key else {})
+        message = self.model.message(seen) | ({"unnorm_key": key} if key else {})
         headers = wire.rollout_header(self._start, self._sent)
         self._connection.post(request(message, twice=self._options.encoded), headers)
         self._sent += 1
-        self._pending = seen  # one at a time: HTTP answers in order
+        self._unanswered.append(seen)
 
     def answer(self, wait: float) -> NDArray[np.float64]:
-        return self._model.actions(self._actions(*self._connection.reply(wait)), self._pending)
-
-    def end(self) -> None:
-        """The protocol cannot express it."""
+        return self.model.actions(self._actions(*self._connection.reply(wait)), self._unanswered.popleft())
 
     def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
         url, text = self._connection.url, body.decode("utf-8", "replace")
@@ -92,10 +76,8 @@ class ActSession:
             raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
         if text.strip().strip('"') == "error":  # both servers send this with status 200
             raise wire.failure(url, 'it answers "error"', "remote", "the server's log says why")
-        try:
+        with wire.expected(url, "a reply of /act"):
             reply: Any = decode(body)
-        except ValueError as error:
-            raise wire.failure(url, f"not a reply of /act: {error}", "protocol") from None
         if not isinstance(reply, dict):
             return wire.numbers(reply)
         if "error" in reply:
@@ -131,8 +113,7 @@ def _parsed(text: bytes | str) -> Any:
 
 
 def _encode(value: Any) -> Any:
-    if not isinstance(value, np.ndarray | np.generic) or value.dtype.kind not in KINDS:
-        raise TypeError(f"{type(value).__name__} cannot be sent")
+    wire.check_sendable(value, np.ndarray | np.generic)
     data = base64.b64encode(value.tobytes()).decode()
     return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
 

@@ -1,44 +1,71 @@
-"""Rollouts at a model server, with one session each."""
+"""Rollouts at a model server, with a session each: its own connection, written and read by one protocol."""
 
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.clients.remote import Address
-from vlafuzz.policies.clients.wire import bad_action
+from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.servers import Address
 from vlafuzz.policies.harness import check_chunks
 
 
-class Session(Protocol):
-    """One rollout at a server, on its own connection. All methods but ``close`` may raise PolicyError."""
+class Session(ABC):
+    """One rollout at a server. All methods but ``close`` may raise PolicyError."""
 
+    model: Model  # once a rollout begins
+
+    def __init__(self, connection: Any) -> None:
+        self._connection, self._unanswered = connection, deque[Any]()
+        self.close = connection.close
+
+    @abstractmethod
     def ask(self, seen: Observation) -> None:
         """Send an observation."""
 
+    @abstractmethod
     def answer(self, wait: float) -> NDArray[np.float64]:
         """The actions for the first unanswered observation; ValueError when the reply has no valid ones."""
 
-    def end(self) -> None:
+    def end(self) -> None:  # noqa: B027 - most protocols cannot express it
         """Tell the server that the rollout is over, if the protocol can express it."""
-
-    def close(self) -> None:
-        """Close the connection, which may be broken already."""
 
 
 class Sessions(ABC):
     """A policy with one session per live rollout. A rollout cannot continue after its session broke."""
 
-    def __init__(self, address: Address[Any]) -> None:
-        self._name, self._url, self._timeout = address.name, address.url, address.options.timeout
+    server: ClassVar[str]  # in messages
+    start_it: ClassVar[str]  # how to start one
+
+    def __init__(self, address: Address) -> None:
+        self._name, self._url, self._options = address.name, address.url, address.options
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
         self._kept: dict[tuple[str, int], ActionChunk | PolicyError] = {}  # by rollout and step
+        with wire.required(self.server, f"start it first: {self.start_it}"):
+            first = wire.with_retries(lambda: self._open(None))
+        first.close()
+        self._model = self._described(first)
+        self.spec = self._model.spec
+
+    @abstractmethod
+    def _open(self, start: EpisodeStart | None) -> Session:
+        """A session of a rollout, or of none, to see whether a server is there."""
+
+    def _described(self, first: Any) -> Model:
+        return Model(self._name, self._options)
+
+    def _begin(self, start: EpisodeStart) -> Any:
+        session = wire.with_retries(lambda: self._open(start))
+        session.model = self._model
+        return session
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         names = [start.episode for start in episodes]
@@ -80,14 +107,11 @@ class Sessions(ABC):
     def close(self) -> None:
         self.finish([start for start, _ in self._live.values()])
 
-    @abstractmethod
-    def _begin(self, start: EpisodeStart) -> Session: ...
-
     def _exchange(self, observations: Sequence[Observation]) -> list[ActionChunk | PolicyError]:
         """Each answer, or why there is none: then the session is closed."""
         try:
             asked = [self._ask(seen) for seen in observations]
-            until = time.monotonic() + self._timeout * len(asked)
+            until = time.monotonic() + self._options.timeout * len(asked)
             pairs = zip(observations, asked, strict=True)
             return [self._receive(seen, session, until) for seen, session in pairs]
         except BaseException:  # the sessions may hold replies that nobody will read
@@ -111,7 +135,7 @@ class Sessions(ABC):
         if isinstance(session, PolicyError):
             return session
         try:
-            with bad_action(self._name):
+            with wire.bad_action(self._name):
                 chunk = ActionChunk(session.answer(until - time.monotonic()))
             check_chunks([chunk], 1, self._name)
         except PolicyError as error:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from vlafuzz.common.reading import first_problem
+from vlafuzz.common.reading import KINDS, first_problem
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
 from vlafuzz.policies.base import EpisodeStart
@@ -47,6 +47,11 @@ def too_large(url: str) -> PolicyError:
     return failure(url, f"a reply of more than {MAX_BYTES >> 20} MiB", "protocol")
 
 
+def replaced(name: str) -> PolicyError:
+    """The error for a server that declares something else than the one before it."""
+    return PolicyError(f"{name}: another server answers than at the beginning of the run", cause="protocol")
+
+
 @contextmanager
 def blamed(url: str, wait: float) -> Iterator[None]:
     """Convert the errors of a socket in the block to PolicyErrors; it waits for ``wait`` seconds."""
@@ -58,43 +63,13 @@ def blamed(url: str, wait: float) -> Iterator[None]:
         raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
 
 
-def validated(kind: type[Declared], url: str, what: str, declared: object) -> Declared:
-    """What a server declares about itself; PolicyError when it is malformed, with the place."""
-    try:
-        return kind.model_validate(declared)
-    except ValidationError as error:
-        raise failure(url, f"its {what}: {first_problem(error)}", "protocol") from None
-
-
-def with_retries(attempt: Callable[[], T], causes: Collection[Cause] = CONNECTION) -> T:
-    """The result of ``attempt``, which is repeated up to twice when it fails by one of the causes.
-
-    The server must not keep state between attempts: retry the opening of a connection, a request to a
-    stateless server, or a whole rollout.
-    """
-    for pause in PAUSES:
-        try:
-            return attempt()
-        except PolicyError as error:
-            check_repeatable(error, pause, causes)
-        time.sleep(pause)
-    return attempt()
-
-
-def check_repeatable(error: PolicyError, pause: float, causes: Collection[Cause]) -> None:
-    """Raise an error that has none of the causes; else log that the attempt is repeated after the pause."""
-    if error.cause not in causes:
-        raise error
-    LOG.warning("%s; again in %g s", error, pause)
-
-
 @contextmanager
-def required(protocol: str, start: str) -> Iterator[None]:
-    """Open the first connection in the block; PrerequisiteError, with ``start`` as hint, without a server."""
+def expected(url: str, what: str) -> Iterator[None]:
+    """Convert a ValueError in the block, which reads a message, to a PolicyError."""
     try:
         yield
-    except PolicyError as error:
-        raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
+    except ValueError as error:
+        raise failure(url, f"not {what}: {error}", "protocol") from None
 
 
 @contextmanager
@@ -107,6 +82,15 @@ def bad_action(name: str) -> Iterator[None]:
 
 
 @contextmanager
+def required(protocol: str, start: str) -> Iterator[None]:
+    """Open the first connection in the block; PrerequisiteError, with ``start`` as hint, without a server."""
+    try:
+        yield
+    except PolicyError as error:
+        raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
+
+
+@contextmanager
 def closed_on_error(connection: Any) -> Iterator[None]:
     """Close the connection when the block raises, which prepares it."""
     try:
@@ -114,6 +98,36 @@ def closed_on_error(connection: Any) -> Iterator[None]:
     except BaseException:
         connection.close()
         raise
+
+
+def validated(kind: type[Declared], url: str, what: str, declared: object) -> Declared:
+    """What a server declares about itself; PolicyError when it is malformed, with the place."""
+    try:
+        return kind.model_validate(declared)
+    except ValidationError as error:
+        raise failure(url, f"its {what}: {first_problem(error)}", "protocol") from None
+
+
+def with_retries(attempt: Callable[[], T]) -> T:
+    """The result of ``attempt``, which is repeated up to twice when it cannot connect.
+
+    The server must not keep state between attempts: retry the opening of a connection, or a request to a
+    stateless server.
+    """
+    for pause in PAUSES:
+        try:
+            return attempt()
+        except PolicyError as error:
+            check_repeatable(error, pause, CONNECTION)
+        time.sleep(pause)
+    return attempt()
+
+
+def check_repeatable(error: PolicyError, pause: float, causes: Collection[Cause]) -> None:
+    """Raise an error that has none of the causes; else log that the attempt is repeated after the pause."""
+    if error.cause not in causes:
+        raise error
+    LOG.warning("%s; again in %g s", error, pause)
 
 
 def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
@@ -136,6 +150,12 @@ def numbers(value: object) -> NDArray[np.float64]:
         raise ValueError(f"actions that are no numbers: {short(value)}")
     with np.errstate(over="ignore"):  # infinity is refused later, like any other action that is not finite
         return np.atleast_2d(actions.astype(np.float64))
+
+
+def check_sendable(value: Any, kind: Any = np.ndarray) -> None:
+    """Raise TypeError for what is no array of numbers."""
+    if not isinstance(value, kind) or value.dtype.kind not in KINDS:
+        raise TypeError(f"{type(value).__name__} cannot be sent")
 
 
 def short(value: object) -> str:

@@ -8,7 +8,8 @@ from urllib.parse import urlencode
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
-from vlafuzz.policies.clients.remote import CONVENTIONS, needed
+from vlafuzz.policies.clients.options import CONVENTIONS
+from vlafuzz.policies.clients.servers import needed
 from vlafuzz.policies.clients.vla_eval_spec import UNDECLARED, declared_actions
 from vlafuzz.policies.serving.sessions import ServedPolicy
 
@@ -51,19 +52,14 @@ def options_of(spec: PolicySpec, protocol: str) -> dict[str, str | int | float]:
         options["state"] = 1
     default = asdict(ActionSpec())
     conventions = {"action": "eef_delta", "frame": "base"} | asdict(spec.action)
-    declared = _declared(spec.action) if protocol == "vla-eval" else set()
-    guessed = CONVENTIONS.keys() - declared
+    declared = declared_actions(spec.action) if protocol == "vla-eval" else {}
+    guessed = CONVENTIONS.keys() - {name for name, of in declared.items() if of["format"] != UNDECLARED}
     options |= {
         name: f"{value:.12g}" if isinstance(value, float) else value
         for name, value in conventions.items()
         if name in guessed or value != default.get(name, value)
     }
     return options | ({"deterministic": 1} if spec.deterministic else {})
-
-
-def _declared(action: ActionSpec) -> set[str]:
-    """The conventions that a vla-eval server declares by itself."""
-    return {name for name, part in declared_actions(action).items() if part["format"] != UNDECLARED}
 
 
 def says_of(spec: PolicySpec) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from threading import Condition
 from typing import Any
@@ -18,7 +18,9 @@ from pydantic import BaseModel, Field
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
+from vlafuzz.policies.clients.options import ProfiledOptions
 
+MAX_BYTES = 64 << 20  # of an observation
 # Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
 # while there are rollouts without a pending request.
 WAIT = 0.005
@@ -129,6 +131,16 @@ class ClientSession:
         self.end()
         self._header = header
 
+    def needs(self, keys: ProfiledOptions) -> list[str]:
+        """The keys that an observation must have: pictures, and then the instruction."""
+        key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
+        return [*(key_of[camera.role] for camera in self._spec.cameras), keys.instruction_key]
+
+    def act_on(self, message: Mapping[Any, Any], keys: ProfiledOptions) -> NDArray[np.float64]:
+        """``act`` on an observation under such keys."""
+        *pictures, instruction = (message.get(key) for key in self.needs(keys))
+        return self.act(instruction, pictures, message.get(keys.state_key))
+
     def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
         """The actions ``(steps, 7)`` to execute; ValueError when the spec asks for another observation."""
         spec = self._spec
@@ -153,8 +165,8 @@ class ClientSession:
         self._start = None
 
     def _begin(self, instruction: str) -> EpisodeStart:
-        header = self._header
-        start = EpisodeStart(f"served-{self._begun}", instruction, header.task, header.seed)
+        name = f"served-{self._begun}"
+        start = EpisodeStart(name, instruction, self._header.task, self._header.seed)
         self._policy.ask(self._number, Request(begin=[start]))
         self._start, self._step, self._begun = start, 0, self._begun + 1
         return start

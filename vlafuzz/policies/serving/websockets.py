@@ -1,6 +1,5 @@
 """WebSocket servers for vla-eval's and openpi's protocols."""
 
-import io
 import logging
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -9,12 +8,11 @@ from http import HTTPStatus
 from typing import Any
 
 import numpy as np
-from PIL import Image
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
-from vlafuzz.common.reading import array_of
+from vlafuzz.common.reading import array_of, decoded
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
@@ -22,11 +20,10 @@ from vlafuzz.policies.clients.openpi import OpenPiOptions
 from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION
 from vlafuzz.policies.clients.vla_eval_spec import declared_actions, declared_observations
 from vlafuzz.policies.clients.wire import ROLLOUT, short
-from vlafuzz.policies.serving.sessions import ClientSession, RolloutHeader, ServedPolicy
+from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession, RolloutHeader, ServedPolicy
 
-MAX_BYTES = 64 << 20  # of an observation
-MOST_PIXELS = 4096**2  # of a picture, which may unfold from a few bytes
 INTERNAL_ERROR = 1011  # close code of WebSockets
+HEALTH = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}  # of vla-eval and openpi
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
 Talk = Callable[[ServedPolicy, ServerConnection], None]
@@ -45,6 +42,10 @@ def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iter
         finally:
             live.discard(connection)
 
+    def health(connection: ServerConnection, request: Any) -> Any:
+        reply = HEALTH.get(request.path.partition("?")[0])
+        return None if reply is None else connection.respond(HTTPStatus.OK, reply)
+
     server = serve(
         session,
         address,
@@ -53,7 +54,7 @@ def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iter
         max_size=MAX_BYTES,
         ping_interval=None,
         close_timeout=1.0,
-        process_request=_health,
+        process_request=health,
         logger=LOG,
     )
     thread = threading.Thread(target=server.serve_forever, daemon=True)
@@ -67,24 +68,21 @@ def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iter
         thread.join()
 
 
-def _health(connection: ServerConnection, request: Any) -> Any:
-    """Health checks: /health for vla-eval, /healthz for openpi; and an empty /config."""
-    replies = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}
-    reply = replies.get(request.path.partition("?")[0])
-    return None if reply is None else connection.respond(HTTPStatus.OK, reply)
-
-
 def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
     """Greet the client, then answer every observation. An error is sent as text and ends the connection."""
     connection.send(pack_openpi({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
     session: ClientSession | None = None
+    keys = OpenPiOptions()
     try:
         session = served.session(connection.request.headers.get(ROLLOUT) if connection.request else None)
         for frame in connection:
             if isinstance(frame, str):
                 raise ValueError("text, expected a message in msgpack")
-            actions = _act(served.spec, session, unpack_openpi(frame))
-            connection.send(pack_openpi({"actions": actions}))
+            message = unpack_openpi(frame)
+            if missing := [key for key in session.needs(keys) if key not in message]:
+                found = short(sorted(map(str, message)))
+                raise ValueError(f"no {missing[0]!r} in the observation, but {found}")
+            connection.send(pack_openpi({"actions": session.act_on(message, keys)}))
     except ConnectionClosed:
         raise
     except Exception as error:  # the client gets the policy's error, and the server keeps running
@@ -93,16 +91,6 @@ def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
     finally:
         if session:
             session.end()
-
-
-def _act(spec: PolicySpec, session: ClientSession, message: Mapping[Any, Any]) -> np.ndarray[Any, Any]:
-    keys = OpenPiOptions()
-    key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
-    pictures = [key_of[camera.role] for camera in spec.cameras]
-    if missing := [key for key in [*pictures, keys.instruction_key] if key not in message]:
-        raise ValueError(f"no {missing[0]!r} in the observation, but {short(sorted(map(str, message)))}")
-    state = message.get(keys.state_key)
-    return session.act(message[keys.instruction_key], [message[key] for key in pictures], state)
 
 
 def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
@@ -133,7 +121,7 @@ def _reply(
     elif kind == "episode_end":
         session.end()
     elif kind == "observation":
-        pictures = [_decoded(picture) for picture in payload.get("images", {}).values()]
+        pictures = [_picture(picture) for picture in payload.get("images", {}).values()]
         state = payload.get("states", payload.get("state"))
         actions = session.act(payload.get("task_description"), pictures, state)
         return "action", {"actions": actions if len(actions) > 1 else actions[0]}
@@ -158,13 +146,10 @@ def _hello(spec: PolicySpec) -> Mapping[str, Any]:
     }
 
 
-def _decoded(picture: Any) -> Any:
+def _picture(sent: Any) -> Any:
     """A picture as an array: vla-eval's own client compresses pictures by default."""
-    if not isinstance(picture, dict) or "__image__" not in picture:
-        return picture
-    if picture.get("format") == "raw":
-        return array_of(picture["data"], np.uint8, picture["shape"])
-    compressed = Image.open(io.BytesIO(picture["data"]), formats=("PNG", "JPEG"))
-    if compressed.width * compressed.height > MOST_PIXELS:
-        raise ValueError(f"a picture of {compressed.width} x {compressed.height} pixels")
-    return np.array(compressed.convert("RGB"))
+    if not isinstance(sent, dict) or "__image__" not in sent:
+        return sent
+    if sent.get("format") == "raw":
+        return array_of(sent["data"], np.uint8, sent["shape"])
+    return np.array(decoded(sent["data"], "PNG", "JPEG").convert("RGB"))

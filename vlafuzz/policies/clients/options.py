@@ -1,0 +1,202 @@
+"""Options in the names of policies behind servers and in folders: what a model is sent, and what it means."""
+
+import hashlib
+import math
+import re
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+
+from vlafuzz.policies.base import SIM_HZ, PolicySpec
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, SCALED, Convention
+
+SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
+# Options that are guessed where nobody gives them: what the default means. A wrong one makes any model fail.
+CONVENTIONS = {
+    "action": "actions move the hand",
+    "frame": "along the axes of the robot's base",
+    "rotation": "turns are rotation vectors",
+    "gripper": "it opens above 0",
+    "relative_to": "a move starts at the last target, not at the hand",
+    "position_scale": "a unit is a metre",
+    "rotation_scale": "a unit is a radian",
+    "hz": "actions a second",
+}
+
+
+def _size(text: object) -> object:
+    """Parse ``224`` or ``320x240`` in pixels; ``0`` for no picture."""
+    match = re.fullmatch(r"(\d{1,4})(?:x(\d{1,4}))?", str(text))
+    pixels = (int(match[1]), int(match[2] or match[1])) if match else (0, 1)
+    if pixels != (0, 0) and min(pixels) < 16:
+        raise ValueError(f"expected pixels as 224 or 320x240, or 0 for none, got {text!r}")
+    return pixels
+
+
+def _divisor(hz: int) -> int:
+    if hz < 1 or SIM_HZ % hz:
+        raise ValueError(f"expected a divisor of {SIM_HZ}, got {hz}")
+    return hz
+
+
+def _signed(scale: float) -> float:
+    """A scale may be negative, for models trained with a controller that turns the wrong way."""
+    if not math.isfinite(scale) or scale == 0:
+        raise ValueError(f"expected a number other than 0, got {scale}")
+    return scale
+
+
+# Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
+State = Literal[
+    "0",
+    "1",
+    "eef_pos3_axisangle3_gripper1",
+    "eef_pos3_axisangle3_gripper2",
+    "eef_pos3_quat4_gripper1",
+    "eef_pos3_rpy3_pad1_gripper1",
+]
+Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Size = Annotated[tuple[int, int], BeforeValidator(_size)]
+_Count = Annotated[int, Field(ge=1)]
+
+
+class CommonOptions(BaseModel):
+    """The options of every server's model; see ``ActionSpec`` and ``PolicySpec``.
+
+    Attributes:
+        version: which model it is, so that stored outcomes of that one answer; changes nothing else.
+        profile: name or file of a profile, which sets the options of a known model.
+        camera: width and height of the third-person picture; (0, 0) for none.
+        wrist: whether a wrist picture comes second.
+        execute: actions of a chunk to execute before the next request; None for all of them.
+        deterministic: the same observations and seed give the same actions; servers do not declare this.
+        batch: the largest number of observations sent at once.
+        timeout: seconds to wait for a reply, times the number of observations sent at once.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    protocol: ClassVar[str]
+
+    version: str | None = Field(default=None, pattern=r"^[\w.:@+/-]{1,100}$")
+    profile: str | None = None
+    camera: Size | None = None
+    wrist: bool | None = None
+    gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
+    position_scale: Scale = 1.0
+    relative_to: Literal["target", "current"] = "target"
+    sticky: int = Field(default=0, ge=0)
+    execute: Annotated[_Count | None, BeforeValidator(lambda text: None if text == "all" else text)] = None
+    deterministic: bool = False
+    batch: _Count = 16
+    timeout: float = Field(default=60.0, gt=0, le=86400)
+
+    def provenance(self) -> dict[str, str]:
+        """The profile, with a digest of all options that follow from it: a file of one may be edited."""
+        if self.profile is None:
+            return {"profile": "none"}
+        options = self.model_dump_json(exclude={"version", "timeout"})
+        digest = hashlib.blake2b(options.encode(), digest_size=6).hexdigest()
+        return {"profile": self.profile, "options": digest}
+
+    def refusals(self) -> list[tuple[str, str]]:
+        """Options that cannot be executed or sent, each as a message and a hint."""
+        return []
+
+    def guesses(self, spec: PolicySpec) -> dict[str, str]:
+        """Conventions that neither options nor server declare: ``option=value``, and what it means."""
+        given = self.model_fields_set | {name for name, by in spec.provenance.items() if by == "server"}
+        values = vars(self) | vars(spec.action)
+        return {
+            f"{name}={values[name]:g}" if isinstance(values[name], float) else f"{name}={values[name]}": means
+            for name, means in CONVENTIONS.items()
+            if name in values and name not in given
+        }
+
+
+class VlaEvalOptions(CommonOptions):
+    """Options of a model that declares itself. None means as declared, or else the default.
+
+    Attributes:
+        state: ``0``, ``1`` (the layout that the server declares) or the name of a layout.
+        action: the only kind of vla-eval's actions that can be executed.
+        frame: of deltas: the robot's base.
+        benchmark: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends
+            proprioception and the wrist picture to servers that ask for them.
+    """
+
+    protocol: ClassVar[str] = "vla-eval"
+
+    state: State | None = None
+    benchmark: Literal["libero"] | None = None
+    action: Literal["eef_delta"] = "eef_delta"
+    frame: Literal["base"] = "base"
+    rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
+    rotation_scale: Scale = 1.0
+    hz: Annotated[int, AfterValidator(_divisor)] = 5
+
+
+class ProfiledOptions(CommonOptions):
+    """Options of a model whose server declares nothing, from a profile or from the user.
+
+    Attributes:
+        state: ``0``, ``1`` (our own layout) or the name of a layout.
+        action: deltas or target poses of the end effector; actions of joints are refused.
+        frame: of deltas: the robot's base, or the hand (tool).
+        rotation: a name of ``conventions.ROTATIONS``.
+        hz: control rate, a divisor of 100.
+        chunk: actions in every reply; None to accept any number.
+        wrist_camera: width and height of the wrist picture; None for those of ``camera``.
+        image_key: key of the third-person picture in messages; ``wrist_key`` and the others likewise.
+    """
+
+    state: Literal[State, "joint_positions"] = "0"
+    action: Literal["eef_delta", "eef_pose", "joint_delta", "joint_position", "joint_velocity"] = "eef_delta"
+    frame: Literal["base", "tool"] = "base"
+    rotation: Literal[
+        "axis_angle",
+        "rpy",
+        "euler_xyz",
+        "quaternion_xyzw",
+        "quaternion_wxyz",
+        "rot6d",
+        "rot6d_interleaved",
+    ] = "axis_angle"
+    rotation_scale: Annotated[float, AfterValidator(_signed)] = 1.0
+    hz: _Count = 5
+    chunk: _Count | None = None
+    wrist_camera: Size | None = None
+    image_key: str = "image"
+    wrist_key: str = "wrist_image"
+    state_key: str = "state"
+    instruction_key: str = "instruction"
+
+    @property
+    def convention(self) -> Convention:
+        pose, tool = self.action == "eef_pose", self.frame == "tool"
+        return Convention(pose, tool, self.rotation, self.position_scale, self.rotation_scale)
+
+    @property
+    def layout(self) -> str | None:
+        """The layout in which proprioception is sent; None when it is not sent."""
+        layout = OWN if self.state == "1" else self.state
+        return layout if layout in LAYOUTS else None
+
+    def refusals(self) -> list[tuple[str, str]]:
+        problems = []
+        if self.action.startswith("joint"):
+            message = f"its actions are of joints ({self.action.replace('_', ' ')}), which cannot be executed"
+            problems.append((message, "supported: action=eef_delta and action=eef_pose"))
+        if self.state == "joint_positions":
+            message = "joint positions cannot be sent as proprioception"
+            problems.append((message, f"supported: {', '.join(LAYOUTS)}, 0"))
+        if SIM_HZ % self.hz:
+            message = f"hz: expected a divisor of {SIM_HZ}, got {self.hz}"
+            problems.append((message, "such as hz=5, hz=10 or hz=20"))
+        if self.convention.measured and self.execute != 1:
+            problems.append(("poses and moves in the hand's frame are executed one at a time", "execute=1"))
+        if self.rotation not in SCALED and self.rotation_scale != 1:
+            problems.append((f"rotation_scale: {self.rotation} has no scale", "leave it out"))
+        if self.chunk and (self.execute or 0) > self.chunk:
+            message = f"execute={self.execute} of a chunk of {self.chunk}"
+            problems.append((message, f"execute at most {self.chunk}"))
+        return problems
