@@ -71,15 +71,13 @@ def sheet(pictures: list[tuple[str, Image.Image]]) -> Image.Image:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("contact_sheet.png"), help="PNG to write")
-    parser.add_argument(
-        "--objects", type=Path, nargs="*", default=[], help="catalogue files instead of the built-in one"
-    )
+    parser.add_argument("--objects", type=Path, help="a catalogue file instead of the built-in one")
     parser.add_argument("--pack", nargs="*", default=[], help="show the objects of these packs only")
     parser.add_argument("--yaw", type=float, default=15.0, help="degrees by which every object is turned")
     options = parser.parse_args()
     studio = Studio()
     catalogue = load_catalogue(
-        *options.objects, packs=[pack for path in options.pack for pack in open_packs(path)]
+        options.objects, packs=[pack for path in options.pack for pack in open_packs(path)]
     )
     pictures = [
         (f"{model.spoken}, {pose.name.replace('_', ' ')}", studio.photograph(model, pose, options.yaw))

@@ -129,7 +129,9 @@ def _slots(
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
-    names = _narrowed("confounder-type: names", catalogue.movable(), around.names, catalogue)
+    names = _narrowed(
+        "confounder-type: names", catalogue.names("graspable", "obstacle"), around.names, catalogue
+    )
     return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
 
 

@@ -274,9 +274,9 @@ def default_scene(task: str, catalogue: Catalogue) -> Scene:
     wanted = TASKS[task]
     models = [catalogue[catalogue.graspable()[0]]]
     if wanted.onto == "container":
-        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].container))
+        models.append(next(catalogue[name] for name in catalogue.names("place") if catalogue[name].container))
     elif wanted.onto == "support":
-        models.append(next(catalogue[name] for name in catalogue.places() if catalogue[name].supports))
+        models.append(next(catalogue[name] for name in catalogue.names("place") if catalogue[name].supports))
     elif wanted.targets == 2:
         models.append(catalogue[catalogue.graspable()[1]])
     spots = ((-0.05, 0.0), (-0.05, 0.2))

@@ -3,7 +3,7 @@ import pytest
 
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
-from vlafuzz.worlds.tabletop.objects.shapes import box
+from vlafuzz.worlds.tabletop.objects.shapes import _box as box
 
 CATALOGUE = load_catalogue()
 POSES = [(name, pose.name) for name in CATALOGUE.graspable() for pose in CATALOGUE[name].stable_poses]
@@ -23,10 +23,6 @@ def test_it_can_be_grasped(name, rest):
         assert grasp.z < pose.top
 
 
-def test_places_are_not_grasped():
-    assert all(not pose.grasps for name in CATALOGUE.places() for pose in CATALOGUE[name].stable_poses)
-
-
 def test_a_round_object_can_be_grasped_from_everywhere():
     grasps = CATALOGUE["coke_can"].stable_pose("standing").grasps
     assert {g.yaw for g in grasps} == {15.0 * k for k in range(12)}
@@ -35,7 +31,7 @@ def test_a_round_object_can_be_grasped_from_everywhere():
 
 @pytest.mark.parametrize(
     ("name", "rest"),
-    [("coke_can", "lying"), ("blue_plastic_bottle", "lying"), ("sponge", "flat"), ("spoon", "lying")],
+    [("coke_can", "lying"), ("sponge", "flat"), ("spoon", "lying")],
 )
 def test_a_long_object_is_grasped_across(name, rest):
     assert CATALOGUE[name].stable_pose(rest).grasps[0].yaw == 90

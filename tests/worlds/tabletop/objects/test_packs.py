@@ -126,7 +126,7 @@ def test_what_the_gripper_cannot_take_is_an_obstacle_which_may_stand_about(tmp_p
     (folder / "info_mine.json").write_text(json.dumps({"block": {}, "slab": {"density": 5000}}))
     objects = catalogue(folder)
     assert [objects[f"mine:{name}"].role for name in ("block", "slab")] == ["obstacle", "place"]
-    assert objects.movable()[-1] == "mine:block"
+    assert objects.names("obstacle")[-1] == "mine:block"
 
 
 def test_without_looks_it_shows_its_solid_in_one_colour(tmp_path):

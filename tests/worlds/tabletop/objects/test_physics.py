@@ -8,7 +8,9 @@ from sapien import physx
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
-POSES = [(model.name, pose.name) for model in CATALOGUE.models.values() for pose in model.stable_poses]
+POSES = [
+    (model.name, pose.name) for model in map(CATALOGUE.__getitem__, CATALOGUE) for pose in model.stable_poses
+]
 
 
 def body(model) -> physx.PhysxRigidDynamicComponent:

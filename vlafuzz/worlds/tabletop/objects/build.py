@@ -49,30 +49,18 @@ def solid(parts: Sequence[Array]) -> Solid:
     return Solid(exact, corners(np.concatenate(exact)), float(sum(volumes)), balance)
 
 
-def settled(body: Solid, up: Sequence[float]) -> Array:
-    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most nearly upwards.
-
-    Raises:
-        CatalogueError: there is no stable face near that orientation.
-    """
+def settled(body: Solid, up: Sequence[float]) -> Array | None:
+    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most upwards; None if none is near."""
     wanted = np.array(up) / np.linalg.norm(up)
-    for face in _faces_from_below(body.hull, wanted):
-        reach = body.hull @ face
-        ground = body.hull[reach > reach.max() - FLAT]
-        turn = rotation(face, -UP)
-        if _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2]) > STEADY:
+    normals = _normals(body.hull)
+    # Rounded, so that the last bit does not decide between mirrored faces
+    steepness = np.round(normals @ wanted, 6)
+    order = np.lexsort((*np.round(normals.T, 6), steepness))
+    for face in normals[order][steepness[order] < -NEAR]:  # those that point down, the steepest first
+        if _lying(body, face, FLAT)[1] > STEADY:
             first = rotation(wanted, UP)
             return np.asarray(rotation(first @ face, -UP) @ first)
-    raise CatalogueError(f"no stable face near this pose, got up {tuple(up)!r}")
-
-
-def _faces_from_below(hull: Array, up: Array) -> Array:
-    """Outward normals ``(k, 3)`` of the hull's faces that point down, the steepest first."""
-    normals = _normals(hull)
-    # Rounded, so that the last bit does not decide between mirrored faces
-    steepness = np.round(normals @ up, 6)
-    order = np.lexsort((*np.round(normals.T, 6), steepness))
-    return np.asarray(normals[order][steepness[order] < -NEAR])
+    return None
 
 
 class Stable(NamedTuple):
@@ -94,11 +82,8 @@ def stable_turns(body: Solid) -> list[Stable]:
     """All stable poses of a measured solid, on any face of its hull, even if it is not quite flat."""
     stable = []
     for face in _normals(body.hull):
-        reach = body.hull @ face
-        ground = body.hull[reach > reach.max() - UNEVEN]
-        turn = rotation(face, -UP)
-        margin = _margin(outline((ground @ turn.T)[:, :2]), (turn @ body.balance)[:2])
-        tilt = float(np.arctan2(margin, reach.max() - body.balance @ face))
+        turn, margin = _lying(body, face, UNEVEN)
+        tilt = float(np.arctan2(margin, (body.hull @ face).max() - body.balance @ face))
         if margin > FIRM and tilt > TIPS:
             stable.append((face, turn, tilt))
     faces = np.array([face for face, _, _ in stable])
@@ -111,12 +96,15 @@ def stable_turns(body: Solid) -> list[Stable]:
     return poses
 
 
-def _margin(polygon: Array, point: Array) -> float:
-    """Distance from a point ``(2,)`` to the edges of a counter-clockwise polygon; negative outside."""
-    side = np.roll(polygon, -1, axis=0) - polygon
-    arm = point - polygon
+def _lying(body: Solid, face: Array, flat: float) -> tuple[Array, float]:
+    """The rotation that turns a face down, and how far the centre of mass is inside the face's edges."""
+    reach = body.hull @ face
+    ground = body.hull[reach > reach.max() - flat]
+    turn = rotation(face, -UP)
+    polygon = outline((ground @ turn.T)[:, :2])
+    side, arm = np.roll(polygon, -1, axis=0) - polygon, (turn @ body.balance)[:2] - polygon
     inside = (side[:, 0] * arm[:, 1] - side[:, 1] * arm[:, 0]) / np.linalg.norm(side, axis=1)
-    return float(inside.min())
+    return turn, float(inside.min())
 
 
 def _normals(hull: Array) -> Array:
@@ -157,6 +145,11 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
     points = np.concatenate(drawn)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2
     body = solid([part - centre for part in drawn])
+    container = None
+    if isinstance(spec.shape, Basket):
+        width, depth, height = spec.shape.inner
+        floor = float(spec.shape.wall - centre[2])
+        container = Container(width, depth, round(floor, 6), round(floor + height, 6))
     visual = folder / "visual.glb"
     write_visual(spec, centre, visual)
     return ObjectModel(
@@ -172,7 +165,7 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
         collision=write_parts(body.parts, folder),
         stable_poses=tuple(_stable_poses(name, spec, body)),
         supports=spec.supports,
-        container=_container(spec.shape, centre) if isinstance(spec.shape, Basket) else None,
+        container=container,
         density=spec.mass / body.volume,
     )
 
@@ -180,11 +173,10 @@ def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
 def _stable_poses(name: str, spec: ObjectSpec, body: Solid) -> Iterator[StablePose]:
     graspable = spec.role == "graspable"
     for key, chosen in spec.rests.items():
-        where = f"objects.{name}.rests.{key}"
-        try:
-            pose = stable_pose(key, settled(body, chosen.up), body, rolls=chosen.rolls, graspable=graspable)
-        except CatalogueError as error:
-            raise CatalogueError(f"{where}: {error}", error.hint) from None
+        where, turn = f"objects.{name}.rests.{key}", settled(body, chosen.up)
+        if turn is None:
+            raise CatalogueError(f"{where}: no stable face near this pose, got up {chosen.up!r}")
+        pose = stable_pose(key, turn, body, rolls=chosen.rolls, graspable=graspable)
         if graspable and not pose.grasps:
             hint = "it opens 0.08 m: make the object thinner"
             raise CatalogueError(f"{where}: nothing that the gripper could grasp", hint)
@@ -208,12 +200,6 @@ def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: 
         rolls=rolls,
         grasps=grasps,
     )
-
-
-def _container(shape: Basket, centre: Array) -> Container:
-    width, depth, height = shape.inner
-    floor = float(shape.wall - centre[2])
-    return Container(width, depth, round(floor, 6), round(floor + height, 6))
 
 
 def write_parts(parts: Sequence[Array], folder: Path) -> tuple[Path, ...]:

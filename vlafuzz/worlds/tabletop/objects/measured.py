@@ -8,15 +8,17 @@ import colorsys
 import io
 import math
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import trimesh
 from PIL import Image
 from scipy.spatial import ConvexHull, QhullError
+from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
@@ -65,15 +67,20 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
     body = solid([_reduced(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
-    mass, cavity = body.volume * spec.density, _cavity(spec, body)
+    cavity = find_cavity(body.parts)
+    if spec.marks:  # a place for things, as large as the marker
+        width, depth, height = np.ptp(body.hull, axis=0).round(4)
+        cavity = Container(float(width), float(depth), float(height) / 2, float(height) / 2)
+    mass = body.volume * spec.density
     is_place = supports or cavity is not None or mass > HEAVIEST
     poses = _stable_poses(name, body, graspable=not is_place)
+    role: Role = "place" if is_place else "graspable" if poses[0].grasps else "obstacle"
     fit = Fit(spec.scale, quaternion(turn), -centre)
     visual, colour = _looks(spec, body, fit, folder)
     return ObjectModel(
         name=name,
         spoken=spec.spoken,
-        role=_role(spec, poses, is_place=is_place),
+        role="marker" if spec.marks else role,
         mass=round(mass, 6),
         friction=FRICTION,
         colour=colour,
@@ -90,32 +97,32 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     )
 
 
-def _role(spec: PackObject, poses: Sequence[StablePose], *, is_place: bool) -> Role:
-    if spec.marks:
-        return "marker"
-    return "place" if is_place else "graspable" if poses[0].grasps else "obstacle"
+def _read(file: Path) -> bytes:
+    return read_bytes(file, CatalogueError, most=MOST_BYTES, inside=file.parent)
 
 
-def _cavity(spec: PackObject, body: Solid) -> Container | None:
-    """The cavity; that of a marker is its rectangle."""
-    if not spec.marks:
-        return find_cavity(body.parts)
-    width, depth, height = np.ptp(body.hull, axis=0).round(4)
-    return Container(float(width), float(depth), float(height) / 2, float(height) / 2)
+@contextmanager
+def _reading(file: Path) -> Iterator[None]:
+    """CatalogueError for all kinds of errors that trimesh's readers raise for damaged files."""
+    try:
+        yield
+    except Exception as error:
+        raise CatalogueError(f"{file}: no mesh: {error}") from None
+
+
+def _mesh(file: Path, data: bytes) -> Any:
+    return trimesh.load_mesh(io.BytesIO(data), file_type=file.suffix[1:], process=False, skip_materials=True)
 
 
 def _parts(spec: PackObject) -> list[Array]:
     """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
     data = _read(spec.collision)
-    try:
-        kind = spec.collision.suffix[1:]
-        loaded = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
+    with _reading(spec.collision):
+        loaded = _mesh(spec.collision, data)
         whole = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
         _check_bounds(whole, spec.scale)
         whole.merge_vertices()
         pieces = [np.asarray(piece.vertices) for piece in whole.split(only_watertight=False)]
-    except Exception as error:  # trimesh's readers raise all kinds of errors for damaged files
-        raise CatalogueError(f"{spec.collision}: no mesh: {error}") from None
     if len(pieces) > MOST_PARTS:
         raise CatalogueError(f"{spec.collision}: {len(pieces)} separate parts, expected at most {MOST_PARTS}")
     kept = [piece for piece in pieces if _volume(piece) * spec.scale**3 > LEAST]
@@ -170,24 +177,21 @@ def _reduced(points: Array) -> Array:
 def _stable_poses(name: str, body: Solid, *, graspable: bool) -> tuple[StablePose, ...]:
     """The stable poses, upright first, then by tilt; only those with a grasp if any of them has one."""
     turns = sorted(stable_turns(body), key=lambda turn: (-(turn.up >= UPRIGHT), -turn.tilt))
-    poses = [_stable_pose(turn, body, graspable=graspable) for turn in _distinct(turns, body)]
+
+    def posed(turn: Stable) -> StablePose:
+        return stable_pose(_kind(turn), turn.turn, body, rolls=turn.rolls, graspable=graspable)
+
+    poses = [posed(turn) for turn in _distinct(turns, body)]
     if not poses:
         raise CatalogueError(f"{name}: there is no pose in which it stays put")
     held = [pose for pose in poses if pose.grasps]
     if graspable and not held:  # about as wide as the gripper: it may fit on some faces
-        more = (_stable_pose(turn, body, graspable=True) for turn in turns[:SEARCHED])
-        held = [pose for pose in more if pose.grasps][:1]
-    kept = (held or poses)[:KEPT]
-    kinds = [pose.name for pose in kept]
-    counts = [kinds[: number + 1].count(kind) for number, kind in enumerate(kinds)]
-    return tuple(
-        replace(pose, name=pose.name if count == 1 else f"{pose.name}_{count}")
-        for pose, count in zip(kept, counts, strict=True)
-    )
-
-
-def _stable_pose(stable: Stable, body: Solid, *, graspable: bool) -> StablePose:
-    return stable_pose(_kind(stable.up), stable.turn, body, rolls=stable.rolls, graspable=graspable)
+        held = [pose for pose in map(posed, turns[:SEARCHED]) if pose.grasps][:1]
+    kept: list[StablePose] = []
+    for pose in (held or poses)[:KEPT]:
+        count = 1 + sum(other.name.partition("_")[0] == pose.name for other in kept)
+        kept.append(pose if count == 1 else replace(pose, name=f"{pose.name}_{count}"))
+    return tuple(kept)
 
 
 def _distinct(turns: Sequence[Stable], body: Solid) -> list[Stable]:
@@ -197,15 +201,14 @@ def _distinct(turns: Sequence[Stable], body: Solid) -> list[Stable]:
         heights = body.hull @ turn.turn[2]
         low, high = float(heights.min()), float(heights.max())
         alike = any(abs(low - bottom) + abs(high - top) < ALIKE for bottom, top in kept)
-        kind = _kind(turn.up)
-        repeated = kind != "lying" and any(_kind(other.up) == kind for other in kept.values())
+        repeated = _kind(turn) != "lying" and _kind(turn) in map(_kind, kept.values())
         if not alike and not repeated and len(kept) < TRIED:
             kept[low, high] = turn
     return list(kept.values())
 
 
-def _kind(up: float) -> str:
-    return "upright" if up >= UPRIGHT else "inverted" if up <= -UPRIGHT else "lying"
+def _kind(turn: Stable) -> str:
+    return "upright" if turn.up >= UPRIGHT else "inverted" if turn.up <= -UPRIGHT else "lying"
 
 
 def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
@@ -214,50 +217,39 @@ def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path,
     pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
     shown = _embedded(spec.visual) if spec.visual and not pictures else [_mean(file) for file in pictures]
     if not shown and (painted := _painted(spec)):
-        painted.mesh.export(folder / PAINTED, include_normals=True)
-        return folder / PAINTED, painted.colour
+        mesh, colour = painted
+        mesh.export(folder / PAINTED, include_normals=True)
+        return folder / PAINTED, colour
     hues = [COLOURS[word] for word in spec.spoken.split() if word in COLOURS]
     hue = hues[0] if hues else zlib.crc32(spec.spoken.encode()) % 360 / 360
     colour = np.round(np.mean(shown, axis=0) if shown else colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
     return spec.visual or _write_plain(body, fit, colour, folder / "visual.glb"), colour
 
 
-class _Painted(NamedTuple):
-    mesh: trimesh.Trimesh
-    colour: Array
+def _painted(spec: PackObject) -> tuple[trimesh.Trimesh, Array] | None:
+    """The mesh with a texture instead of its vertices' colours, which SAPIEN ignores, and its mean colour.
 
-
-def _painted(spec: PackObject) -> _Painted | None:
-    """The mesh, with a texture instead of its vertices' colours, which SAPIEN ignores; None if it has none.
-
-    Every face gets a texel, the mean of its corners, and the mean colour is that of the surface.
+    None if it has no colours. Every face gets a texel, the mean of its corners.
     """
     source = spec.visual or spec.collision
-    kind = source.suffix[1:]
-    if kind == "dae":  # trimesh does not read it
+    if source.suffix == ".dae":  # trimesh does not read it
         return None
     data = _read(source)
-    try:
-        mesh = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
-        shown = mesh.visual
-        if not isinstance(shown, trimesh.visual.ColorVisuals) or not shown.defined:
+    with _reading(source):
+        mesh = _mesh(source, data)
+        if not isinstance(mesh.visual, trimesh.visual.ColorVisuals) or not mesh.visual.defined:
             return None
         _check_bounds(mesh, spec.scale)
-        colours = np.asarray(shown.face_colors[:, :3], dtype=np.float64) / 255
-    except Exception as error:
-        raise CatalogueError(f"{source}: no mesh: {error}") from None
-    if kind == "glb":  # glTF's are linear, those of other formats sRGB
+        colours = np.asarray(mesh.visual.face_colors[:, :3], dtype=np.float64) / 255
+    if source.suffix == ".glb":  # glTF's are linear, those of other formats sRGB
         colours = colours ** (1 / SRGB)
     side = math.ceil(math.sqrt(len(colours)))
     texels = np.zeros((side * side, 3), dtype=np.uint8)
     texels[: len(colours)] = np.round(colours * 255)
     row, column = np.divmod(np.arange(len(colours)), side)
     uv = np.stack([column + 0.5, side - row - 0.5], axis=1) / side
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorTexture=Image.fromarray(texels.reshape(side, side, 3)),
-        metallicFactor=0.0,
-        roughnessFactor=ROUGH,
-    )
+    texture = Image.fromarray(texels.reshape(side, side, 3))
+    material = PBRMaterial(baseColorTexture=texture, metallicFactor=0.0, roughnessFactor=ROUGH)
     flat = trimesh.Trimesh(
         mesh.vertices[mesh.faces].reshape(-1, 3),
         np.arange(3 * len(colours)).reshape(-1, 3),
@@ -265,7 +257,7 @@ def _painted(spec: PackObject) -> _Painted | None:
         visual=trimesh.visual.TextureVisuals(np.repeat(uv, 3, axis=0), material=material),
         process=False,
     )
-    return _Painted(flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4))
+    return flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4)
 
 
 def _embedded(visual: Path) -> list[Array]:
@@ -273,13 +265,11 @@ def _embedded(visual: Path) -> list[Array]:
     if visual.suffix != ".glb":
         return []
     data = _read(visual)
-    try:
+    with _reading(visual):
         meshes = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
         materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
         textures = [getattr(material, "baseColorTexture", None) for material in materials]
         return [_mean_of(texture) for texture in textures if texture is not None]
-    except Exception as error:
-        raise CatalogueError(f"{visual}: no mesh: {error}") from None
 
 
 def _mean(file: Path) -> Array:
@@ -287,10 +277,6 @@ def _mean(file: Path) -> Array:
         return _mean_of(decoded(_read(file), "PNG", "JPEG"))
     except ValueError as error:
         raise CatalogueError(f"{file}: {error}") from None
-
-
-def _read(file: Path) -> bytes:
-    return read_bytes(file, CatalogueError, most=MOST_BYTES, inside=file.parent)
 
 
 def _mean_of(picture: Image.Image) -> Array:
@@ -307,9 +293,7 @@ def _write_plain(body: Solid, fit: Fit, colour: Array, file: Path) -> Path:
     corners_of_faces = [part[triangles(part)].reshape(-1, 3) for part in body.parts]  # edges stay sharp
     vertices = (np.concatenate(corners_of_faces) - fit.position) @ fit.turn / fit.scale
     mesh = trimesh.Trimesh(vertices, np.arange(len(vertices)).reshape(-1, 3), process=False)
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=ROUGH
-    )
+    material = PBRMaterial(baseColorFactor=[*colour, 1.0], metallicFactor=0.0, roughnessFactor=ROUGH)
     mesh.visual = trimesh.visual.TextureVisuals(material=material)
     mesh.export(file, include_normals=True)
     return file

@@ -71,7 +71,7 @@ class StablePose:
 
 @dataclass(frozen=True, eq=False)
 class Container:
-    """The cavity, centred on the object's origin in x and y; heights in the object's frame. Metres."""
+    """A cavity, centred on the object's origin in x and y; heights in the object's frame. Metres."""
 
     width: float
     depth: float
@@ -81,10 +81,7 @@ class Container:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The transform from a pack's mesh into the object's frame: scale, then rotate, then translate.
-
-    ``quaternion``: ``(4,)`` w, x, y, z; ``position``: ``(3,)`` metres.
-    """
+    """The transform from a pack's mesh into the object's frame: scale, then rotate, then move by metres."""
 
     scale: float
     quaternion: Array
@@ -106,13 +103,12 @@ class ObjectModel:
         mass: kilograms.
         friction: coefficient, static and dynamic; the restitution is zero.
         colour: ``(3,)`` dominant colour, sRGB in [0, 1].
-        parts: ``(n, 3)`` corners of each convex part, metres.
-        vertices: ``(m, 3)`` corners of the convex hull of all parts, metres.
+        parts: ``(n, 3)`` corners of each convex part, metres; ``vertices``: those of the hull of all parts.
         visual: a ``.glb`` with textures; any mesh format if ``fit`` is set.
         collision: one convex ``.obj`` per part.
         stable_poses: the first is nominal.
         supports: whether other objects can be put on it.
-        density: mass over the summed volume of the parts, kilograms per cubic metre.
+        density: kilograms per cubic metre of the parts.
         fit: for objects of packs, the transform of the mesh at its nominal size.
         box: ``(3,)`` side lengths stated by the pack, metres, rotated by ``fit``, signs included; or None.
     """
@@ -148,18 +144,13 @@ class ObjectModel:
         return self if scale == 1.0 else _scaled(self, scale)
 
     def stable_pose(self, name: str) -> StablePose:
-        """The stable pose of that name.
-
-        Raises:
-            CatalogueError: there is no such pose.
-        """
+        """The stable pose of that name; a CatalogueError if there is none."""
         for pose in self.stable_poses:
             if pose.name == name:
                 return pose
         known = [pose.name for pose in self.stable_poses]
-        raise CatalogueError(
-            f"{self.name}: no rest pose {name!r}, known: {', '.join(known)}", suggestion(name, known)
-        )
+        problem = f"{self.name}: no rest pose {name!r}, known: {', '.join(known)}"
+        raise CatalogueError(problem, suggestion(name, known))
 
 
 def _rotation(quaternion: Sequence[float] | Array) -> Array:
@@ -167,19 +158,24 @@ def _rotation(quaternion: Sequence[float] | Array) -> Array:
     return np.array(rotation_matrix(np.asarray(quaternion) / np.linalg.norm(quaternion)))
 
 
-def _scaled_pose(pose: StablePose, scale: float) -> StablePose:
-    height, top, footprint = pose.height * scale, pose.top * scale, pose.footprint * scale
-    return replace(pose, height=height, top=top, footprint=footprint, grasps=())
-
-
 @lru_cache(maxsize=128)
 def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
     cavity = model.container
+    poses = tuple(
+        replace(
+            pose,
+            height=pose.height * scale,
+            top=pose.top * scale,
+            footprint=pose.footprint * scale,
+            grasps=(),
+        )
+        for pose in model.stable_poses
+    )
     return replace(
         model,
         parts=tuple(part * scale for part in model.parts),
         vertices=model.vertices * scale,
-        stable_poses=tuple(_scaled_pose(pose, scale) for pose in model.stable_poses),
+        stable_poses=poses,
         container=cavity and Container(*(length * scale for length in astuple(cavity))),
         mass=model.mass * scale**3,
         box=None if model.box is None else model.box * scale,

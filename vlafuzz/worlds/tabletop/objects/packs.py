@@ -29,8 +29,8 @@ from vlafuzz.worlds.tabletop.objects.schema import Length, Strict
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
 _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATest) or .ply (ManiSkill's YCB)"
+_ELSEWHERE = f"{FOLDERS}=FOLDER says where it is"
 _PLAIN = re.compile(r"[\w. -]{1,100}")
-_SAYS = "says where it is"
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
 _MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
 _MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those that are used
@@ -62,12 +62,9 @@ class PackObject(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Pack:
-    """The objects of a folder.
+    """The objects of a folder by name, and the names without a collision mesh.
 
-    Attributes:
-        digest: hash of everything that determines the objects: the files' bytes, scales and densities.
-        objects: by their names in the pack.
-        left_out: names without a collision mesh.
+    ``digest``: hash of everything that determines the objects: the files' bytes, scales and densities.
     """
 
     name: str
@@ -107,7 +104,7 @@ def open_packs(source: str) -> tuple[Pack, ...]:
         return packs
     if Path(source).is_dir():
         raise UsageError(f"{source}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
-    known = tuple(known_packs())
+    known = [*_known_packs()]
     named = tuple(pack for pack in known if pack.name == source)
     if not named:
         names = f", or a pack's name: {', '.join(pack.name for pack in known)}" if known else ""
@@ -115,7 +112,7 @@ def open_packs(source: str) -> tuple[Pack, ...]:
     return named[:1]
 
 
-def known_packs() -> Iterator[Pack]:
+def _known_packs() -> Iterator[Pack]:
     """The packs in the folders of ``$VLAFUZZ_PACKS``, and YCB if ManiSkill has downloaded it."""
     for folder in listed():
         yield from _packs_in(Path(folder))
@@ -131,28 +128,23 @@ def find_pack(name: str, digest: str, folder: str) -> Pack:
     Raises:
         UsageError: there is no such pack any more.
     """
-    here = [*_packs_in(Path(folder)), *known_packs()]
+    here = [*_packs_in(Path(folder)), *_known_packs()]
     same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]
     if not same:
         raise UsageError(
             f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}",
-            hint=f"{FOLDERS}=FOLDER {_SAYS}",
+            hint=_ELSEWHERE,
         )
     return replace(same[0], name=name)
 
 
 def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
-    """The known packs that objects of these names are from.
-
-    Raises:
-        UsageError: a pack is not known here.
-    """
+    """The known packs that objects of these names are from; a UsageError if one is not known here."""
     named = sorted({name.partition(":")[0] for name in objects if ":" in name})
-    known = {pack.name: pack for pack in known_packs()} if named else {}
+    known = {pack.name: pack for pack in _known_packs()} if named else {}
     for name in named:
         if name not in known:
-            missing = f"there are objects of the pack {name!r}, which is not here"
-            raise UsageError(missing, hint=f"{FOLDERS}=FOLDER {_SAYS}")
+            raise UsageError(f"there are objects of the pack {name!r}, which is not here", hint=_ELSEWHERE)
     return tuple(known[name] for name in named)
 
 
@@ -169,29 +161,38 @@ def _packs_in(folder: Path) -> tuple[Pack, ...]:
     return tuple(_read(path) for path in inside if _is_pack(path))
 
 
-def _read(folder: Path) -> Pack:
-    objects: dict[str, PackObject] = {}
-    left_out = []
-    for name, info in _infos(folder):
-        solid = _first(folder / "models" / name, _SOLIDS)
-        if solid is None:
-            left_out.append(name)
-        elif name in _MARKERS or not name.startswith(_MARKER):
-            objects[name] = _object(folder, name, info, solid)
-    if not objects:
-        raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
-    facts = {name: entry.model_dump(mode="json") for name, entry in objects.items()}
-    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
-    return Pack(_pack_name(folder), folder.resolve(), digest, objects, tuple(left_out))
-
-
 def _is_pack(folder: Path) -> bool:
     return os.path.isdir(folder / "models") and any(folder.glob("info_*.json"))
 
 
-def _pack_name(folder: Path) -> str:
+def _read(folder: Path) -> Pack:
     bare = re.sub(r"^mani_skill2_|[-_]dataset$", "", folder.resolve().name.lower())
-    return re.sub(r"[^a-z0-9_-]", "-", bare)
+    pack_name = re.sub(r"[^a-z0-9_-]", "-", bare)
+    tall_y = "custom" in pack_name or any(folder.glob("info_*custom*.json"))
+    objects: dict[str, PackObject] = {}
+    left_out = []
+    for name, info in _infos(folder):
+        collision = _first(folder / "models" / name, _SOLIDS)
+        if collision is None:
+            left_out.append(name)
+        elif name in _MARKERS or not name.startswith(_MARKER):
+            scale, box = info.scales[0], info.bbox
+            objects[name] = PackObject(
+                spoken=_MARKERS.get(name) or spoken(name),
+                scale=scale,
+                density=info.density,
+                sides=box.sides(scale) if box else None,
+                tall_y=tall_y,
+                marks=name in _MARKERS,
+                content=_content(collision.parent, folder),
+                collision=collision,
+                visual=_first(collision.parent, _LOOKS),
+            )
+    if not objects:
+        raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
+    facts = {name: entry.model_dump(mode="json") for name, entry in objects.items()}
+    digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
+    return Pack(pack_name, folder.resolve(), digest, objects, tuple(left_out))
 
 
 def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
@@ -206,21 +207,6 @@ def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
             if name not in entries or info.scales[0] > entries[name].scales[0]:
                 entries[name] = info
     return sorted(entries.items())
-
-
-def _object(folder: Path, name: str, info: _Info, solid: Path) -> PackObject:
-    scale, box = info.scales[0], info.bbox
-    return PackObject(
-        spoken=_MARKERS.get(name) or spoken(name),
-        scale=scale,
-        density=info.density,
-        sides=box.sides(scale) if box else None,
-        marks=name in _MARKERS,
-        tall_y="custom" in _pack_name(folder) or any(folder.glob("info_*custom*.json")),
-        content=_content(solid.parent, folder),
-        collision=solid,
-        visual=_first(solid.parent, _LOOKS),
-    )
 
 
 def _first(folder: Path, names: Iterable[str]) -> Path | None:

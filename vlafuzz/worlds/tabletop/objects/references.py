@@ -1,7 +1,7 @@
-"""The files that a mesh or a robot names: materials, textures, buffers.
+"""The files that a mesh or a robot names: materials, textures, buffers, which SAPIEN reads wherever they are.
 
-SAPIEN would read them wherever they are. Where its readers and Python's could understand a file differently,
-every name that either may find in it counts, or the file is refused.
+Where its readers and Python's could understand a file differently, every name that either may find in it
+counts, or the file is refused.
 """
 
 import io
@@ -31,12 +31,9 @@ _CONTINUED = re.compile(rb"\\[\r\n\f\0]")
 
 
 def check_references(file: Path, folder: Path) -> None:
-    """Check that a file of a pack is a regular one, and that what it names is in the pack, too.
+    """Check that a file is a regular one in the folder of a pack, and that what it names is in there, too.
 
     A name without a file is harmless: some meshes still have a path of their author's machine.
-
-    Args:
-        folder: of the pack.
 
     Raises:
         CatalogueError: the file, or one that it names, is elsewhere, a link, no file, too large or damaged.
@@ -74,17 +71,12 @@ def _named(file: Path, data: bytes) -> set[str]:
 def _of_obj(data: bytes) -> Iterable[str]:
     if _CONTINUED.search(data):
         raise ValueError("a line of it ends in a backslash")  # which could divide any keyword
-    return _words(_LIBRARIES.findall(data))
+    return _of_materials(data, _LIBRARIES)
 
 
-def _of_materials(data: bytes) -> Iterable[str]:
-    """As in MTL, which a library may be whatever its name."""
-    return _words(_TEXTURES.findall(data))
-
-
-def _words(lines: list[bytes]) -> Iterable[str]:
-    """Each line and its words: options may precede a name, and a name may have spaces."""
-    for line in lines:
+def _of_materials(data: bytes, keywords: re.Pattern[bytes] = _TEXTURES) -> Iterable[str]:
+    """As in MTL, which a library may be whatever its name: a name may have options before it, and spaces."""
+    for line in keywords.findall(data):
         text = line.decode("utf-8", "replace")
         yield from (text, *text.split())
 

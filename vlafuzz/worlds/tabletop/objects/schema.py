@@ -1,22 +1,12 @@
 """The schema of object catalogues in YAML. Metres, kilograms, sRGB colours in [0, 1]."""
 
-import re
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Literal, Self
 
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from vlafuzz.common.reading import read_yaml
-from vlafuzz.common.text import shortened
-from vlafuzz.errors import CatalogueError, suggestion
+from vlafuzz.common.reading import read_yaml, validated
+from vlafuzz.errors import CatalogueError
 
 Length = Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]
 Unit = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
@@ -30,7 +20,7 @@ class Strict(BaseModel):
 
 
 class Fitting(Strict):
-    """A shape whose lengths restrict each other."""
+    """A shape, whose lengths may restrict each other."""
 
     def fits(self) -> bool:
         return True
@@ -144,9 +134,6 @@ class Basket(Strict):
 Shape = Annotated[
     Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
 ]
-KINDS: dict[int | str, type[BaseModel]] = {
-    get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(get_args(Shape)[0])
-}
 FLAT_PATTERNS = ("plain", "pores", "checks", "stripes")
 ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "calyx")
 
@@ -170,12 +157,11 @@ class StablePoseSpec(Strict):
     up: tuple[Direction, Direction, Direction]
     rolls: bool = False
 
-    @field_validator("up")
-    @classmethod
-    def _points_somewhere(cls, up: tuple[float, float, float]) -> tuple[float, float, float]:
-        if not any(up):
-            raise ValueError("must not be zero")
-        return up
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if not any(self.up):
+            raise ValueError("up must not be zero")
+        return self
 
 
 class ObjectSpec(Strict):
@@ -191,14 +177,13 @@ class ObjectSpec(Strict):
     friction: Annotated[float, Field(ge=0, le=5)] = 0.6
     supports: bool = False
 
-    @field_validator("look")
-    @classmethod
-    def _suits_the_shape(cls, look: Look, info: ValidationInfo) -> Look:
-        shape = info.data.get("shape")  # missing if it failed validation itself
-        known = FLAT_PATTERNS if isinstance(shape, Box) else ROUND_PATTERNS
-        if shape is not None and look.pattern not in known:
-            raise ValueError(f"a {shape.kind} can be painted {', '.join(known)} only, got {look.pattern!r}")
-        return look
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        known = FLAT_PATTERNS if isinstance(self.shape, Box) else ROUND_PATTERNS
+        if self.look.pattern not in known:
+            painted = f"a {self.shape.kind} can be painted {', '.join(known)} only"
+            raise ValueError(f"look: {painted}, got {self.look.pattern!r}")
+        return self
 
 
 class CatalogueFile(Strict):
@@ -206,57 +191,5 @@ class CatalogueFile(Strict):
 
 
 def read_file(path: Path) -> dict[str, ObjectSpec]:
-    """Read one catalogue file.
-
-    Raises:
-        CatalogueError: naming the file, the key and the value.
-    """
-    raw = read_yaml(path, CatalogueError)
-    try:
-        return CatalogueFile.model_validate(raw).objects
-    except ValidationError as error:
-        raise _explain(path, raw, error) from None
-
-
-def _explain(path: Path, raw: Any, error: ValidationError) -> CatalogueError:
-    """Turn pydantic's first error into one sentence with file, key path and value."""
-    first = error.errors(include_url=False)[0]
-    keys = _keys(raw, first["loc"])
-    where = f"{path}: {'.'.join(keys)}" if keys else str(path)
-    match first["type"]:
-        case "missing":
-            return CatalogueError(f"{where}: missing")
-        case "extra_forbidden":
-            return CatalogueError(f"{where}: unknown key", suggestion(keys[-1], _known_keys(first["loc"])))
-        case "literal_error" | "union_tag_invalid":
-            context = first["ctx"]
-            known = re.findall(r"'([^']+)'", str(context.get("expected") or context["expected_tags"]))
-            value = context.get("tag", first["input"])
-            return CatalogueError(f"{where}: unknown value {shortened(value)}", suggestion(str(value), known))
-    if first["type"] == "value_error":
-        return CatalogueError(f"{where}: {first['ctx']['error']}")
-    return CatalogueError(
-        f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}, got {shortened(first['input'])}"
-    )
-
-
-def _keys(raw: Any, location: tuple[int | str, ...]) -> list[str]:
-    """An error's location as the user wrote it, without the shape's kind that pydantic inserts."""
-    keys: list[str] = []
-    for step in location:
-        if step in KINDS and keys[-1:] == ["shape"] and step not in (raw if isinstance(raw, dict) else ()):
-            continue
-        keys.append(str(step))
-        if isinstance(raw, dict):
-            raw = raw.get(step)
-    return keys
-
-
-def _known_keys(location: tuple[int | str, ...]) -> list[str]:
-    """The keys allowed at the location of an unknown key."""
-    parents = [step for step in location[:-1] if isinstance(step, str)]
-    inside: dict[str, type[BaseModel]] = {"look": Look, "rests": StablePoseSpec}
-    model: type[BaseModel] = ObjectSpec if parents else CatalogueFile
-    if len(parents) > 2:
-        model = KINDS.get(parents[-1]) or inside[parents[2]]
-    return list(model.model_fields)
+    """The objects of a catalogue file; a CatalogueError names the file, the key and the value."""
+    return validated(CatalogueFile, read_yaml(path, CatalogueError), path, CatalogueError).objects

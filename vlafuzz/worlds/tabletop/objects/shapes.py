@@ -9,19 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vlafuzz.worlds.tabletop.objects import schema
 from vlafuzz.worlds.tabletop.objects.hulls import Array
-from vlafuzz.worlds.tabletop.objects.schema import (
-    Ball,
-    Basket,
-    Bottle,
-    Box,
-    Can,
-    Carrot,
-    Egg,
-    Plate,
-    Shape,
-    Spoon,
-)
 
 SIDES = 24  # of a can, which deviates by 0.3 mm from a circle and has faces to lie on
 SLIM = 12  # sides of thinner shapes
@@ -29,27 +18,35 @@ RIM_PIECES = 12
 PROMINENT = 0.0008  # metres; PhysX drops corners that protrude by less than 0.7 mm (its planeTolerance)
 
 
-def convex_parts(shape: Shape) -> list[Array]:
+def convex_parts(shape: schema.Shape) -> list[Array]:
     """The convex bodies of a shape: arrays of points ``(n, 3)``."""
     match shape:
-        case Can():
-            return [revolve(can_profile(shape), SIDES)]
-        case Bottle():
-            return bottle(shape)
-        case Ball():
-            return [ball(shape)]
-        case Box():
-            return [box(shape.size)]
-        case Carrot():
-            return [along_x(revolve(carrot_profile(shape), SLIM))]
-        case Egg():
+        case schema.Can():
+            low, high = shape.shoulder, shape.height - shape.shoulder
+            ends = (shape.neck, 0.0), (shape.neck, shape.height)
+            return [revolve([ends[0], (shape.radius, low), (shape.radius, high), ends[1]], SIDES)]
+        case schema.Bottle():
+            waist = shape.height - shape.neck_height
+            body = [(shape.radius, 0.0), (shape.radius, waist - shape.shoulder), (shape.neck, waist)]
+            return [revolve(body, SIDES), revolve([(shape.neck, waist), (shape.neck, shape.height)], SLIM)]
+        case schema.Ball():
+            return [_ball(shape)]
+        case schema.Box():
+            return [_box(shape.size)]
+        case schema.Carrot():  # the thick end is bevelled
+            radius = shape.radius
+            profile = [(radius * 0.7, 0.0), (radius, radius * 0.35), (shape.tip, shape.length)]
+            return [along_x(revolve(profile, SLIM))]
+        case schema.Egg():
             return [along_x(revolve(egg_profile(shape, (0.0, 0.5, 1.0), (1.0, 0.65, 0.3, 0.0)), SLIM))]
-        case Spoon():
-            return spoon(shape)
-        case Plate():
-            return plate(shape)
-        case Basket():
-            return basket(shape)
+        case schema.Spoon():
+            middle = [shape.bowl / 2, 0.0, 0.0]
+            size = [shape.bowl / 2, shape.width / 2, shape.depth]
+            return [revolve([(0.55, 0.0), (0.85, 0.45), (1.0, 1.0)], SLIM) * size + middle, *handle(shape)]
+        case schema.Plate():
+            return _plate(shape)
+        case schema.Basket():
+            return _basket(shape)
 
 
 def revolve(profile: Sequence[tuple[float, float]], sides: int) -> Array:
@@ -72,23 +69,12 @@ def along_x(points: Array) -> Array:
     return np.stack([points[:, 2], points[:, 1], -points[:, 0]], axis=1)
 
 
-def box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
+def _box(size: Sequence[float], centre: Sequence[float] = (0.0, 0.0, 0.0)) -> Array:
     corner = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     return np.asarray(corner * np.array(size) + np.array(centre))
 
 
-def can_profile(can: Can) -> list[tuple[float, float]]:
-    low, high = can.shoulder, can.height - can.shoulder
-    return [(can.neck, 0.0), (can.radius, low), (can.radius, high), (can.neck, can.height)]
-
-
-def bottle(shape: Bottle) -> list[Array]:
-    waist = shape.height - shape.neck_height
-    body = [(shape.radius, 0.0), (shape.radius, waist - shape.shoulder), (shape.neck, waist)]
-    return [revolve(body, SIDES), revolve([(shape.neck, waist), (shape.neck, shape.height)], SLIM)]
-
-
-def ball(shape: Ball) -> Array:
+def _ball(shape: schema.Ball) -> Array:
     """Rings with fewer sides towards the poles. The lowest is the base on which the ball rests."""
     rings = []
     for latitude, sides in ((-78, 6), (-52, 10), (-26, 14), (0, 16), (26, 14), (52, 10), (78, 6)):
@@ -99,12 +85,7 @@ def ball(shape: Ball) -> Array:
     return np.asarray(points * np.array([shape.diameter, shape.diameter, shape.height]) / 2)
 
 
-def carrot_profile(carrot: Carrot) -> list[tuple[float, float]]:
-    """The thick end is bevelled."""
-    return [(carrot.radius * 0.7, 0.0), (carrot.radius, carrot.radius * 0.35), (carrot.tip, carrot.length)]
-
-
-def egg_profile(egg: Egg, thin: ArrayLike, thick: ArrayLike) -> list[tuple[float, float]]:
+def egg_profile(egg: schema.Egg, thin: ArrayLike, thick: ArrayLike) -> list[tuple[float, float]]:
     """Rings on the thin ball, then on the thick one, at shares of the angle from pole to common tangent."""
     lean = np.arcsin((egg.radius - egg.tip) / (egg.length - egg.radius - egg.tip))
     sharp, blunt = np.asarray(thin) * (np.pi / 2 - lean), np.asarray(thick) * (np.pi / 2 + lean)
@@ -113,52 +94,36 @@ def egg_profile(egg: Egg, thin: ArrayLike, thick: ArrayLike) -> list[tuple[float
     return rings + far
 
 
-def spoon(shape: Spoon) -> list[Array]:
-    """The bowl, then the two straight halves of the arched handle."""
-    bowl = revolve([(0.55, 0.0), (0.85, 0.45), (1.0, 1.0)], SLIM) * [
-        shape.bowl / 2,
-        shape.width / 2,
-        shape.depth,
-    ] + [shape.bowl / 2, 0.0, 0.0]
-    path = handle_path(shape)
-    bars = (np.concatenate([_bar_end(a, shape), _bar_end(b, shape)]) for a, b in pairwise(path))
-    return [bowl, *bars]
-
-
-def handle_path(shape: Spoon) -> list[tuple[float, float]]:
-    """``(x, z)`` of the handle's underside: at the bowl, at the top of the arch, at its end on the table."""
-    return [
+def handle(shape: schema.Spoon) -> list[Array]:
+    """The two straight halves of a spoon's handle: from the bowl to the top of the arch, and to the table."""
+    path = [
         (shape.bowl * 0.93, shape.depth - shape.thickness),
         (shape.bowl + 0.4 * (shape.length - shape.bowl), shape.height - shape.thickness),
         (shape.length, 0.0),
     ]
-
-
-def _bar_end(at: tuple[float, float], shape: Spoon) -> Array:
-    x, z = at
     half = shape.handle / 2
-    return np.array([(x, y, h) for y in (-half, half) for h in (z, z + shape.thickness)])
+    ends = [np.array([(x, y, h) for y in (-half, half) for h in (z, z + shape.thickness)]) for x, z in path]
+    return [np.concatenate(bar) for bar in pairwise(ends)]
 
 
-def plate(shape: Plate) -> list[Array]:
+def _plate(shape: schema.Plate) -> list[Array]:
     """The disc, then the pieces of the rim: wedges whose inner side slopes up to a narrow edge."""
     outer = shape.diameter / 2
     inner, edge = outer - shape.rim, outer - shape.rim / 4
-    disc = revolve([(outer * 0.94, 0.0), (outer, shape.floor)], SIDES)
-    pieces = []
+    cut = [(inner, shape.floor), (outer, shape.floor), (edge, shape.height), (outer, shape.height)]
+    pieces = [revolve([(outer * 0.94, 0.0), (outer, shape.floor)], SIDES)]
     for k in range(RIM_PIECES):
         ends = [2 * np.pi * (k + j) / RIM_PIECES + np.pi / SIDES for j in (0, 1)]
-        cut = [(inner, shape.floor), (outer, shape.floor), (edge, shape.height), (outer, shape.height)]
         pieces.append(np.array([(r * np.cos(a), r * np.sin(a), z) for a in ends for r, z in cut]))
-    return [disc, *pieces]
+    return pieces
 
 
-def basket(shape: Basket) -> list[Array]:
+def _basket(shape: schema.Basket) -> list[Array]:
     """The floor, then the walls at -x, +x, -y and +y."""
     width, depth, height = shape.inner
     wall = shape.wall
     middle = wall + height / 2
-    parts = [box((width + 2 * wall, depth + 2 * wall, wall), (0, 0, wall / 2))]
-    parts += [box((wall, depth + 2 * wall, height), (s * (width + wall) / 2, 0, middle)) for s in (-1, 1)]
-    parts += [box((width, wall, height), (0, s * (depth + wall) / 2, middle)) for s in (-1, 1)]
+    parts = [_box((width + 2 * wall, depth + 2 * wall, wall), (0, 0, wall / 2))]
+    parts += [_box((wall, depth + 2 * wall, height), (s * (width + wall) / 2, 0, middle)) for s in (-1, 1)]
+    parts += [_box((width, wall, height), (0, s * (depth + wall) / 2, middle)) for s in (-1, 1)]
     return parts

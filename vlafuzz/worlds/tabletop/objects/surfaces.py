@@ -15,7 +15,7 @@ from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.worlds.tabletop.objects import schema, textures
 from vlafuzz.worlds.tabletop.objects.hulls import Array, Faces, triangles
-from vlafuzz.worlds.tabletop.objects.shapes import along_x, convex_parts, egg_profile, spoon
+from vlafuzz.worlds.tabletop.objects.shapes import along_x, convex_parts, egg_profile, handle
 
 ROUND = 48  # sides of a surface of revolution
 CREASE = np.cos(np.radians(40))
@@ -66,7 +66,8 @@ def surfaces(shape: schema.Shape) -> list[Surface]:
         case schema.Carrot():
             return [laid(turned(carrot_rings(shape)))]
         case schema.Egg():
-            return [laid(turned(egg_rings(shape)))]
+            profile = egg_profile(shape, np.linspace(0, 1, 9), np.linspace(1, 0, 12))
+            return [laid(turned([(radius, z, z / shape.length) for radius, z in profile]))]
         case schema.Plate():
             return [turned(plate_rings(shape))]
         case schema.Spoon():
@@ -86,35 +87,35 @@ def turned(rings: Sequence[Ring], stretch: Array | None = None) -> Surface:
     step = np.diff(line[:, :2], axis=0)
     slopes = np.stack([step[:, 1], -step[:, 0]], axis=1)
     slopes /= np.maximum(np.linalg.norm(slopes, axis=1, keepdims=True), SMALL)
-    turn = np.linspace(0, 1, ROUND + 1)
     pieces = []
     for i, slope in enumerate(slopes):
         before, after = slopes[max(i - 1, 0)], slopes[min(i + 1, len(slopes) - 1)]
         ends = [slope + other if slope @ other > CREASE else slope for other in (before, after)]
-        pieces.append(_band(line[i : i + 2], np.array(ends), turn))
+        pieces.append(_band(line[i : i + 2], np.array(ends)))
     whole = join(pieces)
     scale = np.ones(3) if stretch is None else stretch
-    normals = whole.normals / scale
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    return whole._replace(vertices=whole.vertices * scale, normals=normals)
+    return whole._replace(vertices=whole.vertices * scale, normals=_unit(whole.normals / scale))
 
 
-def _band(ends: Array, slopes: Array, turn: Array) -> Surface:
+def _unit(normals: Array) -> Array:
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), SMALL))
+
+
+def _band(ends: Array, slopes: Array) -> Surface:
     """The strip between two rings. ``slopes``: ``(2, 2)``, radial and axial part of their normals."""
-    angle = 2 * np.pi * (turn - 0.5)
+    turn = np.linspace(0, 1, ROUND + 1)
+    angle, column = 2 * np.pi * (turn - 0.5), np.ones((ROUND + 1, 1))
     circle = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    vertices, normals, uv = [], [], []
-    for (radius, z, v), (out, up) in zip(ends, slopes, strict=True):
-        column = np.ones((len(turn), 1))
-        vertices.append(np.hstack([circle * radius, column * z]))
-        normals.append(np.hstack([circle * out, column * up]))
-        uv.append(np.stack([turn, np.full(len(turn), v)], axis=1))
-    n = len(turn)
+    vertices = np.concatenate([np.hstack([circle * radius, column * z]) for radius, z, _ in ends])
+    normals = np.concatenate([np.hstack([circle * out, column * up]) for out, up in slopes])
+    uv = np.concatenate([np.stack([turn, np.full(len(turn), v)], axis=1) for *_, v in ends])
+    return Surface(vertices, _unit(normals), uv, _strip(ROUND + 1))
+
+
+def _strip(n: int) -> Faces:
+    """The triangles between two rows of n points."""
     i = np.arange(n - 1)
-    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], axis=1), np.stack([i, i + n + 1, i + n], axis=1)])
-    normal = np.concatenate(normals)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), SMALL)
-    return Surface(np.concatenate(vertices), normal, np.concatenate(uv), faces)
+    return np.concatenate([np.stack([i, i + 1, i + n + 1], axis=1), np.stack([i, i + n + 1, i + n], axis=1)])
 
 
 def laid(surface: Surface) -> Surface:
@@ -140,13 +141,11 @@ def can_rings(can: schema.Can) -> list[Ring]:
 
 
 def bottle_rings(shape: schema.Bottle) -> list[Ring]:
-    top, waist = shape.height, shape.height - shape.neck_height
-    foot = 0.004
-    low = waist - shape.shoulder
-    bend = [(t, np.cos(t * np.pi) / 2 + 0.5) for t in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)]
+    top, waist, foot = shape.height, shape.height - shape.neck_height, 0.004
+    low, wider = waist - shape.shoulder, shape.radius - shape.neck
     shoulder = [
-        (shape.neck + (shape.radius - shape.neck) * share, low + shape.shoulder * t, 0.65 + 0.13 * t)
-        for t, share in bend
+        (shape.neck + wider * (np.cos(t * np.pi) / 2 + 0.5), low + shape.shoulder * t, 0.65 + 0.13 * t)
+        for t in (0.0, 0.2, 0.4, 0.6, 0.8, 1.0)
     ]
     cap = waist + 0.35 * shape.neck_height
     return [
@@ -202,11 +201,6 @@ def carrot_rings(carrot: schema.Carrot) -> list[Ring]:
     return leaves + thick + thin
 
 
-def egg_rings(egg: schema.Egg) -> list[Ring]:
-    profile = egg_profile(egg, np.linspace(0, 1, 9), np.linspace(1, 0, 12))
-    return [(radius, z, z / egg.length) for radius, z in profile]
-
-
 def plate_rings(shape: schema.Plate) -> list[Ring]:
     outer = shape.diameter / 2
     inner, edge = outer - shape.rim, outer - shape.rim / 4
@@ -228,14 +222,13 @@ def spoon_surfaces(shape: schema.Spoon) -> list[Surface]:
     inner = [(0.94, 1.0, 0.5), (0.8, 0.55, 0.6), (0.55, 0.25, 0.8), (0.0, 0.15, 1.0)]
     bowl = turned(outer + inner, np.array([shape.bowl / 2, shape.width / 2, shape.depth]))
     moved = bowl._replace(vertices=bowl.vertices + np.array([shape.bowl / 2, 0.0, 0.0]))
-    return [moved, *(faceted(part) for part in spoon(shape)[1:])]
+    return [moved, *map(faceted, handle(shape))]
 
 
 def faceted(points: Array) -> Surface:
     """The hull of points ``(n, 3)`` with sharp edges, in one colour."""
     corner = points[triangles(points)]
-    normals = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = _unit(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]))
     vertices = corner.reshape(-1, 3)
     uv, faces = np.full((len(vertices), 2), 0.5), np.arange(len(vertices)).reshape(-1, 3)
     return Surface(vertices, np.repeat(normals, 3, axis=0), uv, faces)
