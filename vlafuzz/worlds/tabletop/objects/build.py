@@ -50,7 +50,7 @@ def solid(parts: Sequence[Array]) -> Solid:
 
 
 def settled(body: Solid, up: Sequence[float]) -> Array | None:
-    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most upwards; None if none is near."""
+    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most upwards; None without one."""
     wanted = np.array(up) / np.linalg.norm(up)
     normals = _normals(body.hull)
     # Rounded, so that the last bit does not decide between mirrored faces
