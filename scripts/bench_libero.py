@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.worlds.libero.env import SEED, LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet, versions
-from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS, Savings
+from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.suites import SUITES, LiberoTask, find_task, find_tasks, initial_states
 from vlafuzz.worlds.similarity import similarity
 
@@ -118,7 +118,7 @@ def _their_state(seen: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def _pictured(task: LiberoTask, steps: int) -> None:
-    """Print what a step with its two pictures costs by savings, and how similar these are to LIBERO's.
+    """Print what a step with its two pictures costs by quality, and how similar these are to LIBERO's.
 
     States are LIBERO's own, so pictures show the same. The hand moves on in one direction for ten steps.
     """
@@ -136,8 +136,8 @@ def _pictured(task: LiberoTask, steps: int) -> None:
     theirs.close()
     stock = float(np.mean(spent))
     print(f"{task}: LIBERO {1000 * stock:.0f} ms")
-    for name, savings in SAVINGS.items():
-        ours, alike = _cheaper(task, savings, actions, pictures)
+    for name in ("full", "fast"):
+        ours, alike = _cheaper(task, name, actions, pictures)
         worst, median = alike.min(axis=0), np.median(alike, axis=0)
         words = ", ".join(
             f"{camera} {low:.3f} (median {middle:.3f})"
@@ -147,10 +147,10 @@ def _pictured(task: LiberoTask, steps: int) -> None:
 
 
 def _cheaper(
-    task: LiberoTask, savings: Savings, actions: NDArray[np.float64], expected: list[list[NDArray[np.uint8]]]
+    task: LiberoTask, quality: str, actions: NDArray[np.float64], expected: list[list[NDArray[np.uint8]]]
 ) -> tuple[float, NDArray[np.float64]]:
     """Seconds of processor time of a step with pictures, and their similarity ``(steps, 2)`` to LIBERO's."""
-    env = LiberoEnv(task, size=SIZE, savings=savings)
+    env = LiberoEnv(task, size=SIZE, quality=quality)
     env.reset()
     env.observe()
     spent, alike = [], []

@@ -34,7 +34,7 @@ from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.expert.policy import UNITS
 from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace, nominal_scene
-from vlafuzz.worlds.libero.stages import find_shapes, held
+from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
 from vlafuzz.worlds.tabletop.space import load_operators
 
@@ -81,10 +81,10 @@ class Demonstrator:
             label = self._driver.act(observations)[0].actions[0]
             executed, taught = label, False
         else:
-            label, taught = self._label(known.env), True
-            thing, _, hand = _points(known.env)
+            label, taught = self._label(known), True
+            thing, _, hand = _points(known)
             executed = self._disturbance.executed(seen.step, label, float(np.linalg.norm(thing - hand)))
-        note = _note(seen, known.env, label)
+        note = _note(seen, known, label)
         self.steps.append(note | {"gripper": executed[6], "taught": taught})
         return [ActionChunk(executed[None])]
 
@@ -94,7 +94,7 @@ class Demonstrator:
 
     def _label(self, env: LiberoEnv) -> Array:
         """The expert's next action. It plans again when its plan is over, or has lost what it carried."""
-        now = held(env, find_shapes(env, env.task.carried[0]))
+        now = held(env, env.task.carried[0])
         lost = self._held and not now and bool(self.steps) and self.steps[-1]["gripper"] < 0
         self._held = now
         for _ in range(2):

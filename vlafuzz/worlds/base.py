@@ -1,12 +1,16 @@
 """World, what a place must offer where policies are tested: tasks, scenes, an evaluator, an expert."""
 
+# ruff: noqa: B027 - a world need not do what is empty here
+
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
+from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
@@ -26,17 +30,15 @@ class TryingPolicy(Policy, Protocol):
     attempt: int
 
 
-class Demonstrator(Policy, Protocol):
+class Demonstrator(TryingPolicy, Protocol):
     """An expert that solves scenes with the actions of the policy that it stands in for.
 
     Attributes:
-        tries: number of its attempts.
-        attempt: the present one, below ``tries``.
+        tries: number of its attempts; the present ``attempt`` is below it.
         written: the actions of the last rollout, as the policy writes them.
     """
 
     tries: int
-    attempt: int
     written: list[Written]
 
 
@@ -86,47 +88,50 @@ class Wanted:
     packs: Sequence[Any] = ()
 
 
-class World(Protocol):
-    """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them."""
+class World(ABC):
+    """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them.
 
-    @property
-    def usual(self) -> bool:
-        """Whether it is meant where nobody names a world: one of those that come with vlafuzz."""
+    Attributes:
+        usual: whether it is meant where nobody names a world: one of those that come with vlafuzz.
+        tasks: names of its tasks, the default one first; of a world with many those of a first choice.
+        robots: names of its robots, the default one first.
+        policies: those that come with the world, by name, described by their docstrings' first sentences.
+    """
 
-    @property
-    def tasks(self) -> Collection[str]:
-        """Names of its tasks, the default one first; of a world with many those of a first choice."""
-
-    @property
-    def robots(self) -> Collection[str]:
-        """Names of its robots, the default one first."""
+    usual: bool = False
+    tasks: Collection[str]
+    robots: Collection[str]
+    policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {}
 
     @property
     def objects(self) -> Collection[str]:
         """Names of the objects that its scenes may have."""
-
-    @property
-    def policies(self) -> Mapping[str, Callable[..., Policy]]:
-        """Policies that come with the world, by name, each described by its docstring's first sentence."""
+        return ()
 
     @property
     def simulator(self) -> str:
         """Packages with their versions, which decide physics and pictures."""
+        return ""
 
     def renderer(self) -> str:
         """What draws its pictures here, with versions; empty if that is not known."""
+        return ""
 
+    @abstractmethod
     def has(self, task: str) -> bool:
         """Whether a name is one of its tasks'."""
 
+    @abstractmethod
     def task(self, name: str) -> Task:
         """The task of that name; a UsageError or SceneError if there is none."""
 
+    @abstractmethod
     def robot(self, name: str) -> Robot:
         """The robot of that name; a UsageError if there is none."""
 
     def default_policy(self, robot: str) -> str:
         """What is tested where nobody names a policy; a UsageError if there is none."""
+        raise UsageError("this world has no default policy", hint="--policy python:pkg.mod:factory")
 
     def begin_early(self, policy: str | None) -> None:
         """Begin in the background what takes seconds and this policy is likely to need; None: the default."""
@@ -136,13 +141,16 @@ class World(Protocol):
 
     def conditions_of(self, scene: Scene) -> Mapping[str, Any]:
         """What a scene from a file takes to be run: fields of ``Conditions`` by name."""
+        return {}
 
     def check_pictures(self) -> None:
         """Raise a PrerequisiteError if no pictures can be drawn here."""
 
+    @abstractmethod
     def operators(self, wanted: Wanted) -> Operators:
         """The operators that a user wants, for all tasks; a CatalogueError if their file is wrong."""
 
+    @abstractmethod
     def space(self, wanted: Wanted, operators: Operators | None = None) -> Space:
         """The scenes of a task; ``operators`` replace those that the user names.
 
@@ -150,6 +158,7 @@ class World(Protocol):
             UsageError: an operator has nothing to vary there, or the robot's files are missing.
         """
 
+    @abstractmethod
     def stored_space(
         self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
     ) -> Space:
@@ -163,6 +172,7 @@ class World(Protocol):
             UsageError: an object pack is gone.
         """
 
+    @abstractmethod
     def evaluator(
         self,
         conditions: Conditions,
@@ -174,11 +184,14 @@ class World(Protocol):
     ) -> SceneEvaluator:
         """What runs a policy in scenes; a UsageError if the policy asks for what this world does not have."""
 
+    @abstractmethod
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         """The experts, by name."""
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
         """An expert in the place of a policy with this interface."""
+        raise UsageError("this world has no demonstrations", hint="leave them out")
 
     def stills(self, conditions: Conditions, space: Space) -> Stills:
         """What takes pictures of scenes of a task."""
+        raise PrerequisiteError("this world draws no stills", hint="leave pictures out")

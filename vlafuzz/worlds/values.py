@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -33,12 +33,11 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space, Values
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.policies.base import Observation, Policy
-from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
+from vlafuzz.worlds.base import TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.policies.clients.interface import Interface
     from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
@@ -242,7 +241,7 @@ class ValuesEvaluator(SceneEvaluator):
         """Nothing is kept."""
 
 
-class ValuesWorld(ABC, Generic[State]):
+class ValuesWorld(World, Generic[State]):
     """A world whose scenes are values by name. A subclass says what they are, and how a rollout goes.
 
     Actions are the policy's seven numbers; the world uses as many of the first ones as it needs.
@@ -253,10 +252,7 @@ class ValuesWorld(ABC, Generic[State]):
         horizon: control steps after which a rollout ends; ``control_hz``: of them in a second.
     """
 
-    usual = False
-    robots, objects = (ROBOT,), ()
-    policies: Mapping[str, Callable[..., Policy]] = {}
-    simulator, seconds = "", 1
+    robots = (ROBOT,)
     tasks: Sequence[str]
     parameters: Sequence[Parameter]
     stages: Sequence[Stage]
@@ -303,9 +299,6 @@ class ValuesWorld(ABC, Generic[State]):
         told = tuple(sorted(values.items()))
         return Scene(task, (), self.instruction(task.rpartition("/")[2], values), robot=ROBOT, values=told)
 
-    def renderer(self) -> str:
-        return ""
-
     def has(self, task: str) -> bool:
         return task.rpartition("/")[2] in self.tasks
 
@@ -316,18 +309,6 @@ class ValuesWorld(ABC, Generic[State]):
 
     def robot(self, name: str) -> _Steps:
         return _Steps(control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))
-
-    def default_policy(self, robot: str) -> str:
-        raise UsageError("this world has no default policy", hint="--policy python:pkg.mod:factory")
-
-    def check_pictures(self) -> None:
-        """Its pictures take nothing that could be missing."""
-
-    def begin_early(self, policy: str | None) -> None:
-        """Nothing takes long."""
-
-    def preload(self) -> None:
-        """Nothing takes long."""
 
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
         return self._space(scene.task, self.named).conditions
@@ -369,12 +350,6 @@ class ValuesWorld(ABC, Generic[State]):
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         expert = self.expert()
         return {"expert": expert} if expert else {}
-
-    def demonstrator(self, interface: Interface) -> Demonstrator:
-        raise UsageError("this world has no demonstrations", hint="leave them out")
-
-    def stills(self, conditions: Conditions, space: Space) -> Stills:
-        raise PrerequisiteError("this world draws no stills", hint="leave pictures out")
 
     def _space(self, task: str, vary: Collection[str]) -> ValuesSpace:
         return ValuesSpace(self, task, Parameters(self.named, frozenset(vary) & self.named.keys()))

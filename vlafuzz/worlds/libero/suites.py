@@ -16,15 +16,8 @@ from vlafuzz.worlds.libero.packages import load, quiet
 Array = NDArray[np.float64]
 Atom = tuple[str, ...]  # a predicate with its arguments: ("on", "bowl_1", "plate_1")
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
-# Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite.
-HORIZONS = {
-    "libero_spatial": 220,
-    "libero_object": 280,
-    "libero_goal": 300,
-    "libero_10": 520,
-    "libero_90": 400,
-}
-LONGEST = 520
+# Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite; 520 for others.
+HORIZONS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_90": 400}
 REST = "initial"  # the rest pose of scenes' things: as in the suite's own initial state
 PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
 # LIBERO-PRO's suites whose words or goals are new: the words stand in the problem's file. LIBERO takes them
@@ -64,11 +57,8 @@ class LiberoTask:
     @property
     def riders(self) -> dict[str, str]:
         """By the names of things that stand on another thing: which one that is."""
-        return {
-            atom[1]: atom[2]
-            for atom in self.initial
-            if atom[0] == "on" and {atom[1], atom[2]} <= set(self.things)
-        }
+        on = (atom[1:] for atom in self.initial if atom[0] == "on")
+        return {rider: carrier for rider, carrier in on if {rider, carrier} <= set(self.things)}
 
     @property
     def concerned(self) -> int:
@@ -81,22 +71,16 @@ class LiberoTask:
     @property
     def horizon(self) -> int:
         """Control steps that the suite's evaluation gives a policy."""
-        return next((steps for suite, steps in HORIZONS.items() if self.suite.startswith(suite)), LONGEST)
+        return next((steps for suite, steps in HORIZONS.items() if self.suite.startswith(suite)), 520)
 
 
 def find_task(name: str) -> LiberoTask:
-    """The task that ``SUITE/NUMBER`` names, such as ``libero_object/0``.
-
-    Raises:
-        UsageError: there is no such suite or task.
-        PrerequisiteError: LIBERO is not installed.
-    """
+    """The task that ``SUITE/NUMBER`` names, such as ``libero_object/0``; errors as of ``find_tasks``."""
     suite, _, number = name.partition("/")
     tasks = find_tasks(suite)
     if not number.isdecimal() or int(number) >= len(tasks):
-        raise UsageError(
-            f"no task {name!r}", hint=f"give SUITE/NUMBER: {suite}/0 to {suite}/{len(tasks) - 1}"
-        )
+        hint = f"give SUITE/NUMBER: {suite}/0 to {suite}/{len(tasks) - 1}"
+        raise UsageError(f"no task {name!r}", hint=hint)
     return tasks[int(number)]
 
 
@@ -107,8 +91,7 @@ def find_tasks(suite: str) -> list[LiberoTask]:
         UsageError: there is no such suite, or its files are not there.
         PrerequisiteError: LIBERO is not installed.
     """
-    benchmark = _suite(suite)
-    return [_task(suite, number) for number in range(benchmark.get_num_tasks())]
+    return [_task(suite, number) for number in range(_suite(suite).get_num_tasks())]
 
 
 def initial_states(task: LiberoTask) -> Array:
@@ -133,10 +116,8 @@ def _task(suite: str, number: int) -> LiberoTask:
     benchmark = _suite(suite)
     found, file = benchmark.get_task(number), Path(benchmark.get_task_bddl_file_path(number))
     if not file.is_file():
-        raise UsageError(
-            f"LIBERO's suite {suite!r} has no file for its task {number}",
-            hint="`libero-pro list` shows which suites are complete",
-        )
+        hint = "`libero-pro list` shows which suites are complete"
+        raise UsageError(f"LIBERO's suite {suite!r} has no file for its task {number}", hint=hint)
     problem = load("libero.libero.envs.bddl_utils").robosuite_parse_problem(str(file))
     goal, interest = _atoms(problem["goal_state"]), tuple(problem["obj_of_interest"])
     movable = [name for names in problem["objects"].values() for name in names]

@@ -10,36 +10,34 @@ from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.worlds.audit import AuditedSuite, Scope
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero.expert.policy import LiberoExpert
+from vlafuzz.worlds.libero.expert.policy import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
-from vlafuzz.worlds.libero.pictures.opengl import opengl
+from vlafuzz.worlds.libero.pictures import opengl
 from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO, rig
-from vlafuzz.worlds.manipulation.space import check_varied, named_operators
+from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
 from vlafuzz.worlds.manipulation.stored import stored_operators
+from vlafuzz.worlds.manipulation.table_world import TableWorld
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface
     from vlafuzz.worlds.recording import Recording
 
 
-class Libero:
-    """A ``World``; its tasks are named ``SUITE/NUMBER``."""
+class Libero(TableWorld):
+    """The world of LIBERO; its tasks are named ``SUITE/NUMBER``."""
 
-    usual, robots = False, tuple(OF_LIBERO)
+    robots = tuple(OF_LIBERO)
     tasks = tuple(f"{suite}/{number}" for suite in SUITES for number in range(10))
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "libero-expert": LiberoExpert,
@@ -52,10 +50,8 @@ class Libero:
 
     @property
     def simulator(self) -> str:
-        found = versions()
-        return (
-            f"vlafuzz {__version__}/mujoco {found.mujoco}/robosuite {found.robosuite}/libero {found.libero}"
-        )
+        mujoco, robosuite, libero = versions()
+        return f"vlafuzz {__version__}/mujoco {mujoco}/robosuite {robosuite}/libero {libero}"
 
     def renderer(self) -> str:
         return opengl()
@@ -66,37 +62,17 @@ class Libero:
     def task(self, name: str) -> Task:
         return task(name)
 
-    def robot(self, name: str) -> Rig:
-        return rig(name)
-
     def default_policy(self, robot: str) -> str:
         hint = (
             "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
         )
         raise UsageError("LIBERO's scenes have no default policy", hint=hint)
 
-    def begin_early(self, policy: str | None) -> None:
-        """Nothing: its packages are loaded where a task is built."""
-
-    def preload(self) -> None:
-        """Nothing, likewise."""
-
-    def conditions_of(self, scene: Scene) -> dict[str, str]:
-        return {}
-
     def check_pictures(self) -> None:
         require()
 
-    def operators(self, wanted: Wanted) -> OperatorSet:
-        return named_operators(rig(wanted.robot), wanted.operators, wanted.vary)
-
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> LiberoSpace:
-        if operators is None:
-            operators = self.operators(wanted)
-        assert isinstance(operators, OperatorSet)
-        space = LiberoSpace(operators, wanted.task, wanted.robot)
-        check_varied(space)
-        return space
+    def space_of(self, wanted: Wanted, operators: OperatorSet) -> LiberoSpace:
+        return LiberoSpace(operators, wanted.task, wanted.robot)
 
     def stored_space(
         self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
@@ -121,8 +97,6 @@ class Libero:
         return {"expert": LiberoExpert()}
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
-        from vlafuzz.worlds.libero.expert.demonstrator import LiberoDemonstrator
-
         return LiberoDemonstrator(interface)
 
     def stills(self, conditions: Conditions, space: Space) -> Stills:

@@ -16,7 +16,7 @@ from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
 from vlafuzz.worlds.manipulation.jitter import load_jitter
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
     OPERATORS,
@@ -161,33 +161,6 @@ class TableSpace(Space):
             if f"targets.{number}" in slots and (words := _words(operator, target, other)):
                 parts.append((f"{_name(target)}: " if len(targets) > 1 else "") + ", ".join(words))
         return "; ".join(parts)
-
-
-CAMERA = frozenset({CameraPosition.name, CameraOrientation.name})
-
-
-def named_operators(rig: Rig, source: str | None, vary: Sequence[str]) -> OperatorSet:
-    """The operators with the ranges of a file, or those that fit the robot.
-
-    Raises:
-        CatalogueError: the file is wrong.
-        UsageError: no such operator, or one that has nothing to vary.
-    """
-    operators = load_operators(source or rig.operators)
-    if vary:
-        return operators.only(vary)
-    return operators.only(operators.varied - CAMERA) if rig.photos else operators  # photos fit one view only
-
-
-def check_varied(space: TableSpace) -> None:
-    """Raise a UsageError if an operator is to vary that has nothing to vary in this task."""
-    offered = {gene.operator for gene in space.by_path.values()}
-    idle = space.operators.varied - offered
-    if idle and space.genes:  # some of a world's tasks lack what varies there by default
-        idle -= load_operators(space.rig.operators).varied
-    for name in sorted(idle):
-        hint = f"known: {', '.join(sorted(offered))}"
-        raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
 
 
 def check_names(operators: OperatorSet, known: Collection[str]) -> None:

@@ -10,16 +10,15 @@ from vlafuzz.common import assets
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
-from vlafuzz.worlds.manipulation.space import check_varied, named_operators
 from vlafuzz.worlds.manipulation.stored import stored_operators
+from vlafuzz.worlds.manipulation.table_world import TableWorld
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop.capabilities import TabletopCapabilities
 from vlafuzz.worlds.tabletop.experts.expert import Expert
@@ -37,8 +36,8 @@ if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
 
 
-class Tabletop(TabletopCapabilities):
-    """A ``World``."""
+class Tabletop(TabletopCapabilities, TableWorld):
+    """The world of VLATest's tasks."""
 
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
@@ -69,9 +68,6 @@ class Tabletop(TabletopCapabilities):
     def task(self, name: str) -> Task:
         return task(name)
 
-    def robot(self, name: str) -> Rig:
-        return rig(name)
-
     def default_policy(self, robot: str) -> str:
         """``mini`` where its robot's pictures can be rendered, else ``pinhole``, which needs physics only."""
         return "mini" if robot == PANDA.robot and probe_once().works else "pinhole"
@@ -90,21 +86,13 @@ class Tabletop(TabletopCapabilities):
     def check_pictures(self) -> None:
         check_renderer()
 
-    def operators(self, wanted: Wanted) -> OperatorSet:
-        return named_operators(rig(wanted.robot), wanted.operators, wanted.vary)
-
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> SearchSpace:
+    def space_of(self, wanted: Wanted, operators: OperatorSet) -> SearchSpace:
         setup = rig(wanted.robot)
         if setup.urdf:
             assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
         for photo in setup.photos.values():
             assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
-        if operators is None:
-            operators = self.operators(wanted)
-        assert isinstance(operators, OperatorSet)
-        space = SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
-        check_varied(space)
-        return space
+        return SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
 
     def stored_space(
         self, source: Path, conditions: Conditions, vary: Collection[str] | None = None

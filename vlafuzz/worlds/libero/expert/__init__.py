@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.worlds.libero.env import METRES, RADIANS, LiberoEnv
 from vlafuzz.worlds.libero.expert.grasps import Grasp, find_grasps, obstacles, surface
-from vlafuzz.worlds.libero.stages import find_shapes, held
+from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.libero.suites import PLACING, Atom
 
 Array = NDArray[np.float64]
@@ -30,17 +30,14 @@ def can_solve(env: LiberoEnv) -> bool:
 
     The environment is in its initial state 0 afterwards.
     """
-    wanted = [atom for atom in env.task.goal if atom[0] not in PLACING]
-    drawers = [atom for atom in env.task.goal if atom[0] in PLACING and _moves(env, atom[2])]
     env.reset()
-    pushed = env.task.instruction.startswith("push")
-    return not drawers and not pushed and all(env.holds(atom) for atom in wanted)
-
-
-def _moves(env: LiberoEnv, place: str) -> bool:
-    """Whether a region is on something with a joint, such as a drawer."""
-    site = env.robosuite.object_sites_dict.get(place)
-    return bool(site is not None and getattr(site, "joints", None))
+    sites = env.robosuite.object_sites_dict
+    for atom in env.task.goal:
+        if atom[0] not in PLACING and not env.holds(atom):
+            return False
+        if atom[0] in PLACING and getattr(sites.get(atom[2]), "joints", None):  # in a drawer
+            return False
+    return not env.task.instruction.startswith("push")
 
 
 class Expert:
@@ -58,10 +55,8 @@ class Expert:
         self._env, self._pace = env, pace
         self._attempts = range(attempt, attempt + tries)
         self._gain = 1.0 if pace == 1 else 2.0
-        robot = env.robosuite.robots[0]
-        self._site = robot.eef_site_id
-        self._upright = env.data.site_xmat[self._site].reshape(3, 3).copy()
-        self._upright = _level(self._upright)
+        self._site = env.robosuite.robots[0].eef_site_id
+        self._upright = _level(env.data.site_xmat[self._site].reshape(3, 3))
 
     def actions(self) -> Iterator[Array]:
         """Actions ``(7,)`` until everything is at its place, or no try is left."""
@@ -90,8 +85,7 @@ class Expert:
 
     def _take(self, grasp: Grasp) -> Iterator[Array]:
         above = grasp.position + np.array([0.0, 0.0, HOVER])
-        high = above.copy()
-        high[2] = max(above[2], self._hand()[2])
+        high = np.array([*above[:2], max(above[2], self._hand()[2])])
         yield from self._move(high, grasp.yaw, gripper=-1.0, close=0.03)
         yield from self._move(above, grasp.yaw, gripper=-1.0)
         yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
@@ -117,8 +111,7 @@ class Expert:
 
     def _goal(self, goal: str) -> tuple[Array, float]:
         """Where the lowest point of a thing is to go, and the height that its way there must clear."""
-        env = self._env
-        bodies = env.bodies
+        env, bodies = self._env, self._env.bodies
         if goal in bodies:
             points = surface(env, bodies[goal], 3000)
             place = env.data.xpos[bodies[goal]].copy()
@@ -126,12 +119,11 @@ class Expert:
             place[2] = inner[:, 2].max() if len(inner) else points[:, 2].max()
             return place, float(points[:, 2].max())
         site = env.data.site(goal)
-        half = env.model.site_size[site.id]
         place = site.xpos.copy()
         parent = getattr(env.robosuite.object_sites_dict[goal], "parent_name", None)
         if parent not in bodies:
             return place, float(place[2])
-        place[2] -= float(np.abs(site.xmat.reshape(3, 3) @ half)[2])
+        place[2] -= float(np.abs(site.xmat.reshape(3, 3) @ env.model.site_size[site.id])[2])
         points = surface(env, bodies[parent], 3000)
         near = points[np.linalg.norm((points - place)[:, :2], axis=1) < 0.2]
         return place, float(near[:, 2].max()) if len(near) else float(place[2])
@@ -144,9 +136,8 @@ class Expert:
         points = surface(self._env, self._env.bodies[name], 2000)
         narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
         half = self._env.model.site_size[self._env.data.site(goal).id]
-        share = np.zeros(3)
-        share[narrow] = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
-        return share
+        share = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
+        return np.asarray(share * np.eye(3)[narrow])
 
     def _move(self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE) -> Iterator[Array]:
         stuck = max(STUCK // self._pace, 2)
@@ -185,7 +176,7 @@ class Expert:
         return float(np.arctan2(now[1, 0], now[0, 0]))
 
     def _holds(self, name: str) -> bool:
-        return held(self._env, find_shapes(self._env, name))
+        return held(self._env, name)
 
     def _lowest(self, name: str) -> float:
         return float(surface(self._env, self._env.bodies[name], 2000)[:, 2].min())
@@ -204,9 +195,6 @@ def _level(rotation: Array) -> Array:
 def _other(grasps: list[Grasp], attempt: int) -> Grasp:
     """A grasp away from the best one: further down the list, at another place or yaw."""
     best = grasps[0]
-    different = [
-        grasp
-        for grasp in grasps
-        if np.linalg.norm(grasp.position - best.position) > 0.02 or abs(grasp.yaw - best.yaw) > 0.5
-    ]
-    return different[min(len(different) - 1, 10 * (attempt - 1))] if different else best
+    away = (np.linalg.norm(grasp.position - best.position) > 0.02 for grasp in grasps)
+    others = [one for one, far in zip(grasps, away, strict=True) if far or abs(one.yaw - best.yaw) > 0.5]
+    return others[min(len(others) - 1, 10 * (attempt - 1))] if others else best

@@ -1,48 +1,48 @@
-"""Pictures of LIBERO's two cameras, its own or cheaper ones."""
+"""Pictures of LIBERO's two cameras, and which OpenGL draws them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import ctypes
+import mmap
+import subprocess
+import sys
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.worlds.libero.packages import load
+from vlafuzz.worlds.libero.packages import load, versions
 from vlafuzz.worlds.libero.pictures.quick import Artist
-from vlafuzz.worlds.libero.pictures.textures import discard
 
 Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 _MOST_GEOMS = 1000  # as robosuite
-
-
-@dataclass(frozen=True)
-class Savings:
-    """How pictures are made cheaper, which a CPU draws slowly. Not at all by default: LIBERO's own pictures.
-
-    Attributes:
-        quick: whether meshes are coarser, what stands still is drawn once, and nothing mirrors what moves.
-        smooth: then, pixels a side that are drawn for one of the wrist camera; 1 leaves jagged edges.
-    """
-
-    quick: bool = False
-    smooth: int = 2
-
-
-SAVINGS = {"none": Savings(), "coarse": Savings(quick=True), "fast": Savings(quick=True, smooth=1)}
+_MOST_PIXELS = 512  # of a texture's side in a smaller model; a thing takes some fifty of a picture
+_DONTNEED = 4  # of Linux's madvise
+# A driver may crash, so a child process asks it for its device, and its version.
+_CHILD = """
+from vlafuzz.worlds.libero.packages import load
+context = load("mujoco.egl").GLContext(8, 8)
+context.make_current()
+gl = load("OpenGL.GL")
+device, version = (gl.glGetString(name).decode() for name in (gl.GL_RENDERER, gl.GL_VERSION))
+print(device, version[version.find("Mesa"):] if "Mesa" in version else f"OpenGL {version}", sep=", ")
+context.free()
+"""
 
 
 class Pictures:
-    """Draws a MuJoCo model as robosuite does, pixel by pixel. The renderer starts with the first picture.
+    """Draws a MuJoCo model. The renderer starts with the first picture.
 
     Args:
         size: of a picture's sides at most, pixels.
+        quality: ``full`` as robosuite does, pixel by pixel; ``fast`` nearly so: see ``quick.py``.
     """
 
-    def __init__(self, model: Any, size: int, savings: Savings) -> None:
+    def __init__(self, model: Any, size: int, quality: str) -> None:
         self._mujoco = load("mujoco")
-        self._model, self._size, self._savings = model, size, savings
+        self._model, self._size, self._quality = model, size, quality
         self._context: Any = None
         self._artist: Artist | None = None
 
@@ -83,8 +83,45 @@ class Pictures:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
-        if self._savings.quick:
-            self._artist = Artist(
-                model, self._scene, self._options, self._context, smooth=self._savings.smooth
-            )
+        if self._quality == "fast":
+            self._artist = Artist(model, self._scene, self._options, self._context)
         discard(model.tex_data)  # the renderer has its own copy
+
+
+@cache
+def opengl() -> str:
+    """Device, driver and the versions of what draws with it; empty if no pictures can be drawn."""
+    child = [sys.executable, "-c", _CHILD]
+    try:
+        told = subprocess.run(child, capture_output=True, text=True, timeout=120, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    found = versions()
+    return f"{told.stdout.strip()}, MuJoCo {found.mujoco}, robosuite {found.robosuite}"
+
+
+def shrink(model: Any) -> None:
+    """Halve a model's flat textures, most of its memory, in place until none has over 512 pixels a side.
+
+    Each pixel becomes the mean of four, as in the smaller copies that a renderer shows from afar.
+    """
+    for texture in range(model.ntex):
+        height, width = int(model.tex_height[texture]), int(model.tex_width[texture])
+        channels, start = int(model.tex_nchannel[texture]), int(model.tex_adr[texture])
+        while max(height, width) > _MOST_PIXELS and height % 2 == width % 2 == 0 and height <= 2 * width:
+            pixels = model.tex_data[start : start + height * width * channels]
+            fours = pixels.reshape(height // 2, 2, width // 2, 2, channels)
+            height, width = height // 2, width // 2
+            total = sum(fours[:, row, :, column].astype(np.uint16) for row in (0, 1) for column in (0, 1))
+            pixels[: height * width * channels] = ((total + 2) // 4).ravel()
+        model.tex_height[texture], model.tex_width[texture] = height, width
+
+
+def discard(data: NDArray[np.uint8]) -> None:
+    """Give the memory of pixels back to Linux, whole pages of it: what is read there later is zero."""
+    if sys.platform != "linux":
+        return
+    start = -(-data.ctypes.data // mmap.PAGESIZE) * mmap.PAGESIZE
+    length = (data.ctypes.data + data.nbytes - start) // mmap.PAGESIZE * mmap.PAGESIZE
+    if length > 0:
+        ctypes.CDLL(None).madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), _DONTNEED)

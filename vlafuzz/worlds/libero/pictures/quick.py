@@ -15,37 +15,72 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from vlafuzz.worlds.libero.packages import load
-from vlafuzz.worlds.libero.pictures.buffers import Buffer, copy_sources
-from vlafuzz.worlds.libero.pictures.detail import Detail, new_lists
+from vlafuzz.worlds.libero.pictures.meshes import Detail, new_lists
 
 Image = NDArray[np.uint8]
 SAMPLES = 4  # of a pixel in LIBERO's own pictures
+SMOOTH = 2  # pixels a side that are drawn for one where the camera moves
 STILL, MOVING = 0.6, 0.75  # pixels by which meshes may be off before a camera that stands still or moves
+
+
+class _Buffer:
+    """A square of colours and depths in the current context of OpenGL, which removes it when it ends.
+
+    ``samples`` of each pixel; 0 for one of the usual kind, in which nothing is mirrored.
+    """
+
+    def __init__(self, side: int, samples: int = 0) -> None:
+        self._gl = gl = load("OpenGL.GL")
+        self.side = side
+        self._number = gl.glGenFramebuffers(1)
+        self.bind(gl.GL_FRAMEBUFFER)
+        depth = (gl.GL_DEPTH_COMPONENT32F, gl.GL_DEPTH_ATTACHMENT)
+        if samples:
+            depth = (gl.GL_DEPTH32F_STENCIL8, gl.GL_DEPTH_STENCIL_ATTACHMENT)
+        for form, place in ((gl.GL_RGBA8, gl.GL_COLOR_ATTACHMENT0), depth):
+            part = gl.glGenRenderbuffers(1)
+            gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, part)
+            gl.glRenderbufferStorageMultisample(gl.GL_RENDERBUFFER, samples, form, side, side)
+            gl.glFramebufferRenderbuffer(gl.GL_FRAMEBUFFER, place, gl.GL_RENDERBUFFER, part)
+
+    def bind(self, role: int) -> None:
+        """Draw here, copy from here, or both."""
+        self._gl.glBindFramebuffer(role, self._number)
+
+    def copy(self, target: _Buffer, what: int) -> None:
+        """Copy colours or depths to a buffer of the same size; samples become pixels."""
+        self.bind(self._gl.GL_READ_FRAMEBUFFER)
+        target.bind(self._gl.GL_DRAW_FRAMEBUFFER)
+        _copy(self._gl, self.side, what)
+
+    def pixels(self) -> Image:
+        """``(side, side, 3)`` from the lowest row up."""
+        gl = self._gl
+        self.bind(gl.GL_READ_FRAMEBUFFER)
+        picture = np.empty((self.side, self.side, 3), np.uint8)
+        gl.glPixelStorei(gl.GL_PACK_ALIGNMENT, 1)
+        gl.glReadPixels(0, 0, self.side, self.side, gl.GL_RGB, gl.GL_UNSIGNED_BYTE, picture)
+        return picture
 
 
 @dataclass
 class _Still:
     """What stands still before a camera: a buffer, a display list that copies it, and what it shows."""
 
-    kept: Buffer
+    kept: _Buffer
     copying: int
     shows: bytes = b""
 
 
 class Artist:
-    """Draws a MuJoCo model into a context of its renderer, which is current.
+    """Draws a MuJoCo model into a context of its renderer, which is current."""
 
-    Args:
-        smooth: pixels a side that are drawn for one where the camera moves.
-    """
-
-    def __init__(self, model: Any, scene: Any, options: Any, context: Any, *, smooth: int) -> None:
+    def __init__(self, model: Any, scene: Any, options: Any, context: Any) -> None:
         self._mujoco, self._gl = load("mujoco"), load("OpenGL.GL")
         self._parts = self._mujoco.mjtCatBit
         self._model, self._scene, self._options, self._context = model, scene, options, context
-        self._smooth = smooth
         self._detail = Detail(model, context)
-        self._buffers: dict[tuple[int, int], Buffer] = {}
+        self._buffers: dict[tuple[int, int], _Buffer] = {}
         self._stills: dict[tuple[int, int], _Still] = {}
         self._resting = model.body_weldid[model.geom_bodyid] == 0
         scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = 0  # LIBERO's lamps cast none
@@ -55,22 +90,18 @@ class Artist:
         camera = view.fixedcamid
         if self._model.body_weldid[self._model.cam_bodyid[camera]] == 0:
             return self._before_still(data, view, size)
-        factor = self._smooth
-        buffer = self._buffer(size * factor)
+        buffer = self._buffer(size * SMOOTH)
         # what moves comes first: it is near, and nothing is computed of what it hides
         self._arrange(data, view, self._parts.mjCAT_DYNAMIC)
         self._add(data, self._parts.mjCAT_STATIC)
         self._detail.choose(self._scene, data, camera, MOVING / size)
-        self._render(buffer, mirrors=False, sky=True, sharper=factor)
-        picture = buffer.pixels()
-        return picture if factor == 1 else np.asarray(Pillow.fromarray(picture).reduce(factor))
+        self._render(buffer, sky=True, sharper=SMOOTH)
+        return np.asarray(Pillow.fromarray(buffer.pixels()).reduce(SMOOTH))
 
     def _before_still(self, data: Any, view: Any, size: int) -> Image:
         """What moves, drawn before what stands still."""
-        mujoco, scene = self._mujoco, self._scene
-        still = self._stills.get((view.fixedcamid, size))
-        if still is None:
-            still = self._stills[view.fixedcamid, size] = self._new_still(size)
+        mujoco, scene, key = self._mujoco, self._scene, (view.fixedcamid, size)
+        still = self._stills[key] = self._stills.get(key) or self._new_still(size)
         if (shows := self._seen_still(data, view.fixedcamid)) != still.shows:
             self._draw_still(still.kept, data, view)
             still.shows = shows
@@ -83,18 +114,17 @@ class Artist:
         self._add(data, self._parts.mjCAT_DYNAMIC)
         self._detail.choose(scene, data, view.fixedcamid, STILL / size)
         buffer = self._buffer(size)
-        self._render(buffer, mirrors=False, sky=False, source=still.kept)
+        self._render(buffer, source=still.kept)
         return buffer.pixels()
 
-    def _draw_still(self, kept: Buffer, data: Any, view: Any) -> None:
+    def _draw_still(self, kept: _Buffer, data: Any, view: Any) -> None:
         """Colours as LIBERO draws them, with several samples a pixel; depths in the middle of each pixel."""
-        buffer = self._buffer(kept.side)
+        plain, sampled = self._buffer(kept.side), self._buffer(kept.side, SAMPLES)
         self._arrange(data, view, self._parts.mjCAT_STATIC)
-        self._render(buffer, mirrors=False, sky=False)
-        buffer.copy(kept, colours=False)
-        sampled = self._buffer(kept.side, SAMPLES)
+        self._render(plain)
+        plain.copy(kept, self._gl.GL_DEPTH_BUFFER_BIT)
         self._render(sampled, mirrors=True, sky=True)
-        sampled.copy(kept, depths=False)
+        sampled.copy(kept, self._gl.GL_COLOR_BUFFER_BIT)
 
     def _arrange(self, data: Any, view: Any, parts: int) -> None:
         """Begin a scene with what rests or moves."""
@@ -105,7 +135,13 @@ class Artist:
         self._mujoco.mjv_addGeoms(self._model, data, self._options, nothing, parts, self._scene)
 
     def _render(
-        self, target: Buffer, *, mirrors: bool, sky: bool, sharper: int = 1, source: Buffer | None = None
+        self,
+        target: _Buffer,
+        *,
+        mirrors: bool = False,
+        sky: bool = False,
+        sharper: int = 1,
+        source: _Buffer | None = None,
     ) -> None:
         """Draw the scene; ``sharper``: pixels a side that will be one, for which textures are no finer."""
         gl, flags = self._gl, self._mujoco.mjtRndFlag
@@ -113,9 +149,9 @@ class Artist:
         self._scene.flags[flags.mjRND_SKYBOX] = sky
         gl.glActiveTexture(gl.GL_TEXTURE0)
         gl.glTexEnvf(gl.GL_TEXTURE_FILTER_CONTROL, gl.GL_TEXTURE_LOD_BIAS, np.log2(sharper))
-        target.bind()
+        target.bind(gl.GL_FRAMEBUFFER)
         if source is not None:
-            source.source()
+            source.bind(gl.GL_READ_FRAMEBUFFER)
         view = self._mujoco.MjrRect(0, 0, target.side, target.side)
         self._mujoco.mjr_render(view, self._scene, self._context)
 
@@ -131,13 +167,18 @@ class Artist:
 
     def _new_still(self, size: int) -> _Still:
         """A mesh's display list may copy a buffer, too: so it happens after MuJoCo has emptied the target."""
-        number = new_lists(1, after=self._context.baseMesh)
-        self._gl.glNewList(number, self._gl.GL_COMPILE)
-        copy_sources(size)
-        self._gl.glEndList()
-        return _Still(Buffer(size), number - self._context.baseMesh)
+        gl, number = self._gl, new_lists(1, after=self._context.baseMesh)
+        gl.glNewList(number, gl.GL_COMPILE)
+        _copy(gl, size, gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
+        gl.glEndList()
+        return _Still(_Buffer(size), number - self._context.baseMesh)
 
-    def _buffer(self, side: int, samples: int = 0) -> Buffer:
+    def _buffer(self, side: int, samples: int = 0) -> _Buffer:
         if (side, samples) not in self._buffers:
-            self._buffers[side, samples] = Buffer(side, samples, mirrors=samples > 0)
+            self._buffers[side, samples] = _Buffer(side, samples)
         return self._buffers[side, samples]
+
+
+def _copy(gl: Any, side: int, what: int) -> None:
+    """Copy between the buffers that are bound for it."""
+    gl.glBlitFramebuffer(0, 0, side, side, 0, 0, side, side, what, gl.GL_NEAREST)

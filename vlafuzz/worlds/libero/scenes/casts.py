@@ -8,7 +8,7 @@ from functools import cache
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.libero.scenes.objects import kind_of, load_objects, mistakable, replaced
-from vlafuzz.worlds.libero.suites import Atom, LiberoTask
+from vlafuzz.worlds.libero.suites import LiberoTask
 
 
 @cache
@@ -17,7 +17,7 @@ def swaps(task: LiberoTask) -> tuple[tuple[str, ...], ...]:
 
     Nothing else may where the thing is not carried, has no class, or the instruction does not say it once.
     """
-    objects, present = load_objects(), _kinds(task)
+    objects, present = load_objects(), set(map(kind_of, task.things))
     return tuple(
         (thing, *(name for name in objects.alike(kind_of(thing)) if name not in present))
         if thing in task.carried and objects.said(kind_of(thing), task.instruction)
@@ -29,12 +29,9 @@ def swaps(task: LiberoTask) -> tuple[tuple[str, ...], ...]:
 @cache
 def extras(task: LiberoTask) -> tuple[str, ...]:
     """The objects that may be added to a task: no double of what it has, or of what it says."""
-    present = _kinds(task)
-    return tuple(
-        name
-        for name in load_objects().added
-        if name not in present and not mistakable(name, task.instruction)
-    )
+    present = set(map(kind_of, task.things))
+    added = (name for name in load_objects().added if name not in present)
+    return tuple(name for name in added if not mistakable(name, task.instruction))
 
 
 @cache
@@ -55,20 +52,21 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
     for own, options in zip(task.things, swaps(task), strict=True):
         name = names.get(own)
         if name not in options or len(things) != len(task.things):
+            expected = ", ".join(" or ".join(options) for options in swaps(task))
             problem = f"targets: {', '.join(things)} are not the things of {task}"
-            raise SceneError(problem, hint=_expected(task))
+            raise SceneError(problem, hint=f"expected {expected}")
         if name != own:
             said = objects.said(kind_of(own), task.instruction)
             instruction = replaced(str(said), objects.words[name][0], instruction)
     if len(set(things)) < len(things):
         raise SceneError(f"targets: {', '.join(things)}: one thing is there twice")
+    initial, goal = (
+        tuple(tuple(names.get(word, word) for word in atom) for atom in atoms)
+        for atoms in (task.initial, task.goal)
+    )
+    interest = tuple(names.get(name, name) for name in task.interest)
     return replace(
-        task,
-        instruction=instruction,
-        initial=_renamed(task.initial, names),
-        goal=_renamed(task.goal, names),
-        interest=tuple(names.get(name, name) for name in task.interest),
-        things=things,
+        task, instruction=instruction, initial=initial, goal=goal, interest=interest, things=things
     )
 
 
@@ -92,15 +90,3 @@ def cast(task: LiberoTask, scene: Scene) -> LiberoTask:
 def doubles(task: LiberoTask, name: str) -> bool:
     """Whether an object is there already, or could be taken for what the instruction says."""
     return name in task.things or mistakable(name, task.instruction)
-
-
-def _renamed(atoms: tuple[Atom, ...], names: dict[str, str]) -> tuple[Atom, ...]:
-    return tuple(tuple(names.get(word, word) for word in atom) for atom in atoms)
-
-
-def _kinds(task: LiberoTask) -> set[str]:
-    return {kind_of(name) for name in task.things}
-
-
-def _expected(task: LiberoTask) -> str:
-    return "expected " + ", ".join(" or ".join(names) for names in swaps(task))

@@ -40,35 +40,26 @@ class Objects:
 
     def said(self, kind: str, instruction: str) -> str | None:
         """The words that stand for an object in an instruction, exactly once; None if there are none."""
-        found = [words for words in self.words.get(kind, ()) if len(_places(words, instruction)) == 1]
+        found = [words for words in self.words.get(kind, ()) if _count(words, instruction) == 1]
         return max(found, key=len, default=None)
-
-    def saying(self, instruction: str) -> list[str]:
-        """The things that an instruction says, each in as many words as it does."""
-        known = [*self.fixed, *(words for said in self.words.values() for words in said)]
-        here = [words for words in known if _places(words, instruction)]
-        return [words for words in here if not any(words != other and words in other for other in here)]
 
 
 @cache
 def mistakable(kind: str, instruction: str) -> bool:
-    """Whether an object could be taken for something that an instruction says."""
+    """Whether an object could be taken for something that an instruction says, in all of its words."""
     objects = load_objects()
-    said = objects.saying(instruction)
+    known = [*objects.fixed, *(words for said in objects.words.values() for words in said)]
+    here = [words for words in known if _count(words, instruction)]
+    said = [words for words in here if not any(words != other and words in other for other in here)]
     return any(ambiguous(words, own) for words in said for own in objects.words[kind])
 
 
 @cache
 def load_objects() -> Objects:
-    """Read ``operators/libero-objects.yaml``.
-
-    Raises:
-        CatalogueError: the file is malformed.
-    """
+    """Read ``operators/libero-objects.yaml``; a CatalogueError if it is malformed."""
     path, hint = operators_dir() / "libero-objects.yaml", "expected classes and fixed words"
-    objects = validated(
-        TypeAdapter(Objects), read_yaml(path, CatalogueError, hint), path, CatalogueError, hint
-    )
+    read = read_yaml(path, CatalogueError, hint)
+    objects = validated(TypeAdapter(Objects), read, path, CatalogueError, hint)
     for name in objects.added:
         if name not in objects.words:
             raise CatalogueError(f"{path}: added: {name!r} is of no class", hint)
@@ -88,8 +79,8 @@ def replaced(words: str, others: str, text: str) -> str:
     return _pattern(words).sub(others, text)
 
 
-def _places(words: str, text: str) -> list[str]:
-    return _pattern(words).findall(text)
+def _count(words: str, text: str) -> int:
+    return len(_pattern(words).findall(text))
 
 
 @cache

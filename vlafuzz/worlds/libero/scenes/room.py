@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from itertools import combinations
 from typing import Any
 
@@ -21,6 +22,7 @@ from vlafuzz.worlds.libero.suites import PLACING, LiberoTask, find_task
 from vlafuzz.worlds.manipulation.rigs.robots import LIBERO
 
 Array = NDArray[np.float64]
+REACH = LIBERO.reach
 VERSION = 2  # raise it when looking finds something else
 MANY = 20_000  # points of a piece of furniture
 OUTLINE = 1500  # points of a thing's surface
@@ -29,25 +31,19 @@ SLACK = 0.005  # metres by which two things may come closer than in the initial 
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where things stand in the initial states, and how far they reach.
+    """Where things stand in the initial states, and how far they reach. All numbers are in metres.
 
     Attributes:
-        places: ``(states, things, 2)`` of their middles, metres.
-        radii: ``(things,)`` of circles about them, metres.
-        base: ``(2,)`` of the robot, metres.
-        taken: ``(n, 2)`` points on furniture, and where something is to be put, metres.
-        concerned: the number of things that the task is about; they come first.
-        carriers: ``(things,)`` what each stands on, itself for most.
-        pairs: of things that may not overlap: neither stands on the other.
+        places: ``(states, things, 2)`` of their middles; ``radii``: ``(things,)`` of circles about them.
+        base: ``(2,)`` of the robot.
+        taken: ``(n, 2)`` points on furniture, and where something is to be put.
     """
 
+    task: LiberoTask
     places: Array
     radii: Array
     base: Array
     taken: Array
-    concerned: int
-    carriers: tuple[int, ...]
-    pairs: tuple[tuple[int, int], ...]
 
     def crowded(self, scene: Scene) -> set[int]:
         """The things that come too close to another one: nearer than in the initial state, and too near.
@@ -55,10 +51,10 @@ class Room:
         By their numbers among the scene's placements. Confounders give way to the others.
         """
         start, now = self.places[scene.start.state], self._now(scene)
-        radii, found = self._radii(scene), set[int]()
-        for a, b in self.pairs:
+        radii, on, found = self._radii(scene), self._carriers, set[int]()
+        for a, b in combinations(range(len(now)), 2):
             apart, before = (float(np.linalg.norm(at[a] - at[b])) for at in (now, start))
-            if apart < min(radii[a] + radii[b], before - SLACK):
+            if on[a] != b and on[b] != a and apart < min(radii[a] + radii[b], before - SLACK):
                 found |= {a, b}
         for thing in range(len(now)):
             apart, before = (self._from_furniture(at[thing]) for at in (now, start))
@@ -72,44 +68,77 @@ class Room:
             now = np.concatenate([now, place[None]])
         return found
 
-    def _from_furniture(self, place: Array) -> float:
-        return float(np.linalg.norm(self.taken - place, axis=1).min(initial=np.inf))
-
-    def _radii(self, scene: Scene) -> Array:
-        """``(n,)`` of all placements, metres."""
-        own = find_task(scene.task).things
-        known = dict(zip(own, self.radii.tolist(), strict=True))
-        if any(placed.object not in known for placed in scene.placements):
-            known |= radii_of(scene.task)
-        return np.array([known[placed.object] for placed in scene.placements])
-
     def out_of_reach(self, scene: Scene) -> dict[int, float]:
         """The things that the task is about and the robot does not reach, with their distance from its base.
 
         What is as near as in the initial state counts as in reach.
         """
-        start, now = self.places[scene.start.state], self._now(scene)
-        found: dict[int, float] = {}
-        for thing in range(self.concerned):
-            away, before = (float(np.linalg.norm(at[thing] - self.base)) for at in (now, start))
-            if away > max(LIBERO.reach, before):
-                found[thing] = away
-        return found
+        away, before = (
+            np.linalg.norm(at[: self.task.concerned] - self.base, axis=1)
+            for at in (self._now(scene), self.places[scene.start.state])
+        )
+        return {int(thing): float(away[thing]) for thing in np.flatnonzero(away > np.maximum(REACH, before))}
+
+    @cached_property
+    def _carriers(self) -> list[int]:
+        """What each thing stands on, itself for most."""
+        things, riders = self.task.things, self.task.riders
+        return [things.index(riders.get(name, name)) for name in things]
 
     def _now(self, scene: Scene) -> Array:
         """``(things, 2)`` of their middles; what stands on something goes along with it."""
         own = np.array([(one.x, one.y) for one in scene.targets])
-        along = [own[on] if on != thing else 0.0 * own[on] for thing, on in enumerate(self.carriers)]
+        along = [own[on] if on != thing else 0.0 * own[on] for thing, on in enumerate(self._carriers)]
         return np.asarray(self.places[scene.start.state] + own + along)
+
+    def _radii(self, scene: Scene) -> Array:
+        """``(n,)`` of all placements."""
+        known = dict(zip(self.task.things, self.radii.tolist(), strict=True))
+        if any(placed.object not in known for placed in scene.placements):
+            known |= _added_radii(scene.task)
+        return np.array([known[placed.object] for placed in scene.placements])
+
+    def _from_furniture(self, place: Array) -> float:
+        return float(np.linalg.norm(self.taken - place, axis=1).min(initial=np.inf))
 
 
 @cache
-def radii_of(name: str) -> dict[str, float]:
-    """The radii of what may be added to a task, metres; looking takes seconds once on a machine."""
+def room_of(name: str) -> Room:
+    """The room in a task."""
     task = find_task(name)
-    given = (VERSION, str(versions()), pool(task))
-    radii = kept(f"libero-added-{name.replace('/', '-')}", lambda: _look_at_added(task), *given)
-    return dict(radii)
+    places, radii, base, taken = map(np.array, _once("room", task, _look))
+    return Room(task, places, radii, base, taken.reshape(-1, 2))
+
+
+@cache
+def _added_radii(name: str) -> dict[str, float]:
+    """The radii of what may be added to a task."""
+    task = find_task(name)
+    return dict(_once("added", task, _look_at_added, pool(task)))
+
+
+def _once(what: str, task: LiberoTask, look: Callable[[LiberoTask], Any], *given: object) -> Any:
+    """What looking finds, which takes seconds once on a machine."""
+    name = f"libero-{what}-{str(task).replace('/', '-')}"
+    return kept(name, lambda: look(task), VERSION, str(versions()), *given)
+
+
+def _look(task: LiberoTask) -> list[Any]:
+    env = LiberoEnv(task)
+    bodies = [env.bodies[name] for name in task.things]
+    places = list[Any]()
+    for number in range(len(env.states)):
+        env.reset(number)
+        places.append(env.data.xpos[bodies][:, :2].tolist())
+    radii = [_radius(env, body) for body in bodies]
+    base = env.robosuite.robots[0].base_pos[:2].tolist()
+    furniture = [body for name, body in env.bodies.items() if name not in env.movable]
+    sites = [atom[2] for atom in task.goal if atom[0] in PLACING and atom[2] not in env.bodies]
+    taken = [surface(env, body, MANY)[:, :2] for body in furniture]
+    taken += [env.data.site(site).xpos[None, :2] for site in sites]
+    points = np.concatenate([np.zeros((0, 2)), *taken])
+    env.close()
+    return [places, radii, base, np.unique(points.round(2), axis=0).tolist()]  # a centimetre apart
 
 
 def _look_at_added(task: LiberoTask) -> dict[str, float]:
@@ -122,44 +151,6 @@ def _look_at_added(task: LiberoTask) -> dict[str, float]:
         radii[name] = _radius(env, env.bodies[name])
     env.close()
     return radii
-
-
-@cache
-def room_of(name: str) -> Room:
-    """The room in a task; looking takes seconds once on a machine."""
-    task = find_task(name)
-    given = (VERSION, str(versions()))
-    found = kept(f"libero-room-{name.replace('/', '-')}", lambda: _look(task), *given)
-    places, radii, base, taken = map(np.array, found)
-    carriers = tuple(task.things.index(task.riders.get(name, name)) for name in task.things)
-    pairs = tuple(
-        (a, b) for a, b in combinations(range(len(task.things)), 2) if carriers[a] != b and carriers[b] != a
-    )
-    return Room(places, radii, base, taken.reshape(-1, 2), task.concerned, carriers, pairs)
-
-
-def _look(task: LiberoTask) -> list[Any]:
-    env = LiberoEnv(task)
-    bodies = [env.bodies[name] for name in task.things]
-    places = list[Any]()
-    for number in range(len(env.states)):
-        env.reset(number)
-        places.append(env.data.xpos[bodies][:, :2].tolist())
-    radii = [_radius(env, body) for body in bodies]
-    base = env.robosuite.robots[0].base_pos[:2].tolist()
-    taken = _taken(env)
-    env.close()
-    return [places, radii, base, taken]
-
-
-def _taken(env: LiberoEnv) -> list[list[float]]:
-    """Where furniture stands, and where something is to be put; a centimetre apart."""
-    furniture = [body for name, body in env.bodies.items() if name not in env.movable]
-    sites = [atom[2] for atom in env.task.goal if atom[0] in PLACING and atom[2] not in env.bodies]
-    taken = [surface(env, body, MANY)[:, :2] for body in furniture]
-    taken += [env.data.site(site).xpos[None, :2] for site in sites]
-    points = np.concatenate([np.zeros((0, 2)), *taken])
-    return np.unique(points.round(2), axis=0).tolist()  # type: ignore[no-any-return]
 
 
 def _radius(env: LiberoEnv, body: int) -> float:

@@ -23,28 +23,20 @@ Array = NDArray[np.float64]
 VIEW = CAMERAS[0]
 # Axes of MuJoCo's camera frame (right, up, backwards) in ours (forward, left, up)
 _OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+_LIT = ("ambient", "diffuse", "specular")
 
 
 class Setting:
-    """Sets scenes up in one environment, which has the things that they need.
-
-    It knows the environment's own light and camera.
-    """
+    """Sets scenes up in one environment. It knows the environment's own light and camera."""
 
     def __init__(self, env: LiberoEnv) -> None:
         self.env, self._task, model = env, env.task, env.model
-        self._lamps = [
-            (model, name, getattr(model, name).copy())
-            for name in ("light_ambient", "light_diffuse", "light_specular")
-        ]
-        head = model.vis.headlight
-        self._lamps += [
-            (head, name, getattr(head, name).copy()) for name in ("ambient", "diffuse", "specular")
-        ]
-        self._camera = env.model.camera(VIEW).id
-        self._eye = model.cam_pos[self._camera].copy()
-        self._turn = model.cam_quat[self._camera].copy()
+        lamps = [(model, f"light_{part}") for part in _LIT] + [(model.vis.headlight, part) for part in _LIT]
+        self._lamps = [(owner, name, getattr(owner, name).copy()) for owner, name in lamps]
+        self._camera = model.camera(VIEW).id
+        self._eye, self._turn = model.cam_pos[self._camera].copy(), model.cam_quat[self._camera].copy()
         self._standing = Standing(env) if env.more else None
+        self._addresses = env.away.addresses
 
     def begin(self, scene: Scene) -> None:
         """Begin an episode in a scene.
@@ -66,8 +58,12 @@ class Setting:
             self._swap(self._standing, positions)
         self._place(scene, positions)
         if self._standing:
-            self._add(self._standing, scene, positions)
-        self._light(scene.light.intensity)
+            for placed in scene.confounders:
+                at, place = self._addresses[placed.object], np.array([placed.x, placed.y])
+                positions[at : at + 7] = self._standing.pose(placed.object, place)
+                _turned(positions, at, place, placed)
+        for owner, name, usual in self._lamps:
+            getattr(owner, name)[:] = usual * scene.light.intensity
         self._aim(scene.camera)
         env.restore(state)
 
@@ -75,18 +71,19 @@ class Setting:
         """Have other things stand where those of the task do."""
         for own, name in zip(self._task.things, self.env.task.things, strict=True):
             if name != own:
-                at, new = self.env.address(own), self.env.address(name)
+                at, new = self._addresses[own], self._addresses[name]
                 bottom = standing.bottom(positions, own)
                 positions[new : new + 7] = standing.pose(name, positions[at : at + 2].copy(), bottom)
-                self.env.put_away(positions, own)
+                self.env.away.put(positions, own)
 
     def _place(self, scene: Scene, positions: Array) -> None:
         """Move things and joints in the ``(nq,)`` positions of an initial state."""
         placed, riders = {placement.object: placement for placement in scene.targets}, self.env.task.riders
-        middles = {name: self.env.address(name) for name in placed}
-        start = {name: positions[at : at + 2].copy() for name, at in middles.items()}
-        for name, at in middles.items():
-            carrier, chain = riders.get(name), [placed[name]]
+        start = {
+            name: positions[at : at + 2].copy() for name, at in self._addresses.items() if name in placed
+        }
+        for name in placed:
+            at, carrier, chain = self._addresses[name], riders.get(name), [placed[name]]
             while carrier is not None:  # what stands on something goes along with it
                 chain.append(placed[carrier])
                 _turned(positions, at, start[carrier], placed[carrier])
@@ -99,17 +96,6 @@ class Setting:
         for joint, degrees in zip(arm, astuple(scene.initial_pose), strict=True):
             if degrees:
                 positions[joint] += math.radians(degrees)
-
-    def _add(self, standing: Standing, scene: Scene, positions: Array) -> None:
-        """Have the confounders stand on table or floor."""
-        for placed in scene.confounders:
-            at, place = self.env.address(placed.object), np.array([placed.x, placed.y])
-            positions[at : at + 7] = standing.pose(placed.object, place)
-            _turned(positions, at, place, placed)
-
-    def _light(self, intensity: float) -> None:
-        for owner, name, usual in self._lamps:
-            getattr(owner, name)[:] = usual * intensity
 
     def _aim(self, camera: Camera) -> None:
         model, number = self.env.model, self._camera

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cache
 from typing import Any
 
@@ -21,22 +21,17 @@ from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
-from vlafuzz.worlds.manipulation.base import Layout, Span
+from vlafuzz.worlds.manipulation.base import Layout, Operator
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
-    CameraOrientation,
-    CameraPosition,
+    OPERATORS,
     ConfounderCount,
-    ConfounderOrientation,
-    ConfounderPosition,
     ConfounderType,
-    Light,
     TargetOrientation,
     TargetPosition,
     TargetType,
-    Wording,
 )
 from vlafuzz.worlds.manipulation.parts import HINT, REDRAWS, RESTARTS, Parts, index_of
 from vlafuzz.worlds.manipulation.rigs.robots import rig
@@ -45,20 +40,10 @@ from vlafuzz.worlds.manipulation.space import TableSpace
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
-_WORDINGS = TypeAdapter(list[str])
-_OWN = (TargetPosition, TargetOrientation, BystanderPosition, BystanderOrientation)  # of the suite's things
-# Operators whose genes are those of the tabletop, beside the extras. LIBERO has no backdrops of ours.
-_SHARED = (
-    TargetType.name,
-    ConfounderType.name,
-    ConfounderPosition.name,
-    ConfounderOrientation.name,
-    ConfounderCount.name,
-    Light.name,
-    CameraPosition.name,
-    CameraOrientation.name,
-    Wording.name,
-    *sorted(EXTRAS - {"backdrop"}),
+# Of the suite's own things; other operators have the genes of the tabletop. LIBERO has none of our backdrops.
+_OWN = (TargetPosition.name, TargetOrientation.name, BystanderPosition.name, BystanderOrientation.name)
+_SHARED = [name for name in OPERATORS if name not in _OWN and name not in EXTRAS] + sorted(
+    EXTRAS - {"backdrop", *_OWN}
 )
 
 
@@ -73,11 +58,11 @@ def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
 def load_wordings() -> tuple[str, ...]:
     """How an instruction is said, ``{instruction}`` standing for the suite's own, which comes first.
 
-    Raises:
-        CatalogueError: the file is malformed, or a wording lacks the instruction.
+    A CatalogueError is raised for a malformed file, or a wording without the instruction.
     """
     path, hint = operators_dir() / "libero-wordings.yaml", "expected a list of wordings"
-    wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
+    read = read_yaml(path, CatalogueError, hint)
+    wordings = validated(TypeAdapter(list[str]), read, path, CatalogueError, hint)
     for wording in wordings:
         if "{instruction}" not in wording:
             raise CatalogueError(f"{path}: {wording!r} does not say {{instruction}}", hint)
@@ -92,21 +77,22 @@ class LiberoComposer:
         slots = _slots(operators, task)
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
         self.layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
-        placing = [gene for kind in _OWN for gene in self._placing(operators, kind.name)]
+        placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
         shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
         self.genes = [gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1]
         self._parts = Parts(self.genes)
 
-    def _placing(self, operators: OperatorSet, name: str) -> Iterator[Gene]:
+    def _placing(self, operator: Operator) -> Iterator[Gene]:
         """The genes of the places or yaws of the suite's own things."""
-        operator, concerned = operators.operators[name], self._libero.concerned
+        concerned, name = self._libero.concerned, operator.name
         bystanders = isinstance(operator, (BystanderPosition, BystanderOrientation))
         slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
         for slot in slots:
             share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
             if isinstance(operator, (TargetPosition, BystanderPosition)):
-                yield Gene(name, f"targets.{slot}.x", "real", _grid(operator.x, share))
-                yield Gene(name, f"targets.{slot}.y", "real", _grid(operator.y, share))
+                for axis, span in (("x", operator.x), ("y", operator.y)):
+                    grid = Grid(share * span.low, share * span.high, span.step, 0.0)
+                    yield Gene(name, f"targets.{slot}.{axis}", "real", grid)
             elif isinstance(operator, (TargetOrientation, BystanderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
@@ -114,12 +100,10 @@ class LiberoComposer:
         """The scene with these values. A thing that is there already is replaced by the next one."""
         names, around = list[str](), list[str]()
         for slot in self.layout.of("targets"):
-            names.append(self._chosen(values, slot, lambda name: name not in names))
+            names.append(self._chosen(values, slot, names))
         task = recast(self._libero, tuple(names))
         for slot in self.layout.of("confounders")[: int(values["confounders"])]:
-            around.append(
-                self._chosen(values, slot, lambda name: name not in around and not doubles(task, name))
-            )
+            around.append(self._chosen(values, slot, around, task))
         placed = [
             Placement(name, REST, *(values.get(f"{slot}.{part}", 0.0) for part in ("x", "y", "yaw")))
             for slot, name in zip(self.layout.used(len(around)), [*names, *around], strict=True)
@@ -133,10 +117,13 @@ class LiberoComposer:
             **self._parts.composed(values),
         )
 
-    def _chosen(self, values: Mapping[str, float], slot: str, fits: Callable[[str], bool]) -> str:
-        """The name that a slot's value stands for, or the next one that fits."""
+    def _chosen(
+        self, values: Mapping[str, float], slot: str, taken: list[str], beside: LiberoTask | None = None
+    ) -> str:
+        """The name that a slot's value stands for, or the next one that is free."""
         options, index = self.layout.slots[slot], int(values.get(f"{slot}.object", 0))
-        return next(filter(fits, options[index:] + options[:index]), options[index])
+        names = (name for name in options[index:] + options[:index] if name not in taken)
+        return next((name for name in names if not (beside and doubles(beside, name))), options[index])
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
@@ -187,18 +174,12 @@ def _said(task: LiberoTask) -> tuple[str, ...]:
     return tuple(wording.replace("{instruction}", task.instruction) for wording in load_wordings())
 
 
-def _grid(span: Span, share: float) -> Grid:
-    """A share of a range about zero."""
-    return Grid(share * span.low, share * span.high, span.step, 0.0)
-
-
 class LiberoSpace(TableSpace):
     """Every scene that the operators can make of a task's initial states."""
 
     def __init__(self, operators: OperatorSet, task: str, robot: str) -> None:
-        of_task = operators.in_task(task)
-        self.composer = LiberoComposer(of_task, find_task(task), robot)
-        super().__init__(task_named(task), rig(robot), of_task, self.composer)
+        self.composer = LiberoComposer(operators.in_task(task), find_task(task), robot)
+        super().__init__(task_named(task), rig(robot), operators.in_task(task), self.composer)
 
     @property
     def conditions(self) -> dict[str, Any]:
@@ -208,10 +189,9 @@ class LiberoSpace(TableSpace):
         return type(self), (self.operators, self.task.name, self.robot)
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene with room for everything. What else is fair is judged by physics, before a rollout.
+        """A random scene with room for everything; a UsageError if the ranges leave none.
 
-        Raises:
-            UsageError: the ranges leave no room.
+        What else is fair is judged by physics, before a rollout.
         """
         for _ in range(RESTARTS):
             drawn = self.composer.compose({path: self.draw(path, rng) for path in self.by_path})

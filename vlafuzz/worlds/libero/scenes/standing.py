@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -21,51 +19,44 @@ class Standing:
 
     def __init__(self, env: LiberoEnv) -> None:
         self._env = env
-        self._rests = dict[str, tuple[Array, float]]()
+        self._rests = dict[str, tuple[Array, float]]()  # its quaternion, and metres from its middle down
         env.reset()
         env.settle(CALM)
-        self._ground = min(_lowest(env, name) for name in env.task.things)
+        self._ground = min(self._lowest(name) for name in env.task.things)
 
     def pose(self, name: str, place: Array, bottom: float = -np.inf) -> Array:
-        """``(7,)`` of a thing's joint.
+        """``(7,)`` of a thing's joint at a ``(2,)`` place.
 
-        Args:
-            place: ``(2,)`` metres.
-            bottom: the height of its lowest point, metres; at least that of table or floor.
+        ``bottom``: the height of its lowest point; at least that of table or floor. Metres.
         """
         if name not in self._rests:
-            self._rests[name] = self._rest(name)
+            self._rests[name] = self.show(name), -self._lowest(name)
         quaternion, below = self._rests[name]
-        height = max(bottom, self._ground) + below + GAP
-        return np.concatenate([place, [height], quaternion])
+        return np.concatenate([place, [max(bottom, self._ground) + below + GAP], quaternion])
 
     def bottom(self, positions: Array, name: str) -> float:
         """The height of a thing's lowest point where everything is at ``(nq,)`` positions, metres."""
         self._env.arrange(positions)
-        return _lowest(self._env, name)
+        return self._lowest(name)
 
     def show(self, name: str) -> Array:
-        """Turn a thing as LIBERO does, alone in the middle of everything; returns its quaternion."""
-        quaternion = _usual_turn(self._env.robosuite.objects_dict[name])
+        """Turn a thing as LIBERO's samplers do, alone in the middle of everything; returns its quaternion.
+
+        They turn it by the first end of each range of angles, and write x, y, z, w, which MuJoCo takes for w,
+        x, y, z.
+        """
+        thing = self._env.robosuite.objects_dict[name]
+        turns = thing.rotation if isinstance(thing.rotation, dict) else {thing.rotation_axis: thing.rotation}
+        turn = Rotation.identity()
+        for axis, angles in turns.items():
+            turn = Rotation.from_euler(axis, np.ravel(angles)[0]) * turn
+        quaternion = np.asarray(turn.as_quat())
         positions = self._env.states[0][1 : 1 + self._env.model.nq].copy()
-        at = self._env.address(name)
+        at = self._env.away.addresses[name]
         positions[at : at + 7] = [0.0, 0.0, 0.0, *quaternion]
         self._env.arrange(positions)
         return quaternion
 
-    def _rest(self, name: str) -> tuple[Array, float]:
-        """A thing's quaternion, and how far its lowest point is below its middle."""
-        return self.show(name), -_lowest(self._env, name)
-
-
-def _usual_turn(thing: Any) -> Array:
-    """``(4,)`` w, x, y, z, as LIBERO's samplers turn an object of its own: at the first end of each range."""
-    turns = thing.rotation if isinstance(thing.rotation, dict) else {thing.rotation_axis: thing.rotation}
-    turn = Rotation.identity()
-    for axis, angles in turns.items():
-        turn = Rotation.from_euler(axis, np.ravel(angles)[0]) * turn
-    return np.asarray(turn.as_quat())  # x, y, z, w: LIBERO writes it so, and MuJoCo takes it for w, x, y, z
-
-
-def _lowest(env: LiberoEnv, name: str) -> float:
-    return min(float(triangles(env, int(geom))[..., 2].min()) for geom in env.shapes(name))
+    def _lowest(self, name: str) -> float:
+        env = self._env
+        return min(float(triangles(env, int(geom))[..., 2].min()) for geom in env.away.shapes[name])

@@ -3,35 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
+from vlafuzz.common.files import writing
 from vlafuzz.errors import UsageError
 from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect, Scope
-from vlafuzz.worlds.libero.audit.premise import broken_premises
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.packages import versions
+from vlafuzz.worlds.libero.premise import broken_premises
 from vlafuzz.worlds.libero.suites import SETTLING, LiberoTask, find_task, find_tasks
 
 Array = NDArray[np.float64]
-SECONDS = 2.0  # for which the robot keeps still
+STEPS = 2 * HZ  # for which the robot keeps still
 OVERLAP = 0.005  # metres
 SLID = 0.01  # metres sideways; straight down is no defect: all of LIBERO's objects begin in the air
 MOVING = 0.005  # metres, after the settling steps
 TIPPED = 20.0  # degrees
 DROPPED = 0.25  # metres: from a table to the floor
 LULL, REST = 5, 3e-5  # control steps in which nothing moves by so much (metres, radians): it has come to rest
-
-
-@dataclass(frozen=True, eq=False)
-class _Moment:
-    """Where the movable things are: ``positions`` ``(n, 3)``, ``rotations`` ``(n, 3, 3)``."""
-
-    positions: Array
-    rotations: Array
 
 
 def audit(name: str, scope: Scope) -> AuditedSuite:
@@ -58,17 +52,25 @@ def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
         count = len(env.states) if scope.states is None else min(scope.states, len(env.states))
         for number in range(count):
             found = list(defects(env, number, partial(env.reset, number)))
-            fresh = {defect.check for defect in found} - {defect.check for defect in known}
-            if scope.pictures and fresh:
-                from vlafuzz.worlds.libero.audit.sheet import write_sheet
-
-                for check in sorted(fresh):
-                    place = scope.pictures / f"{task.suite}-{task.number}-{check}-{number}.png"
-                    write_sheet(env, number, SECONDS, place)
+            if scope.pictures:
+                for check in sorted({one.check for one in found} - {one.check for one in known}):
+                    picture = f"{task.suite}-{task.number}-{check}-{number}.png"
+                    _write_sheet(env, number, scope.pictures / picture)
             known += found
     finally:
         env.close()
     return AuditedTask(str(task), task.instruction, count, tuple(known))
+
+
+def _write_sheet(env: LiberoEnv, number: int, place: Path) -> None:
+    """Write a PNG: both cameras (columns) at the start, after the settling steps, and at the end (rows)."""
+    env.reset(number)
+    rows = []
+    for steps in (0, SETTLING, STEPS - SETTLING):
+        env.settle(steps)
+        rows.append(np.hstack(list(env.observe().pictures.values())))
+    with writing(place):
+        Image.fromarray(np.vstack(rows)).save(place)
 
 
 def defects(
@@ -81,19 +83,25 @@ def defects(
     names = env.movable
     bodies = [env.bodies[name] for name in names]
     begin()
-    start, solved = _moment(env, bodies), env.solved()
+    start, upright, solved = env.data.xpos[bodies].copy(), _upward(env, bodies), env.solved()
     for pair, depth in _overlaps(env).items():
         yield Defect(number, "overlaps", f"{' and '.join(pair)} overlap by {1000 * depth:.0f} mm", depth)
     env.settle(SETTLING)
-    seen, solved = _moment(env, bodies), solved or env.solved()
+    seen, solved = env.data.xpos[bodies].copy(), solved or env.solved()
     for reason in broken_premises(env, regions=regions):
         yield Defect(number, "premise", reason, 0.0)
-    _come_to_rest(env, round(SECONDS * HZ) - SETTLING)
-    end = _moment(env, bodies)
+    _come_to_rest(env, STEPS - SETTLING)
     if solved or env.solved():
         yield Defect(number, "solved", "the goal holds at the start", 0.0)
-    for index, name in enumerate(names):
-        yield from _moved(number, name, *(_only(moment, index) for moment in (start, seen, end)))
+    end = env.data.xpos[bodies].copy()
+    tilts = np.degrees(np.arccos(np.clip((upright * _upward(env, bodies)).sum(axis=1), -1.0, 1.0)))
+    for name, way, later, tilt in zip(names, end - start, end - seen, tilts.tolist(), strict=True):
+        yield from _moved(number, name, way, float(np.linalg.norm(later)), tilt)
+
+
+def _upward(env: LiberoEnv, bodies: list[int]) -> Array:
+    """``(n, 3)``: which way is up, in the frames of the bodies."""
+    return np.asarray(env.data.xmat[bodies].reshape(-1, 3, 3)[:, 2].copy())
 
 
 def _come_to_rest(env: LiberoEnv, steps: int) -> None:
@@ -107,10 +115,9 @@ def _come_to_rest(env: LiberoEnv, steps: int) -> None:
             return
 
 
-def _moved(number: int, name: str, start: _Moment, seen: _Moment, end: _Moment) -> Iterator[Defect]:
-    way = end.positions - start.positions
-    slid, later = float(np.linalg.norm(way[:2])), float(np.linalg.norm(end.positions - seen.positions))
-    tilt = _tilt(start.rotations, end.rotations)
+def _moved(number: int, name: str, way: Array, later: float, tilt: float) -> Iterator[Defect]:
+    """Defects of a thing that went ``way`` from the start on, ``later`` after the settling steps."""
+    slid = float(np.linalg.norm(way[:2]))
     if slid > SLID:
         yield Defect(number, "slides", f"{name} slides by {100 * slid:.1f} cm", slid)
     if tilt > TIPPED:
@@ -119,20 +126,6 @@ def _moved(number: int, name: str, start: _Moment, seen: _Moment, end: _Moment) 
         yield Defect(number, "falls", f"{name} falls by {100 * -way[2]:.0f} cm", -float(way[2]))
     if later > MOVING:
         yield Defect(number, "moving", f"{name} still moves by {100 * later:.1f} cm", later)
-
-
-def _moment(env: LiberoEnv, bodies: list[int]) -> _Moment:
-    return _Moment(env.data.xpos[bodies].copy(), env.data.xmat[bodies].reshape(-1, 3, 3).copy())
-
-
-def _only(moment: _Moment, index: int) -> _Moment:
-    return _Moment(moment.positions[index], moment.rotations[index])
-
-
-def _tilt(before: Array, after: Array) -> float:
-    """Degrees by which what pointed up before has turned away from there."""
-    cosine = (after @ before.T)[2, 2]
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def _overlaps(env: LiberoEnv) -> dict[tuple[str, str], float]:

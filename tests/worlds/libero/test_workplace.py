@@ -11,7 +11,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero import shared
+from vlafuzz.worlds.libero import workplace
 from vlafuzz.worlds.libero.scenes.space import nominal_scene
 from vlafuzz.worlds.stepping import drive, proceed
 
@@ -22,17 +22,17 @@ TASK = "libero_object/0"
 @pytest.fixture
 def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     """The tasks for which something was built."""
-    shared.close_idle()
+    workplace.close_idle()
     tasks: list[str] = []
-    own = shared.Environments
+    own = workplace.LiberoEnv
 
-    def counted(task, *others):
-        tasks.append(task)
-        return own(task, *others)
+    def counted(task, **options):
+        tasks.append(str(task))
+        return own(task, **options)
 
-    monkeypatch.setattr(shared, "Environments", counted)
+    monkeypatch.setattr(workplace, "LiberoEnv", counted)
     yield tasks
-    shared.close_idle()
+    workplace.close_idle()
 
 
 @pytest.fixture
