@@ -25,7 +25,7 @@ from vlafuzz.lab.compare.failures import CountedRun, count_run, with_causes
 from vlafuzz.lab.compare.plots import plot
 from vlafuzz.lab.compare.verdicts import corrected
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.manipulation.stored import stored_operators
+from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace
 

@@ -18,7 +18,7 @@ from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import load_operators
 
 RULES = {

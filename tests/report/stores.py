@@ -17,7 +17,7 @@ from vlafuzz.report.view import View
 from vlafuzz.store.records import Manifest, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.evaluation import Film
-from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 PLANTED = {name: CONDITIONS[name][0] for name in ("camera-orientation", "light")}
 MANIFEST = manifest(operators=operators_json(SPACE.operators))

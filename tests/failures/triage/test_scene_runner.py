@@ -11,7 +11,7 @@ from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds.manipulation.stored import operators_json
+from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SEEDS: list[int] = []

@@ -13,8 +13,8 @@ from vlafuzz.search.scoring import cell
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.capabilities import Frame
+from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
-from vlafuzz.worlds.manipulation.stored import stored_operators
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue, stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest.original import Rectangle, as_original, vlatest_table

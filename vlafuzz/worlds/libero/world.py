@@ -24,9 +24,8 @@ from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
 from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
-from vlafuzz.worlds.manipulation.stored import stored_operators
 from vlafuzz.worlds.manipulation.table_world import TableWorld
 
 if TYPE_CHECKING:

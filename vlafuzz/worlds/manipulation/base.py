@@ -80,8 +80,7 @@ class Layout:
     """The slots of a task's scenes.
 
     Attributes:
-        slots: the allowed object names of each slot, such as ``targets.0``.
-        nominal: the index of each slot's nominal name.
+        slots: by slot, such as ``targets.0``, the names allowed there; ``nominal``: the index of one of them.
         stable_poses: the largest number of stable poses of one object.
     """
 
@@ -101,10 +100,9 @@ class Layout:
 
 
 class Operator(Strict):
-    """One way in which a scene can vary.
+    """One way in which a scene can vary: its ranges, under the ``name`` that users know.
 
-    ``name`` is for users to refer to it, ``says`` describes it; ``nominal_text`` and ``range_text`` are
-    completed by its fields. ``part`` is the part of the scene that it varies, where several share their code.
+    ``says`` describes it; its fields complete ``nominal_text`` and ``range_text``. ``part``: of the scene.
     """
 
     name: ClassVar[str]
@@ -134,14 +132,13 @@ Levels = Annotated[float, Field(ge=0, le=255)]
 
 
 class Visible(Strict):
-    """Bounds within which a target counts as visible.
+    """Bounds within which a target counts as visible: the least that must be seen of it.
 
     Attributes:
-        inside: least share of its outline inside the picture.
-        unhidden: least share of that outline that neither robot nor objects hide.
-        area: least share of the picture that is seen of it, and that is apart.
-        apart: least difference from its surroundings, of 255 grey levels.
-        apart_in_outlines: the same for policies that get outlines in flat colours instead of pictures.
+        inside: share of its outline in the picture; ``unhidden``: share of that which nothing hides.
+        area: share of the picture that is seen of it, and that is apart.
+        apart: difference from its surroundings, of 255 grey levels; ``apart_in_outlines``: for policies that
+            get outlines in flat colours.
     """
 
     inside: Share

@@ -16,11 +16,10 @@ Options = Span | tuple[str, ...]
 
 
 class Extra(Operator):
-    """An operator that is off by default. It varies the fields of one ``part`` of the scene.
+    """An operator that is off by default. Its fields are ranges or options of the part's fields of that name.
 
-    Each of its own fields has the name of a field of that part, and is its range or the options to choose
-    from. Nominal is the default of the part's field. While the operator does not vary, digests of operator
-    sets and stored operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
+    Nominal is the default of the part's field. While the operator does not vary, digests of operator sets and
+    stored operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
     """
 
     def spans(self, rig: Rig) -> Mapping[str, Options]:

@@ -1,10 +1,11 @@
-"""OperatorSet: the operators with their ranges, read from YAML and narrowed by the user."""
+"""OperatorSet: the operators with their ranges, from YAML, narrowed by the user, kept in conditions."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +14,9 @@ from typing import Annotated, Any, TypeVar
 from pydantic import BaseModel, Field, ValidationError
 
 from vlafuzz.common.assets import operators_dir
-from vlafuzz.common.reading import read_yaml
-from vlafuzz.common.text import shortened
-from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.common.reading import first_problem, read_yaml
+from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.worlds.manipulation.base import Operator, Strict, Visible
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
 
@@ -46,7 +47,7 @@ class OperatorSet:
     Attributes:
         source: the file that was read.
         min_distance: between the centres of any two objects, metres.
-        visible: bounds within which the targets count as visible; None where that is not checked.
+        visible: None where it is not checked whether targets are visible.
         tasks: the sets of the tasks whose ranges differ.
     """
 
@@ -204,28 +205,24 @@ S = TypeVar("S", bound=BaseModel)
 
 
 def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
-    """Data validated as a model.
-
-    Raises:
-        CatalogueError: file, key and value in a sentence, with a suggestion for a misspelt key.
-    """
+    """Data as a model; a CatalogueError with file, key and value, and a suggestion for a misspelt key."""
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
-        problems = error.errors(include_url=False)
-    misspelt = (problem for problem in problems if problem["type"] == "extra_forbidden")
-    problem = next(misspelt, problems[0])  # a misspelt key explains a missing one
-    keys = [str(key) for key in problem["loc"]]
-    place = ".".join([where, *keys] if where else keys) or "the file"
-    if problem["type"] == "extra_forbidden":
-        raise CatalogueError(
-            f"{path}: {place}: unknown key", hint=suggestion(keys[-1], _siblings(kind, keys[:-1]))
-        )
-    message = problem["msg"].removeprefix("Value error, ").partition(" or instance of")[0]
-    complete = problem["type"] in ("missing", "value_error")  # the message has the value, or there is none
-    got = "" if complete else f", got {shortened(problem['input'])}"
+        problem = error
+    for misspelt in problem.errors(include_url=False):  # it explains a missing one
+        if misspelt["type"] == "extra_forbidden":
+            *keys, last = map(str, misspelt["loc"])
+            place = ".".join(filter(None, [where, *keys, last]))
+            hint = suggestion(last, _siblings(kind, keys))
+            raise CatalogueError(f"{path}: {place}: unknown key", hint=hint)
+    says = first_problem(problem)
+    if not problem.errors()[0]["loc"]:
+        says = f"{where or 'the file'}: {says}"
+    elif where:
+        says = f"{where}.{says}"
     raise CatalogueError(
-        f"{path}: {place}: {message[0].lower()}{message[1:]}{got}",
+        f"{path}: {says}",
         hint="operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use",
     )
 
@@ -238,3 +235,49 @@ def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
             return list(_TaskPart.model_fields)  # the only model inside a mapping
         kind = inner
     return list(kind.model_fields)
+
+
+def operators_json(operators: OperatorSet) -> str:
+    """Operators with their ranges as a field of conditions."""
+    ranges = {name: operator.model_dump(mode="json") for name, operator in operators.decisive.items()}
+    kept = {"min_distance": operators.min_distance, "varied": sorted(operators.varied), "operators": ranges}
+    return json.dumps(kept, sort_keys=True)
+
+
+def stored_operators(
+    source: Path, conditions: Conditions, vary: Collection[str] | None = None
+) -> OperatorSet:
+    """The operators that ``operators_json`` wrote, of which those in ``vary`` vary, by default as then.
+
+    ``source`` is the store or corpus, for messages.
+    """
+    try:
+        stored = json.loads(conditions.operators)
+        written = {
+            name: kind.model_validate(stored["operators"][name])
+            for name, kind in OPERATORS.items()
+            if name in stored["operators"] or name not in EXTRAS
+        }
+        operators = OperatorSet(
+            source=source,
+            min_distance=stored["min_distance"],
+            operators={**load_operators().operators, **written},
+            varied=frozenset(stored["varied"]),
+            visible=stored_visible(conditions),
+        )
+    except (KeyError, ValueError, TypeError) as error:
+        raise StoreError(
+            f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
+            hint="use the version that began the run",
+        ) from None
+    return operators if vary is None else operators.only(vary)
+
+
+def visible_json(visible: Visible | None) -> str:
+    """Bounds of visibility as a field of conditions."""
+    return visible.model_dump_json() if visible else ""
+
+
+def stored_visible(conditions: Conditions) -> Visible | None:
+    """The bounds that ``visible_json`` wrote; a ValueError if another version did."""
+    return Visible.model_validate_json(conditions.visible) if conditions.visible else None

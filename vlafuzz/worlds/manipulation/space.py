@@ -14,9 +14,10 @@ from vlafuzz.model.genes import Gene
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
 from vlafuzz.model.task import Task
+from vlafuzz.worlds.manipulation.composer import camera
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
 from vlafuzz.worlds.manipulation.jitter import load_jitter
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet, operators_json, visible_json
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
     OPERATORS,
@@ -32,23 +33,15 @@ from vlafuzz.worlds.manipulation.operators import (
     TargetType,
     Wording,
 )
-from vlafuzz.worlds.manipulation.parts import camera
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.stored import operators_json, visible_json
 
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.
+_AROUND = (ConfounderType, ConfounderPosition, ConfounderOrientation, ConfounderCount)
+_ALONE = (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
 GROUPS: dict[str, tuple[str, ...]] = {
-    CONFOUNDERS: (
-        ConfounderType.name,
-        ConfounderPosition.name,
-        ConfounderOrientation.name,
-        ConfounderCount.name,
-    ),
-    **{
-        kind.name: (kind.name,)
-        for kind in (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
-    },
+    CONFOUNDERS: tuple(kind.name for kind in _AROUND),
+    **{kind.name: (kind.name,) for kind in _ALONE},
     **{name: (name,) for name in OPERATORS if name in EXTRAS},
 }
 
@@ -56,8 +49,7 @@ GROUPS: dict[str, tuple[str, ...]] = {
 class TableSpace(Space):
     """Every scene that the operators can make of a task at a robot's table.
 
-    Attributes:
-        operators: those of the task, where it has ranges of its own.
+    ``operators``: those of the task, where it has ranges of its own.
     """
 
     groups, subject = GROUPS, TargetType.name

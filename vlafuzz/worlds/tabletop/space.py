@@ -16,6 +16,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.scene import Camera, Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation.base import Layout
+from vlafuzz.worlds.manipulation.composer import HINT, REDRAWS, RESTARTS, TableComposer, camera, index_of
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.operators import (
     OPERATORS,
@@ -26,7 +27,6 @@ from vlafuzz.worlds.manipulation.operators import (
     TargetPosition,
     TargetType,
 )
-from vlafuzz.worlds.manipulation.parts import HINT, REDRAWS, RESTARTS, Parts, camera, index_of
 from vlafuzz.worlds.manipulation.rigs.rig import Hand
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.manipulation.space import TableSpace
@@ -49,8 +49,8 @@ from vlafuzz.worlds.tabletop.tasks import task as task_named
 __all__ = ["OPERATORS", "OperatorSet", "SearchSpace", "load_operators"]
 
 
-class Composer:
-    """Composes the scenes of one task, from the ``genes`` of all operators, in their order."""
+class Composer(TableComposer):
+    """Composes the scenes of one task, from the genes of all operators, in their order."""
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: TableTask, robot: str) -> None:
         self._catalogue, self._task, self._robot = catalogue, task, robot
@@ -62,12 +62,12 @@ class Composer:
         setup = rig(robot)
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
-        self.layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
-        self.genes = [gene for name in OPERATORS for gene in operators.operators[name].genes(self.layout)]
-        self._parts = Parts(self.genes)
+        layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
+        super().__init__(
+            layout, (gene for name in OPERATORS for gene in operators.operators[name].genes(layout))
+        )
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values. A name that is taken is replaced by the next free one."""
         slots = self.layout.used(int(values["confounders"]))
         names: list[str] = []
         for slot in slots:
@@ -81,7 +81,7 @@ class Composer:
             instruction=say(self._wordings[int(values["instruction"])], spoken),
             confounders=placed[self._task.targets :],
             robot=self._robot,
-            **self._parts.composed(values),
+            **self.parts(values),
         )
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
@@ -91,18 +91,12 @@ class Composer:
         yaw = 0.0 if rest in self._fixed[slot.partition(".")[0]] else values[f"{slot}.yaw"]
         return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
 
-    def values(self, scene: Scene) -> Values:
-        """The values of everything that a scene has; NaN where no index stands for it."""
-        values = self._parts.values(scene) | {"confounders": len(scene.confounders)}
-        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
-            for slot, placement in zip(self.layout.of(part), placements, strict=False):
-                values |= self._placed(slot, placement)
+    def wordings(self, scene: Scene) -> Sequence[str]:
         known = [target.object for target in scene.targets if target.object in self._catalogue]
         spoken = [self._catalogue[name].spoken for name in known]
-        wordings = [say(wording, spoken) for wording in self._wordings]
-        return values | {"instruction": math.nan if scene.then else index_of(wordings, scene.instruction)}
+        return [say(wording, spoken) for wording in self._wordings]
 
-    def _placed(self, slot: str, placement: Placement) -> Values:
+    def placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None
         poses = [pose.name for pose in self._catalogue[placement.object].stable_poses] if known else []
         return {

@@ -16,8 +16,8 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
-from vlafuzz.worlds.manipulation.stored import stored_operators
 from vlafuzz.worlds.manipulation.table_world import TableWorld
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop.capabilities import TabletopCapabilities

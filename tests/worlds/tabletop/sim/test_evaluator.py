@@ -24,7 +24,7 @@ from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.worlds.manipulation.stored import visible_json
+from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -22,6 +22,7 @@ from vlafuzz.worlds.libero.scenes.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.worlds.manipulation.base import Layout, Operator
+from vlafuzz.worlds.manipulation.composer import HINT, REDRAWS, RESTARTS, TableComposer, index_of
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.operators import (
@@ -33,7 +34,6 @@ from vlafuzz.worlds.manipulation.operators import (
     TargetPosition,
     TargetType,
 )
-from vlafuzz.worlds.manipulation.parts import HINT, REDRAWS, RESTARTS, Parts, index_of
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.manipulation.space import TableSpace
 
@@ -69,18 +69,18 @@ def load_wordings() -> tuple[str, ...]:
     return tuple(wordings)
 
 
-class LiberoComposer:
+class LiberoComposer(TableComposer):
     """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
 
     def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
         self._libero, self._nominal = task, nominal_scene(str(task), robot)
         slots = _slots(operators, task)
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
-        self.layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
+        layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
-        shared = [gene for name in _SHARED for gene in operators.operators[name].genes(self.layout)]
-        self.genes = [gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1]
-        self._parts = Parts(self.genes)
+        shared = [gene for name in _SHARED for gene in operators.operators[name].genes(layout)]
+        genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
+        super().__init__(layout, genes)
 
     def _placing(self, operator: Operator) -> Iterator[Gene]:
         """The genes of the places or yaws of the suite's own things."""
@@ -97,7 +97,6 @@ class LiberoComposer:
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values. A thing that is there already is replaced by the next one."""
         names, around = list[str](), list[str]()
         for slot in self.layout.of("targets"):
             names.append(self._chosen(values, slot, names))
@@ -114,7 +113,7 @@ class LiberoComposer:
             instruction=_said(task)[int(values.get("instruction", 0))],
             confounders=tuple(placed[len(names) :]),
             robot=self._nominal.robot,
-            **self._parts.composed(values),
+            **self.parts(values),
         )
 
     def _chosen(
@@ -125,19 +124,13 @@ class LiberoComposer:
         names = (name for name in options[index:] + options[:index] if name not in taken)
         return next((name for name in names if not (beside and doubles(beside, name))), options[index])
 
-    def values(self, scene: Scene) -> Values:
-        """The values of everything that a scene has; NaN where no index stands for it."""
-        values = self._parts.values(scene) | {"confounders": len(scene.confounders)}
-        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
-            for slot, placement in zip(self.layout.of(part), placements, strict=False):
-                values |= self._placed(slot, placement)
+    def wordings(self, scene: Scene) -> Sequence[str]:
         try:
-            said = _said(recast(self._libero, tuple(placed.object for placed in scene.targets)))
+            return _said(recast(self._libero, tuple(placed.object for placed in scene.targets)))
         except SceneError:  # other things, which stand for no index either
-            said = ()
-        return values | {"instruction": math.nan if scene.then else index_of(said, scene.instruction)}
+            return ()
 
-    def _placed(self, slot: str, placement: Placement) -> Values:
+    def placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self.layout.slots[slot] and placement.quaternion is None
         return {f"{slot}.object": index_of(self.layout.slots[slot], placement.object)} | {
             f"{slot}.{part}": getattr(placement, part) if known else math.nan for part in ("x", "y", "yaw")

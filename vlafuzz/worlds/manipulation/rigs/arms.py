@@ -1,6 +1,6 @@
-"""Where a robot's links are at the start of an episode, as convex bodies: what may hide an object.
+"""Where a robot's links are at the start of an episode, and its hand later on, as convex bodies.
 
-``arms.json`` holds the joints and bodies; ``scripts/make_arms.py`` writes it.
+``arms.json`` holds the links' joints and bodies; ``scripts/make_arms.py`` writes it.
 """
 
 import json
@@ -18,6 +18,12 @@ from vlafuzz.worlds.manipulation.rigs.rig import Rig
 
 Array = NDArray[np.float64]
 _NOTHING = (0.0, 0.0, 0.0)
+# Palm and fingers in the frame of the tool centre point, as outlines show them: z points down, metres.
+_PALM = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])
+_FINGERS = [
+    np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)])
+    for s in (1, -1)
+]
 
 
 def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
@@ -56,3 +62,10 @@ def _bodies(
         places.append(place)
         shown += [np.array(body) @ turn.T + place for body in link.get("bodies", ())]
     return tuple(shown)
+
+
+def hand_boxes(tcp: Array, rotation: Array, opening: float) -> list[Array]:
+    """``(8, 3)`` corners of each box in the world, metres. ``opening``: gap between the fingers."""
+    half = opening / 2
+    fingers = [box + np.array([0.0, np.sign(box[:, 1].sum()) * half, 0.0]) for box in _FINGERS]
+    return [box @ rotation.T + tcp for box in (_PALM, *fingers)]

@@ -58,12 +58,8 @@ MAX_LEAN = 0.55  # radians
 class LeanModel:
     """The outward lean of a hand whose arm cannot point it straight down everywhere.
 
-    The lean grows linearly with the effective distance from the base: horizontal distance plus
-    ``height_weight`` times the height over the table.
-
-    Attributes:
-        straight_reach: effective distance up to which the hand points straight down, metres.
-        slope: lean per metre of effective distance beyond that, radians.
+    It is zero up to ``straight_reach`` metres of effective distance from the base, and grows by ``slope``
+    radians a metre beyond: horizontal distance plus ``height_weight`` times the height over the table.
     """
 
     height_weight: float
@@ -71,7 +67,7 @@ class LeanModel:
     slope: float
 
     def lean(self, distance: float, height: float) -> float:
-        """Radians off the vertical, at a distance from the base and a height over the table in metres."""
+        """Radians off the vertical at a distance and a height, metres."""
         effective = distance + self.height_weight * height
         return min(max((effective - self.straight_reach) * self.slope, 0.0), MAX_LEAN)
 
@@ -88,7 +84,6 @@ class Hand:
         lowest: height of the TCP over the table at which the fingertips clear it.
         highest: height of a grasp over the table up to which the arm can still lift and carry.
         deep: how far an object may stick up between the fingers.
-        lean_model: None for an arm that can point the hand straight down everywhere.
         lead: factor on commanded displacements, to compensate for the hand lagging behind.
         fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
             span of heights.
@@ -173,9 +168,8 @@ class Rig:
         return next(fingers, len(self.rest) - 2)
 
     def neutral_yaw(self, x: float, y: float) -> float:
-        """The closing axis' yaw, in radians, at which the last joint is in the middle of its range.
+        """The closing axis' yaw, radians, at which the last joint is in the middle of its range.
 
-        Holds for the hand pointing down at (x, y), in metres. From there the joint can turn by at least
-        2.4 rad (140 degrees) either way.
+        The hand points down at (x, y), metres. From there the joint can turn by at least 2.4 rad either way.
         """
         return math.atan2(y - self.base[1], x - self.base[0]) + self.neutral

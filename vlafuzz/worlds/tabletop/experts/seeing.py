@@ -19,7 +19,7 @@ from vlafuzz.policies.base import (
     Outlines,
     PolicySpec,
 )
-from vlafuzz.worlds.manipulation.rigs.hand import hand_boxes
+from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
 from vlafuzz.worlds.manipulation.rigs.labels import SUBPIXEL, blank, fill, paint, polygons
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.tabletop.experts.expert import GRASPS, LEANS, Calibration

@@ -13,8 +13,8 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import CameraRequest, Knowing, Observation, Policy, PolicySpec
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.manipulation.operator_set import stored_visible
 from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.manipulation.stored import stored_visible
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static

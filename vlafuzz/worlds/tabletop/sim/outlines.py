@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.policies.base import Outlines, Silhouette
+from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
 from vlafuzz.worlds.manipulation.rigs.backdrops import COLOUR
 from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
-from vlafuzz.worlds.manipulation.rigs.hand import hand_boxes
 from vlafuzz.worlds.manipulation.rigs.labels import area_alone, blank, paint
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.state import State
