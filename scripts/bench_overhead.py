@@ -15,6 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
@@ -26,10 +27,12 @@ from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tests.search.toy import Region, Toy, near
 from vlafuzz.campaign import config, launch
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Tally
-from vlafuzz.lab.toy import Region, Toy, near
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.search.registry import STRATEGIES

@@ -17,11 +17,15 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
+
 from strategies import identified, replay, results, simulated, toy
 from strategies.arms import SPLITS, arms
 from strategies.faults import DENSITIES

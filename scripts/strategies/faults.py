@@ -15,7 +15,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.lab.toy import Signal
+from tests.search.toy import Signal
 from vlafuzz.model.outcome import Outcome, Rollout
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.tabletop.fairness import check_static

@@ -8,7 +8,7 @@ from typing import Any
 
 from strategies.arms import ATTRIBUTION, HUNTING
 from strategies.results import Row
-from vlafuzz.lab.compare.plots import plain
+from vlafuzz.lab.plots import plain
 
 # Okabe, Ito 2008; other strategies are grey.
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#000000")

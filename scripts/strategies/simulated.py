@@ -21,7 +21,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.scene_runner import runner_of_run
 from vlafuzz.lab.compare.certified import certify, uncertified
 from vlafuzz.lab.compare.comparison import Comparison, compare_runs
-from vlafuzz.lab.compare.failures import CountedRun, count_run, with_causes
+from vlafuzz.lab.compare.figures import CountedRun, count_run, with_causes
 from vlafuzz.lab.compare.plots import plot
 from vlafuzz.lab.compare.verdicts import corrected
 from vlafuzz.store.store import Store

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from strategies.search import search
-from vlafuzz.lab.toy import Region, Signal, Toy, among, band, near
+from tests.search.toy import Region, Signal, Toy, among, band, near
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.worlds.tabletop.objects import load_catalogue

@@ -18,7 +18,7 @@ from vlafuzz.common.files import replacing, write_whole, writing
 from vlafuzz.common.processor import kept
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.junit import write_junit
-from vlafuzz.lab.studies.plots import save
+from vlafuzz.lab.plots import save
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
 from vlafuzz.worlds.recording import Recording, write_picture

@@ -4,8 +4,8 @@ from functools import cache
 
 import pytest
 
+from tests.search.toy import Region, Signal, among, band, near
 from tests.search.worlds import EASY, failures, space, toy
-from vlafuzz.lab.toy import Region, Signal, among, band, near
 from vlafuzz.search.registry import STRATEGIES
 
 REGIONS = {

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
+from tests.search.toy import Toy
 from tests.search.worlds import EASY, judged, space, toy
-from vlafuzz.lab.toy import Toy
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import about
 from vlafuzz.search.nsga2 import LARGEST, SMALLEST, TINIEST, Nsga2

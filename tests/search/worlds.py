@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.lab.toy import Region, Signal, Toy, near
+from tests.search.toy import Region, Signal, Toy, near
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Strategy

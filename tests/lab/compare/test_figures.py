@@ -1,26 +1,28 @@
 import numpy as np
 import pytest
 
-from tests.doubles import manifest, scene
-from vlafuzz.lab.compare.comparison import spread
-from vlafuzz.lab.compare.failures import CountedRun, Failure, quality, union
+from tests.doubles import manifest
+from vlafuzz.lab.compare.comparison import curves, spread
 from vlafuzz.lab.compare.figures import (
+    CountedRun,
+    Failure,
     coverage_inverted_distance,
-    curves,
     figures,
-    grid,
     qd_score,
+    quality,
     sparseness,
+    union,
 )
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.store.records import Run
 
 
 def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Failure:
     vector = np.array([x, 0.0])
-    return Failure(scene=scene(x=x), cell=cell, severity=1.0, quality=worth, spent=spent, vector=vector)
+    return Failure(digest=str(x), cell=cell, severity=1.0, quality=worth, spent=spent, vector=vector)
 
 
-def counted(*failures: Failure, **counts: int) -> CountedRun:
+def counted(*failures: Failure, passed: int = 20, invalid: int = 0) -> CountedRun:
     run = Run(
         id=1,
         manifest=manifest(strategy="mine", seed=4),
@@ -29,7 +31,10 @@ def counted(*failures: Failure, **counts: int) -> CountedRun:
         seconds=9.0,
         search_seconds=0.9,
     )
-    return CountedRun(run=run, **{"rollouts": 20, "proposals": 30, "judged": 20, **counts}, failures=failures)
+    verdicts = dict.fromkeys(Verdict, 0) | {Verdict.PASSED: passed, Verdict.INVALID: invalid}
+    return CountedRun(
+        run=run, rollouts=20, rollout_seconds=0.0, verdicts=verdicts, rejected=4, failures=failures
+    )
 
 
 def test_a_failure_in_the_nominal_scene_before_anything_was_achieved_is_worth_one():
@@ -63,29 +68,23 @@ def test_of_every_cell_the_union_has_the_most_central_failure():
 
 def test_the_figures_of_a_run_are_those_that_one_counts_by_hand():
     failures = [failure(0.01 * number, "ab"[number % 2], spent=number + 3) for number in range(10)]
-    numbers = figures(
-        counted(*failures, rejected=5, rejected_scenes=4), union([counted(*failures, failure(0.2, "c"))])
+    numbers = figures(counted(*failures, invalid=5), union([counted(*failures, failure(0.2, "c"))]))
+    assert (numbers["strategy"], numbers["seed"], numbers["failures"], numbers["cells"]) == ("mine", 4, 10, 2)
+    assert (numbers["first_failure"], numbers["tenth_failure"]) == (3, 12)
+    assert (numbers["coverage"], numbers["valid_share"], numbers["rejected"]) == (
+        pytest.approx(2 / 3),
+        0.8,
+        4,
     )
-    assert (numbers.strategy, numbers.seed, numbers.failures, numbers.cells) == ("mine", 4, 10, 2)
-    assert (numbers.first_failure, numbers.tenth_failure) == (3, 12)
-    assert (numbers.coverage, numbers.valid_share, numbers.rejected) == (pytest.approx(2 / 3), 0.8, 4)
-
-
-def test_the_time_of_a_search_is_a_share_of_wall_time_where_it_is_known():
-    numbers = figures(counted(), {})
-    assert (numbers.search_seconds, numbers.search_share) == (0.9, pytest.approx(0.1))
-    assert (numbers.store_seconds, numbers.store_share) == (None, None)
+    assert (numbers["search_seconds"], numbers["search_share"]) == (0.9, pytest.approx(0.1))
+    assert (numbers["store_seconds"], numbers["store_share"]) == (None, None)
 
 
 def test_a_run_without_failures_has_no_distances():
     numbers = figures(counted(), {})
-    assert (numbers.cid, numbers.sparseness, numbers.severity, numbers.first_failure) == (
-        None,
-        None,
-        None,
-        None,
-    )
-    assert (numbers.coverage, numbers.qd_score) == (None, 0.0)
+    none = ("cid", "sparseness", "severity", "first_failure", "coverage", "causes")
+    assert [numbers[name] for name in none] == [None] * 6
+    assert numbers["qd_score"] == 0.0
 
 
 def test_a_curve_goes_from_nothing_to_the_whole_budget_over_the_repeats():
@@ -95,11 +94,8 @@ def test_a_curve_goes_from_nothing_to_the_whole_budget_over_the_repeats():
     assert failures.median == (0, 0.5, 1, 1, 1.5)
     assert cells.median == (0, 0.5, 0.5, 0.5, 1)
     assert (cells.low[2], cells.high[2]) == (0.25, 0.75)
-
-
-def test_a_grid_has_no_more_points_than_rollouts():
-    assert grid(3) == (0, 1, 2, 3)
-    assert (len(grid(300)), grid(300)[-1]) == (51, 300)
+    long, _ = curves("mine", runs, 300)
+    assert (len(long.rollouts), long.rollouts[-1]) == (51, 300)
 
 
 def test_what_most_runs_have_none_of_has_no_median():

@@ -1,26 +1,13 @@
-from dataclasses import replace
-
 import pytest
 
 from vlafuzz.lab.compare.figures import Figures
-from vlafuzz.lab.compare.verdicts import Pair, against, corrected
-
-RUN = Figures(
-    run=1, strategy="random", seed=0, rollouts=20, causes=3, triage_rollouts=20, causes_per_100=7.5,
-    triaged=4, confirmed=4, certified=3, failures=5, probability=None,
-    probability_low=None, probability_high=None, probability_width=None, cells=3, coverage=0.5,
-    cid=1.0, qd_score=2.0, sparseness=0.5, severity=3.0, first_failure=4, tenth_failure=None,
-    proposals=30, valid_share=0.9,
-    rejected=3, errors=0, seconds=9.0, rollout_seconds=8.0,
-    search_seconds=0.9, search_share=0.1, store_seconds=None, store_share=None,
-)  # fmt: skip
+from vlafuzz.lab.compare.verdicts import MEASURES, Pair, against, corrected
 
 
 def runs(**causes: list[int]) -> dict[str, list[Figures]]:
-    return {
-        name: [replace(RUN, strategy=name, causes=count) for count in counts]
-        for name, counts in causes.items()
-    }
+    """Runs with so many causes; they are alike in all other measures."""
+    alike = dict.fromkeys(MEASURES) | {"failures": 5}
+    return {name: [alike | {"causes": count} for count in counts] for name, counts in causes.items()}
 
 
 def first(pairs: list[Pair]) -> Pair:
@@ -79,13 +66,13 @@ def test_tests_of_several_tasks_are_corrected_together():
 
 def test_what_a_strategy_does_not_tell_is_not_tested():
     figures = runs(**CLEAR)
-    figures["mine"] = [replace(run, probability_width=0.1) for run in figures["mine"]]
+    figures["mine"] = [{**run, "probability_width": 0.1} for run in figures["mine"]]
     assert [pair.measure for pair in against(figures, "random")] == ["causes", "failures"]
 
 
 def test_a_narrower_interval_of_the_failure_probability_is_better():
     figures = {
-        name: [replace(RUN, strategy=name, probability_width=width + 0.01 * seed) for seed in range(10)]
+        name: [dict.fromkeys(MEASURES) | {"probability_width": width + 0.01 * seed} for seed in range(10)]
         for name, width in (("random", 0.2), ("mine", 0.1))
     }
     pair = next(pair for pair in against(figures, "random") if pair.measure == "probability_width")

@@ -6,9 +6,17 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.studies.runner import COUNTS, Part, operators_of, parts_of, stored
+from vlafuzz.lab.studies.runner import COUNTS, Part, operators_of, stored
 from vlafuzz.lab.studies.sheet import adjusted
-from vlafuzz.lab.studies.stages import Similarity, StageResult, in_paper, is_similar, similarity, standing
+from vlafuzz.lab.studies.stages import (
+    Similarity,
+    StageResult,
+    in_paper,
+    is_similar,
+    similarities,
+    standing,
+)
+from vlafuzz.lab.studies.study import StudyRequest
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.store.records import Status, Trial
@@ -86,7 +94,7 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
     others = [(with_confounder("apple", 0.001 * number), failed(0.6)) for number in range(8)]
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, *similar, *others, (scene(), passed()))
-        result = similarity(store, store.runs(), CATALOGUE)
+        (result,) = similarities(store, store.runs(), CATALOGUE)
     assert (result.similar, result.other, result.a12) == (8, 8, 0.0)
     assert result.p == pytest.approx(2 / 12870)
     alone = Similarity(
@@ -103,8 +111,8 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
 
 
 def test_rq2_has_every_number_of_confounders_of_every_task() -> None:
-    assert parts_of("rq1", ["pick-up", "put-in"], [None]) == [Part("pick-up"), Part("put-in")]
-    assert parts_of("rq2", ["put-on"], ["a"]) == [Part("put-on", count, "a") for count in COUNTS]
+    assert StudyRequest("rq1", ["pick-up", "put-in"]).parts() == [Part("pick-up"), Part("put-in")]
+    assert StudyRequest("rq2", ["put-on"], ["a"]).parts() == [Part("put-on", count, "a") for count in COUNTS]
 
 
 @pytest.mark.parametrize("count", COUNTS)

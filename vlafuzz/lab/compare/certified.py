@@ -1,9 +1,9 @@
 """The causes of a run: its findings are triaged within a limit of rollouts, and what is certified counts."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
+from functools import partial
 
 from vlafuzz.failures.triage.jobs import Job
 from vlafuzz.failures.triage.pipeline import findings_in_order, job_of
@@ -84,13 +84,20 @@ def certify(
             job = job_of(store, run, findings)
             watch(index, 0)
             with closing(PooledRunner(pool, make, run) if pool else make(run)) as runner:
+                triage = partial(_triaged, job, runner)
                 while batch := _missing(findings, results, limit)[:workers]:
-                    for number, triaged in _triaged(batch, runner, job, pool):
+                    here = enumerate(map(triage, batch))
+                    for number, triaged in side_by_side(pool, len(batch), triage, batch) if pool else here:
                         results[batch[number].key] = triaged
                         if triaged:
                             store.settle(triaged)
                     watch(index, certified(findings, results, limit).rollouts)
     return sum(result is None for result in results.values())
+
+
+def _triaged(job: Job, runner: SceneRunner, finding: Finding) -> Triaged | None:
+    triaged = job.triager(runner).triage(finding)
+    return triaged if isinstance(triaged, Triaged) else None
 
 
 def uncertified(store: Store, runs: Iterable[Run], limit: int) -> list[Run]:
@@ -110,15 +117,3 @@ def _missing(findings: Sequence[Finding], results: Known, limit: int) -> list[Fi
         elif result := results[finding.key]:
             spent += result.policy_rollouts
     return missing
-
-
-def _triaged(
-    batch: Sequence[Finding], runner: SceneRunner, job: Job, pool: ProcessPoolExecutor | None
-) -> Iterator[tuple[int, Triaged | None]]:
-    """Each finding's number with its result, as they are done."""
-
-    def triage(finding: Finding) -> Triaged | None:
-        triaged = job.triager(runner).triage(finding)
-        return triaged if isinstance(triaged, Triaged) else None
-
-    return side_by_side(pool, len(batch), triage, batch) if pool else enumerate(map(triage, batch))

@@ -1,6 +1,6 @@
 """Compare strategies: do the runs that are missing, triage their failures, and count."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -17,8 +17,9 @@ from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage import scene_runner
 from vlafuzz.lab.compare.certified import certify, uncertified
 from vlafuzz.lab.compare.comparison import Comparison, compare_runs
-from vlafuzz.lab.compare.failures import count_run, with_causes
-from vlafuzz.model.conditions import ASKED, Origin, Role
+from vlafuzz.lab.compare.figures import count_run, with_causes
+from vlafuzz.lab.versions import check_one_version
+from vlafuzz.model.conditions import ASKED
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 
@@ -38,6 +39,9 @@ class Job(NamedTuple):
     strategy: str
     seed: int
 
+    def __str__(self) -> str:
+        return f"{self.strategy}, seed {self.seed}"
+
 
 def jobs(strategies: Sequence[str], repeats: int, seed: int) -> list[Job]:
     """All runs, one of every strategy before the second of any: an interrupted comparison is balanced."""
@@ -55,34 +59,17 @@ def stored(path: Path, runs: Iterable[Run], here: Manifest, wanted: Sequence[Job
     """
     by_job: dict[Job, list[Run]] = {}
     for run in runs:
-        _check_alike(path, run, here)
+        for name in run.manifest.differences(here, origins=ASKED):
+            if name in (*Job._fields, "batch"):  # the batch is as suits a strategy
+                continue
+            was, now = getattr(run.manifest, name), getattr(here, name)
+            difference = _SAID.get(name, f"{name} {was}, not {now}")
+            raise UsageError(f"{path}: run {run.id} has other conditions: {difference}", hint=_ELSEWHERE)
         by_job.setdefault(Job(run.manifest.strategy, run.manifest.seed), []).append(run)
     known = {job: best for job in wanted if (best := stored_run(by_job.get(job, [])))}
     complete = len(known) == len(wanted) and all(run.status not in UNFINISHED for run in known.values())
-    _check_versions(path, list(known.values()), None if complete else here)
+    check_one_version(path, list(known.values()), None if complete else here, "--store")
     return known
-
-
-def _check_alike(path: Path, run: Run, wanted: Manifest) -> None:
-    for name in run.manifest.differences(wanted, origins=ASKED):
-        if name in (*Job._fields, "batch"):  # the batch is as suits a strategy
-            continue
-        was, now = getattr(run.manifest, name), getattr(wanted, name)
-        difference = _SAID.get(name, f"{name} {was}, not {now}")
-        raise UsageError(f"{path}: run {run.id} has other conditions: {difference}", hint=_ELSEWHERE)
-
-
-def _check_versions(path: Path, runs: Sequence[Run], here: Manifest | None) -> None:
-    """That one version made all of them, wherever that was; with ``here`` that it is this one, too."""
-    roles = set(Role) - {Role.PLACE}
-    first = here or (runs[0].manifest if runs else None)
-    for run in runs:
-        for name in run.manifest.differences(first or run.manifest, roles=roles, origins=[Origin.HERE]):
-            other = "is installed" if here else f"run {runs[0].id}"
-            raise UsageError(
-                f"{path}: run {run.id} was made by another version than {other}: its {name} differs",
-                hint="runs of two versions do not compare: give another --store",
-            )
 
 
 def compare(
@@ -110,7 +97,10 @@ def compare(
             stored(run.store, store.runs(), first.manifest, wanted)
     make_folder(folder)
     with Store.open(run.store, "write") as store:
-        runs = _done(run, first.manifest, store, wanted, limit, watch, speed_of)
+        known = stored(run.store, store.runs(), first.manifest, wanted)
+        do_missing(store, _wanted(run, first.manifest, wanted, known, limit), watch, speed_of=speed_of)
+        runs = list(stored(run.store, store.runs(), first.manifest, wanted).values())
+        note_places(runs, watch)
         counted = [count_run(store, done, first.embed) for done in runs]
         if limit:
             _certify(store, runs, limit, first.triage_workers, watch)
@@ -119,38 +109,25 @@ def compare(
     return compare_runs(by_strategy, strategies[0], store=str(run.store), limit=limit)
 
 
-def _done(
-    run: RunConfig,
-    manifest: Manifest,
-    store: Store,
-    wanted: Sequence[Job],
-    limit: int,
-    watch: Watch,
-    speed_of: SpeedOf,
-) -> list[Run]:
-    """Do the runs that are missing; all runs, in the order of the jobs."""
-
+def _wanted(
+    run: RunConfig, manifest: Manifest, jobs: Sequence[Job], known: Mapping[Job, Run], limit: int
+) -> list[WantedRun]:
     def plan(job: Job) -> Plan:
         planned = config.plan(replace(run, strategy=job.strategy, seed=job.seed))
         # What is committed in the meantime does not change the code that is loaded.
         return replace(planned, manifest=replace(planned.manifest, commit=manifest.commit))
 
-    known = stored(store.path, store.runs(), manifest, wanted)
-    runs = [
+    return [
         WantedRun(
-            name=f"{job.strategy}, seed {job.seed}",
+            name=str(job),
             budget=manifest.budget,
             plan=partial(plan, job),
             stored=known.get(job),
             group=job.seed,  # the executor does not depend on the strategy
             triage=limit,
         )
-        for job in wanted
+        for job in jobs
     ]
-    do_missing(store, runs, watch, speed_of=speed_of)
-    known = stored(store.path, store.runs(), manifest, wanted)
-    note_places(known.values(), watch)
-    return list(known.values())
 
 
 def _certify(store: Store, runs: Sequence[Run], limit: int, workers: int, watch: Watch) -> None:
@@ -164,7 +141,7 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, workers: int, watch:
     watch.note(f"triage of {plural(len(left), 'run')}, {most} rollouts: {took}")
 
     def progress(index: int, spent: int) -> None:
-        name = f"{left[index].manifest.strategy}, seed {left[index].manifest.seed}"
+        name = Job(left[index].manifest.strategy, left[index].manifest.seed)
         watch.progress(f"triage {index + 1} of {len(left)}: {name}", index * limit + spent, most)
 
     make = partial(scene_runner.runner_of_run, store.path, note=watch.note)

@@ -1,6 +1,5 @@
 """Comparison: the figures, curves and tests of several strategies, from their counted runs."""
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,9 +9,8 @@ from statistics import fmean
 import numpy as np
 
 from vlafuzz.common.statistics import Estimate, mean_estimate
-from vlafuzz.lab.compare.failures import CountedRun, union
-from vlafuzz.lab.compare.figures import Curve, Figures, curves, figures
-from vlafuzz.lab.compare.verdicts import Pair, Runs, against
+from vlafuzz.lab.compare.figures import CountedRun, Figures, figures, union
+from vlafuzz.lab.compare.verdicts import Pair, against
 
 MEANS = ("causes", "triage_rollouts", "causes_per_100", "failures")
 SPREAD = (
@@ -23,6 +21,7 @@ SPREAD = (
 _NEVER = 1e300  # practically infinite, but quantiles between two of them are numbers
 # A run without a figure ranks last: rollouts to a failure that was never found exceed any number.
 _WITHOUT = {"cid": _NEVER, "sparseness": -_NEVER, "first_failure": _NEVER, "tenth_failure": _NEVER}
+_POINTS = 50  # of a curve
 
 
 @dataclass(frozen=True)
@@ -33,6 +32,18 @@ class Spread:
     low: float | None
     high: float | None
     runs: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """A count as a function of rollouts, over the repeats of a strategy: median and middle half."""
+
+    strategy: str
+    what: str
+    rollouts: tuple[int, ...]
+    median: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,9 +117,22 @@ def compare_runs(
     """
     all_runs = list(chain.from_iterable(counted.values()))
     reached = union(all_runs)
-    runs: Runs = {name: [figures(run, reached) for run in repeats] for name, repeats in counted.items()}
+    runs = {name: [figures(run, reached) for run in repeats] for name, repeats in counted.items()}
     manifest = all_runs[0].run.manifest
     triage = _triage(counted)
+    standings = (
+        Standing(
+            strategy=name,
+            means={figure: _mean([run[figure] for run in repeats]) for figure in MEANS},
+            probability=_probability(counted[name]),
+            triage=triage.get(name),
+            figures={
+                figure: spread([run[figure] for run in repeats], _WITHOUT.get(figure)) for figure in SPREAD
+            },
+        )
+        for name, repeats in runs.items()
+    )
+    drawn = (curves(name, repeats, manifest.budget, limit) for name, repeats in counted.items())
     return Comparison(
         task=manifest.task,
         policy=manifest.policy,
@@ -118,25 +142,9 @@ def compare_runs(
         seeds=tuple(run.run.manifest.seed for run in counted[reference]),
         reference=reference,
         union_cells=len(reached),
-        standings=tuple(
-            Standing(
-                strategy=name,
-                means={figure: _mean([getattr(run, figure) for run in repeats]) for figure in MEANS},
-                probability=_probability(counted[name]),
-                triage=triage.get(name),
-                figures={
-                    figure: spread([getattr(run, figure) for run in repeats], _WITHOUT.get(figure))
-                    for figure in SPREAD
-                },
-            )
-            for name, repeats in runs.items()
-        ),
+        standings=tuple(standings),
         against=tuple(against(runs, reference)),
-        curves=tuple(
-            chain.from_iterable(
-                curves(name, repeats, manifest.budget, limit) for name, repeats in counted.items()
-            )
-        ),
+        curves=tuple(chain.from_iterable(drawn)),
         runs=tuple(chain.from_iterable(runs.values())),
         store=store,
     )
@@ -176,14 +184,34 @@ def spread(values: Sequence[float | None], without: float | None = None) -> Spre
     Args:
         without: the rank of a run without the figure; None to leave such runs out.
     """
-    known = [value for value in values if value is not None]
-    filled = (without if value is None else value for value in values)
+    filled = [without if value is None else value for value in values]
     ranked = [value for value in filled if value is not None]
     if not ranked:
         return Spread(None, None, None, 0)
-    low, middle, high = np.percentile(ranked, [25, 50, 75])
-    return Spread(_known(middle), _known(low), _known(high), len(known))
+    low, middle, high = (
+        float(quantile) if abs(quantile) < np.sqrt(_NEVER) else None
+        for quantile in np.percentile(ranked, [25, 50, 75])
+    )
+    return Spread(middle, low, high, sum(value is not None for value in values))
 
 
-def _known(quantile: float) -> float | None:
-    return float(quantile) if abs(quantile) < math.sqrt(_NEVER) else None
+def curves(strategy: str, runs: Sequence[CountedRun], budget: int, limit: int = 0) -> list[Curve]:
+    """The curves of causes, over the rollouts of triage up to its limit, and of failures and cells.
+
+    A run that ended early stays at its last count.
+    """
+    causes = [list(run.certified.causes.values()) for run in runs if run.certified]
+    failures = [[failure.spent for failure in run.failures] for run in runs]
+    # Of the failures of a cell, the first one counts.
+    cells = [sorted({one.cell: one.spent for one in reversed(run.failures)}.values()) for run in runs]
+    drawn = [_curve(strategy, "causes", causes, limit)] if causes else []
+    return [*drawn, _curve(strategy, "failures", failures, budget), _curve(strategy, "cells", cells, budget)]
+
+
+def _curve(strategy: str, what: str, spent: Sequence[Sequence[int]], rollouts: int) -> Curve:
+    """``spent``: of every run, after how many rollouts each came, in order."""
+    steps = np.linspace(0, rollouts, min(rollouts, _POINTS) + 1)
+    at = tuple(np.unique(steps.round().astype(int)).tolist())
+    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
+    low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
+    return Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high)

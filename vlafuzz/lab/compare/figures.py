@@ -1,116 +1,213 @@
-"""Figures of a run, and curves over its budget."""
+"""The failures of a run, when each was found, and the run in numbers."""
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import chain
 from statistics import fmean
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.lab.compare.failures import CountedRun, Failure
+from vlafuzz.campaign.results import Embed
+from vlafuzz.common.statistics import Share
+from vlafuzz.errors import UsageError
+from vlafuzz.failures.triage.pipeline import findings_in_order
+from vlafuzz.lab.compare.certified import Certified, certified, known_results
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.search.probability import Probability
+from vlafuzz.store.records import Run
+from vlafuzz.store.store import Store
 
-POINTS = 50  # of a curve
+Figures = Mapping[str, Any]
+"""A run in numbers by name, and its strategy; None where there is nothing to measure. See ``figures``."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Figures:
-    """A run in numbers; None where there is nothing to measure.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Failure:
+    """A failing scene of a run; for its cell and quality see ``scoring.cell`` and ``quality``.
 
     Attributes:
-        causes: distinct certified causes; like all of triage None where none was asked for.
-        triage_rollouts: of the policy, beside the ``rollouts`` of the run.
-        causes_per_100: rollouts of both.
-        triaged: findings, ``confirmed`` and ``certified`` of them; see ``certified.Certified``.
-        failures: distinct failing scenes, which lie in ``cells``.
-        probability: that the policy fails in a random scene, with its 95 % interval from ``probability_low``
-            to ``probability_high`` of this width; None where the strategy does not estimate it.
-        coverage: share of the cells in which any run of the comparison failed.
-        cid: see ``coverage_inverted_distance``: lower is better.
-        severity: mean over the failures.
-        first_failure, tenth_failure: rollouts spent when that failure was found.
-        valid_share: of the proposals, those of fair scenes.
-        rejected: distinct scenes that are not fair.
-        seconds: wall time, ``rollout_seconds`` of the rollouts alone, added up over all processes.
-        search_seconds: in the strategy's ask and tell, ``search_share`` of the wall time.
-        store_seconds: in the store, ``store_share`` of the wall time.
+        severity: its distance from nominal, the sum over the operators.
+        spent: rollouts of the run when it was found, its own included.
+        vector: embedding of the scene, in which distance means difference.
     """
 
-    run: int
-    strategy: str
-    seed: int
+    digest: str
+    cell: str
+    severity: float
+    quality: float
+    spent: int
+    vector: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CountedRun:
+    """The counts of a run.
+
+    Attributes:
+        rollouts: of the policy; ``rollout_seconds`` is their duration, summed over all processes.
+        verdicts: of all proposals.
+        rejected: distinct invalid scenes; they cost no rollout.
+        failures: in the order in which they were found.
+        probability: that the policy fails in a random scene; None where the strategy does not tell.
+        certified: None without triage.
+    """
+
+    run: Run
     rollouts: int
-    causes: int | None
-    triage_rollouts: int | None
-    causes_per_100: float | None
-    triaged: int | None
-    confirmed: int | None
-    certified: int | None
-    failures: int
-    probability: float | None
-    probability_low: float | None
-    probability_high: float | None
-    probability_width: float | None
-    cells: int
-    coverage: float | None
-    cid: float | None
-    qd_score: float
-    sparseness: float | None
-    severity: float | None
-    first_failure: int | None
-    tenth_failure: int | None
-    proposals: int
-    valid_share: float | None
-    rejected: int
-    errors: int
-    seconds: float | None
     rollout_seconds: float
-    search_seconds: float | None
-    search_share: float | None
-    store_seconds: float | None
-    store_share: float | None
+    verdicts: Mapping[Verdict, int]
+    rejected: int
+    failures: Sequence[Failure]
+    probability: Probability | None = None
+    certified: Certified | None = None
+
+
+def quality(severity: float, progress: float, operators: int) -> float:
+    """The quality of a failure, in [0, 1]: 1 for a failure in the nominal scene without any progress.
+
+    The mean of two shares: how near to nominal it is (1 - the mean severity of the operators that vary), and
+    how early the policy fails (1 - progress).
+    """
+    return (max(0.0, 1.0 - severity / operators) + 1.0 - progress) / 2.0
+
+
+def count_run(store: Store, run: Run, embed: Embed) -> CountedRun:
+    """Count a stored run.
+
+    Raises:
+        UsageError: it reused outcomes of other runs, so that its budget does not compare.
+    """
+    operators = max(1, len(json.loads(run.manifest.operators).get("varied", ())))
+    verdicts = dict.fromkeys(Verdict, 0)
+    failures: dict[str, Failure] = {}
+    rejected, own, reused = set[str](), set[str](), set[str]()
+    spent, seconds = 0, 0.0
+    for trial in store.trials(run.id):
+        digest, outcome = trial.scene.digest, trial.outcome
+        verdicts[outcome.verdict] += 1
+        (reused if trial.duplicate else own).add(digest)
+        if not trial.duplicate:
+            spent += len(outcome.rollouts)
+            seconds += sum(rollout.seconds for rollout in outcome.rollouts)
+        if outcome.verdict is Verdict.INVALID:
+            rejected.add(digest)
+        if outcome.verdict is Verdict.FAILED and digest not in failures:
+            failures[digest] = Failure(
+                digest=digest,
+                cell=trial.cell or "",
+                severity=trial.severity,
+                quality=quality(trial.severity, outcome.progress, operators),
+                spent=spent,
+                vector=embed(trial.scene),
+            )
+    # A duplicate may precede the trial of its batch that was rolled out, so this waits for all of them.
+    if borrowed := len(reused - own):
+        raise UsageError(
+            f"{store.path}: run {run.id} reused {borrowed} outcomes of other runs, at no cost",
+            hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
+        )
+    return CountedRun(
+        run=run,
+        rollouts=spent,
+        rollout_seconds=seconds,
+        verdicts=verdicts,
+        rejected=len(rejected),
+        failures=list(failures.values()),
+        probability=_probability(store, run, verdicts),
+    )
+
+
+def _probability(store: Store, run: Run, verdicts: Mapping[Verdict, int]) -> Probability | None:
+    """The strategy's own estimate; independent random scenes give it, too."""
+    if found := store.causes(run.id):
+        return found.probability
+    failed = verdicts[Verdict.FAILED]
+    share = Share.of_counts(failed, failed + verdicts[Verdict.PASSED])
+    random = run.manifest.strategy == "random" and share.of
+    return Probability(share.share, share.low, share.high) if random else None
+
+
+def with_causes(store: Store, runs: Sequence[CountedRun], limit: int) -> list[CountedRun]:
+    """The runs with what their triage has come to; as they are with a limit of 0 rollouts."""
+    if not limit:
+        return list(runs)
+    known = known_results(store)
+    return [
+        replace(one, certified=certified(findings_in_order(store, one.run.id), known, limit)) for one in runs
+    ]
+
+
+def union(runs: Sequence[CountedRun]) -> dict[str, Failure]:
+    """For every cell in which some run failed, its most central failure: the one nearest to their mean.
+
+    One per cell, so that many similar failures do not count for more.
+    """
+    cells: dict[str, dict[str, Failure]] = {}
+    for failure in chain.from_iterable(run.failures for run in runs):
+        cells.setdefault(failure.cell, {})[failure.digest] = failure
+    central: dict[str, Failure] = {}
+    for cell, members in sorted(cells.items()):
+        ordered = [members[digest] for digest in sorted(members)]
+        points = _points(ordered)
+        central[cell] = ordered[int(np.linalg.norm(points - points.mean(axis=0), axis=1).argmin())]
+    return central
 
 
 def figures(counted: CountedRun, union: Mapping[str, Failure]) -> Figures:
-    """The figures of a run beside the failures of all runs, see ``failures.union``."""
-    failures = counted.failures
+    """The figures of a run beside the failures of all runs, see ``union``."""
+    failures, share = counted.failures, counted.probability
     cells = {failure.cell for failure in failures}
-    fair = counted.judged + counted.rejected
-    run, manifest, known, share = counted.run, counted.run.manifest, counted.certified, counted.probability
-    return Figures(
-        run=run.id,
-        strategy=manifest.strategy,
-        seed=manifest.seed,
-        rollouts=counted.rollouts,
-        causes=len(known.causes) if known else None,
-        triage_rollouts=known.rollouts if known else None,
-        causes_per_100=100 * len(known.causes) / max(1, counted.rollouts + known.rollouts) if known else None,
-        triaged=known.triaged if known else None,
-        confirmed=known.confirmed if known else None,
-        certified=known.certified if known else None,
-        failures=len(failures),
-        probability=share.value if share else None,
-        probability_low=share.low if share else None,
-        probability_high=share.high if share else None,
-        probability_width=share.high - share.low if share else None,
-        cells=len(cells),
-        coverage=len(cells) / len(union) if union else None,
-        cid=coverage_inverted_distance(failures, list(union.values())),
-        qd_score=qd_score(failures),
-        sparseness=sparseness(failures),
-        severity=fmean(failure.severity for failure in failures) if failures else None,
-        first_failure=failures[0].spent if failures else None,
-        tenth_failure=failures[9].spent if len(failures) >= 10 else None,
-        proposals=counted.proposals,
-        valid_share=counted.judged / fair if fair else None,
-        rejected=counted.rejected_scenes,
-        errors=counted.errors,
-        seconds=run.seconds,
-        rollout_seconds=counted.rollout_seconds,
-        search_seconds=run.search_seconds,
-        search_share=_share(run.search_seconds, run.seconds),
-        store_seconds=run.store_seconds,
-        store_share=_share(run.store_seconds, run.seconds),
-    )
+    judged = counted.verdicts[Verdict.PASSED] + counted.verdicts[Verdict.FAILED]
+    fair = judged + counted.verdicts[Verdict.INVALID]
+    run = counted.run
+    return {
+        "run": run.id,
+        "strategy": run.manifest.strategy,
+        "seed": run.manifest.seed,
+        "rollouts": counted.rollouts,
+        **_of_triage(counted.certified, counted.rollouts),
+        "failures": len(failures),  # distinct failing scenes
+        "probability": share.value if share else None,  # of a failure in a random scene
+        "probability_low": share.low if share else None,
+        "probability_high": share.high if share else None,
+        "probability_width": share.high - share.low if share else None,
+        "cells": len(cells),
+        "coverage": len(cells) / len(union) if union else None,
+        "cid": coverage_inverted_distance(failures, list(union.values())),
+        "qd_score": qd_score(failures),
+        "sparseness": sparseness(failures),
+        "severity": fmean(failure.severity for failure in failures) if failures else None,
+        "first_failure": failures[0].spent if failures else None,
+        "tenth_failure": failures[9].spent if len(failures) >= 10 else None,
+        "proposals": sum(counted.verdicts.values()),
+        "valid_share": judged / fair if fair else None,
+        "rejected": counted.rejected,
+        "errors": counted.verdicts[Verdict.ERROR],
+        "seconds": run.seconds,
+        "rollout_seconds": counted.rollout_seconds,
+        "search_seconds": run.search_seconds,  # in the strategy's ask and tell
+        "search_share": _share(run.search_seconds, run.seconds),
+        "store_seconds": run.store_seconds,
+        "store_share": _share(run.store_seconds, run.seconds),
+    }
+
+
+def _of_triage(known: Certified | None, rollouts: int) -> Figures:
+    """What triage made of a run; ``causes_per_100`` counts the rollouts of search and triage together."""
+    if known is None:
+        names = ("causes", "triage_rollouts", "causes_per_100", "triaged", "confirmed", "certified")
+        return dict.fromkeys(names)
+    return {
+        "causes": len(known.causes),
+        "triage_rollouts": known.rollouts,
+        "causes_per_100": 100 * len(known.causes) / max(1, rollouts + known.rollouts),
+        "triaged": known.triaged,
+        "confirmed": known.confirmed,
+        "certified": known.certified,
+    }
 
 
 def _share(part: float | None, whole: float | None) -> float | None:
@@ -118,7 +215,7 @@ def _share(part: float | None, whole: float | None) -> float | None:
 
 
 def coverage_inverted_distance(failures: Sequence[Failure], reference: Sequence[Failure]) -> float | None:
-    """CID: the mean distance from each reference failure to the nearest failure.
+    """CID: the mean distance from each reference failure to the nearest failure; lower is better.
 
     Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20
     and more genes ours is what all strategies together found. Distances are those of scene embeddings: two
@@ -134,7 +231,7 @@ def coverage_inverted_distance(failures: Sequence[Failure], reference: Sequence[
 def qd_score(failures: Sequence[Failure]) -> float:
     """The sum over all cells of the quality of the cell's best failure: Pugh, Soros, Stanley 2016.
 
-    <https://doi.org/10.3389/frobt.2016.00040>. For quality see ``failures.quality``.
+    <https://doi.org/10.3389/frobt.2016.00040>.
     """
     best: dict[str, float] = {}
     for failure in failures:
@@ -155,46 +252,3 @@ def sparseness(failures: Sequence[Failure]) -> float | None:
 
 def _points(failures: Sequence[Failure]) -> NDArray[np.float64]:
     return np.stack([failure.vector for failure in failures])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """A count as a function of rollouts, over the repeats of a strategy: median and middle half."""
-
-    strategy: str
-    what: str
-    rollouts: tuple[int, ...]
-    median: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-
-
-def grid(rollouts: int) -> tuple[int, ...]:
-    """The points of a curve: from 0 rollouts to all of them."""
-    steps = np.linspace(0, rollouts, min(rollouts, POINTS) + 1)
-    return tuple(np.unique(steps.round().astype(int)).tolist())
-
-
-def curves(strategy: str, runs: Sequence[CountedRun], budget: int, limit: int = 0) -> list[Curve]:
-    """The curves of causes, over the rollouts of triage up to its limit, and of failures and cells.
-
-    A run that ended early stays at its last count.
-    """
-    causes = [list(run.certified.causes.values()) for run in runs if run.certified]
-    failures = [[failure.spent for failure in run.failures] for run in runs]
-    cells = [sorted(_firsts(run.failures).values()) for run in runs]
-    drawn = [_curve(strategy, "causes", causes, limit)] if causes else []
-    return [*drawn, _curve(strategy, "failures", failures, budget), _curve(strategy, "cells", cells, budget)]
-
-
-def _curve(strategy: str, what: str, spent: Sequence[Sequence[int]], rollouts: int) -> Curve:
-    """``spent``: of every run, after how many rollouts each came, in order."""
-    at = grid(rollouts)
-    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
-    low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
-    return Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high)
-
-
-def _firsts(failures: Sequence[Failure]) -> dict[str, int]:
-    """By cell, rollouts spent when it was first found."""
-    return {failure.cell: failure.spent for failure in reversed(failures)}

@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 from vlafuzz.common.files import write_whole
-from vlafuzz.common.statistics import Estimate
 from vlafuzz.common.text import Row, csv_table, interval, markdown_table, percent, plural
 from vlafuzz.lab.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.lab.compare.plots import plot
@@ -103,8 +102,7 @@ def sentences(compared: Comparison) -> list[str]:
         for pair in compared.against
         if pair.strategy == standing.strategy
     ]
-    short = [run for run in compared.runs if run.triage_rollouts and not run.triaged]
-    if short:
+    if short := [run for run in compared.runs if run["triage_rollouts"] and not run["triaged"]]:
         runs = f"in {len(short)} of {plural(len(compared.runs), 'run')}"
         few = f"{compared.triage_rollouts} rollouts are too few to triage one failure"
         verdicts.append(f"{runs} {few}: give more --triage-rollouts")
@@ -125,19 +123,30 @@ def csv_rows(compared: Comparison) -> list[Row]:
     return [_csv_row(standing) for standing in compared.standings]
 
 
+def _csv_row(standing: Standing) -> Row:
+    row: Row = {"strategy": standing.strategy}
+    for name, estimate in [*standing.means.items(), ("probability", standing.probability)]:
+        row |= {f"{name}_{part}": getattr(estimate, part, None) for part in ("value", "low", "high")}
+    row["all_causes"] = len(standing.triage.causes) if standing.triage else None
+    row["all_causes_only"] = standing.triage.only if standing.triage else None
+    names = ("triaged", "confirmed", "certified")
+    row |= {f"all_{name}": getattr(standing.triage, name, None) for name in names}
+    for name in SPREAD:
+        row |= {f"{name}_{part}": getattr(standing.figures[name], part) for part in ("median", "low", "high")}
+    return row
+
+
 def _judged(standing: Standing, *, triaged: bool) -> Row:
-    columns = {name: title for name, title in _JUDGED.items() if triaged or name == "failures"}
-    row = {"strategy": standing.strategy}
-    row |= {title: _mean(standing.means[name]) for name, title in columns.items()}
+    row: Row = {"strategy": standing.strategy}
+    for name, title in _JUDGED.items():
+        if triaged or name == "failures":
+            mean = standing.means[name]
+            row[title] = mean and (f"{mean.value:.3g}" if mean.low is None else str(mean))
     tells = standing.probability
-    shown = f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})" if tells else "–"
-    return row | {"failure probability": shown}
-
-
-def _mean(estimate: Estimate | None) -> str:
-    if estimate is None:
-        return "–"
-    return f"{estimate.value:.3g}" if estimate.low is None else str(estimate)
+    shown = tells and f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})"
+    return {title: "–" if value is None else value for title, value in row.items()} | {
+        "failure probability": shown or "–"
+    }
 
 
 def _together(compared: Comparison) -> list[Row]:
@@ -182,23 +191,9 @@ def _shown(spread: Spread, name: str) -> str:
 
 
 def _number(value: float | None, name: str) -> str:
-    if value is None:
-        return "–"
-    if name in _SHARES:
+    if value is None or name in _SHARES:
         return percent(value)
     return f"{value:.0f}" if value >= 100 or value == int(value) else f"{value:.3g}"
-
-
-def _csv_row(standing: Standing) -> Row:
-    row: Row = {"strategy": standing.strategy}
-    for name, estimate in [*standing.means.items(), ("probability", standing.probability)]:
-        row |= {f"{name}_{part}": getattr(estimate, part, None) for part in ("value", "low", "high")}
-    row["all_causes"] = len(standing.triage.causes) if standing.triage else None
-    names = {"only": "causes_only", "triaged": "triaged", "confirmed": "confirmed", "certified": "certified"}
-    row |= {f"all_{title}": getattr(standing.triage, name, None) for name, title in names.items()}
-    for name in SPREAD:
-        row |= {f"{name}_{part}": getattr(standing.figures[name], part) for part in ("median", "low", "high")}
-    return row
 
 
 _TITLES = {"curves.png": "Found over the budget", "figures.png": "Found with the whole budget"}
@@ -218,18 +213,18 @@ def write_folder(compared: Comparison, folder: Path) -> list[str]:
     document = json.dumps(asdict(compared), indent=2, allow_nan=False)
     write_whole(folder / "compare.json", document + "\n")
     write_whole(folder / "compare.md", markdown(compared))
-    write_whole(folder / "runs.csv", csv_table([asdict(run) for run in compared.runs]))
+    write_whole(folder / "runs.csv", csv_table(compared.runs))
     plots = plot(compared, folder)
-    write_page(folder / "compare.html", page(compared, {path.name: path.read_bytes() for path in plots}))
+    write_page(folder / "compare.html", _page(compared, {path.name: path.read_bytes() for path in plots}))
     return ["compare.html", *(path.name for path in plots), "compare.json", "compare.md", "runs.csv"]
 
 
-def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
+def _page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     """HTML that needs no other file; ``plots`` are PNG by the name of the file."""
     names = ", ".join(standing.strategy for standing in compared.standings)
     runs = f"{plural(compared.repeats, 'run')} of each, {compared.budget} rollouts each"
     report = ["vlafuzz", "report", compared.store, "--out", str(Path(compared.store).with_suffix(".html"))]
-    tests = [_row(pair) for pair in compared.against]
+    tests = [_tested(pair) for pair in compared.against]
     first, *others = tables(compared)
     against = Table(f"Against {compared.reference}", tests, _TESTS.format(tests=len(tests)))
     sheet = Sheet(
@@ -247,23 +242,18 @@ def page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     return render_sheet(sheet)
 
 
-def _row(pair: Pair) -> Row:
-    says = {measure.name: measure.says for measure in MEASURES}
+def _tested(pair: Pair) -> Row:
+    measure, shown = MEASURES[pair.measure], "too few repeats"
+    if pair.tells:
+        larger = measure.more if pair.test.effect > 0 else measure.fewer
+        shown = larger if pair.p_holm <= ALPHA else "no difference"
     return {
-        "figure": says[pair.measure],
+        "figure": measure.says,
         "strategy": pair.strategy,
         "times": str(pair.ratio or "–"),
         "difference": str(pair.difference or "–"),
         "more in": pair.test.more,
         "fewer in": pair.test.fewer,
         "p": f"{pair.p_holm:.2g}",
-        "shown": _difference(pair),
+        "shown": shown,
     }
-
-
-def _difference(pair: Pair) -> str:
-    if not pair.tells:
-        return "too few repeats"
-    measure = next(measure for measure in MEASURES if measure.name == pair.measure)
-    shown = measure.more if pair.test.effect > 0 else measure.fewer
-    return shown if pair.p_holm <= ALPHA else "no difference"

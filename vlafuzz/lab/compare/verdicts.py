@@ -1,4 +1,4 @@
-"""Strategies beside a reference, measure by measure: effect, interval, corrected p-value, and a sentence."""
+"""Strategies against a reference, measure by measure: effect, interval, corrected p-value, and a sentence."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,9 +20,8 @@ ALPHA = 0.05
 
 @dataclass(frozen=True)
 class Measure:
-    """A field of ``Figures`` by which strategies are compared, in words, and whether more is better."""
+    """A figure by which strategies are compared, in words, and whether more is better."""
 
-    name: str
     says: str
     most: bool = True
     more: str = "more"
@@ -30,18 +29,18 @@ class Measure:
 
 
 # In the order in which they judge. All else is shown, not tested: each test costs the others of their power.
-MEASURES = (
-    Measure("causes", "certified causes"),
-    Measure("failures", "failures"),
-    Measure(
-        "probability_width", "interval of the failure probability", most=False, more="wider", fewer="narrower"
+MEASURES = {
+    "causes": Measure("certified causes"),
+    "failures": Measure("failures"),
+    "probability_width": Measure(
+        "interval of the failure probability", most=False, more="wider", fewer="narrower"
     ),
-)
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """One strategy beside another, in one measure; the n-th runs of both have the same seed and are a pair.
+    """One strategy against another in one measure; the n-th runs of both have the same seed and are a pair.
 
     Attributes:
         ratio, difference: of the means, with 95 % intervals; None where undefined.
@@ -65,16 +64,30 @@ class Pair:
         return self.tests * smallest_p(self.repeats) <= ALPHA
 
 
-Runs = Mapping[str, Sequence[Figures]]
-"""By strategy, its runs in the order of their seeds."""
+def against(runs: Mapping[str, Sequence[Figures]], reference: str) -> list[Pair]:
+    """Compare every strategy with the reference in every measure that all runs of both have.
 
-
-def against(runs: Runs, reference: str) -> list[Pair]:
-    """Every strategy against the reference, in every measure that all runs of both have."""
-    pairs = [
-        _pair(runs, name, reference, measure) for measure in MEASURES for name in runs if name != reference
-    ]
-    return corrected([pair for pair in pairs if pair])
+    Args:
+        runs: by strategy, its runs in the order of their seeds.
+    """
+    pairs = []
+    for measure in MEASURES:
+        theirs = [run[measure] for run in runs[reference]]
+        for name in runs:
+            ours = [run[measure] for run in runs[name]]
+            if name == reference or None in (*ours, *theirs):
+                continue
+            pair = Pair(
+                strategy=name,
+                other=reference,
+                measure=measure,
+                ratio=mean_ratio(ours, theirs),
+                difference=mean_difference(ours, theirs),
+                test=signed_rank(ours, theirs),
+                repeats=len(ours),
+            )
+            pairs.append(pair)
+    return corrected(pairs)
 
 
 def corrected(pairs: Sequence[Pair]) -> list[Pair]:
@@ -84,23 +97,8 @@ def corrected(pairs: Sequence[Pair]) -> list[Pair]:
     return [replace(pair, verdict=_sentence(pair)) for pair in pairs]
 
 
-def _pair(runs: Runs, strategy: str, other: str, measure: Measure) -> Pair | None:
-    ours, theirs = ([getattr(run, measure.name) for run in runs[name]] for name in (strategy, other))
-    if None in (*ours, *theirs):
-        return None
-    return Pair(
-        strategy=strategy,
-        other=other,
-        measure=measure.name,
-        ratio=mean_ratio(ours, theirs),
-        difference=mean_difference(ours, theirs),
-        test=signed_rank(ours, theirs),
-        repeats=len(ours),
-    )
-
-
 def _sentence(pair: Pair) -> str:
-    measure = next(measure for measure in MEASURES if measure.name == pair.measure)
+    measure = MEASURES[pair.measure]
     more, fewer = f"{measure.more} in {pair.test.more}", f"{measure.fewer} in {pair.test.fewer}"
     size = f"{_size(pair)}{more} and {fewer} of {pair.repeats} pairs"
     if not pair.tells:

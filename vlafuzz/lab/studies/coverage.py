@@ -90,10 +90,11 @@ def tracks_of_scenes(scenes: Iterable[Scene], operators: OperatorSet, catalogue:
     by_kind: dict[tuple[str, str], list[Scene]] = {}
     for scene in scenes:
         by_kind.setdefault((scene.task, scene.robot), []).append(scene)
-    return [
-        Track(task, tuple(_steps(alike, _space(operators, catalogue, alike[0]))))
-        for (task, _), alike in by_kind.items()
-    ]
+    tracks = []
+    for (task, _), alike in by_kind.items():
+        space = _space(operators, catalogue, alike[0])
+        tracks.append(Track(task, tuple(_step(scene, space) for scene in alike)))
+    return tracks
 
 
 def tracks_of_store(store: Store) -> list[Track]:
@@ -128,43 +129,35 @@ def place(x: float, y: float, area: Rectangle) -> tuple[int, int] | None:
 
 def _along(value: float, bounds: tuple[float, float]) -> int | None:
     low, high = bounds
-    if high == low:
-        return 0 if abs(value - low) <= _ROUNDING else None
     if not low - _ROUNDING <= value <= high + _ROUNDING:
         return None
-    return min(max(int((value - low) / (high - low) * SIDE), 0), SIDE - 1)
+    return 0 if high == low else min(max(int((value - low) / (high - low) * SIDE), 0), SIDE - 1)
 
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
-    """The search space of scenes like this one."""
-    if as_original(scene):  # only its task matters
-        return SearchSpace(operators, catalogue, scene.task)
-    return SearchSpace(operators, catalogue, scene.task, scene.robot)
+    """The search space of scenes like this one; only the task of VLATest's scenes matters."""
+    robot = () if as_original(scene) else (scene.robot,)
+    return SearchSpace(operators, catalogue, scene.task, *robot)
 
 
-def _steps(scenes: Iterable[Scene], space: SearchSpace) -> Iterator[Step]:
-    for scene in scenes:
-        if original := as_original(scene):
-            first, area, site = original.listing[0], vlatest_table().drawn_from(scene.task), None
-        else:
-            drawn = space.operators.get(TargetPosition)
-            area = Rectangle(x=(drawn.x.low, drawn.x.high), y=(drawn.y.low, drawn.y.high))
-            first, site = scene.listing[0], space.site(scene, space.severities(scene))
-        yield Step(place(first.x, first.y, area), site)
+def _step(scene: Scene, space: SearchSpace) -> Step:
+    if original := as_original(scene):
+        first, area, site = original.listing[0], vlatest_table().drawn_from(scene.task), None
+    else:
+        drawn = space.operators.get(TargetPosition)
+        area = Rectangle(x=(drawn.x.low, drawn.x.high), y=(drawn.y.low, drawn.y.high))
+        first, site = scene.listing[0], space.site(scene, space.severities(scene))
+    return Step(place(first.x, first.y, area), site)
 
 
 def _run_track(store: Store, run: Run) -> Track:
-    manifest = run.manifest
+    manifest, steps = run.manifest, []
     judged = [trial for trial in store.trials(run.id) if trial.outcome.verdict >= Verdict.PASSED]
-    if not judged:
-        return Track(manifest.task, (), run.id, manifest.strategy)
-    operators, catalogue = stored_operators(store.path, manifest), stored_catalogue(manifest)
-    space = _space(operators, catalogue, judged[0].scene)
-    steps = [
-        step._replace(
-            cell=cell(trial.scene, trial.outcome, space.severities(trial.scene), space),
-            failed=trial.outcome.verdict is Verdict.FAILED,
-        )
-        for trial, step in zip(judged, _steps((trial.scene for trial in judged), space), strict=True)
-    ]
+    if judged:
+        operators, catalogue = stored_operators(store.path, manifest), stored_catalogue(manifest)
+        space = _space(operators, catalogue, judged[0].scene)
+    for trial in judged:
+        reached = cell(trial.scene, trial.outcome, space.severities(trial.scene), space)
+        failed = trial.outcome.verdict is Verdict.FAILED
+        steps.append(_step(trial.scene, space)._replace(cell=reached, failed=failed))
     return Track(manifest.task, tuple(steps), run.id, manifest.strategy)

@@ -13,9 +13,10 @@ import numpy as np
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, percent, points
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.studies import plots, published
+from vlafuzz.lab.plots import coloured, save
+from vlafuzz.lab.studies import published
 from vlafuzz.lab.studies.runner import Tried, Variant
-from vlafuzz.lab.studies.sheet import BESIDE, Sheet, StudyResult
+from vlafuzz.lab.studies.sheet import BESIDE, MARK, Series, Sheet, StudyResult, bars, line, share_panels
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Table
@@ -195,43 +196,45 @@ class MutationResult(StudyResult):
         return Sheet(self.title, tables, [*_NOTES, *self.gaps], differs, self._plot)
 
     def _curve(self, curve: str) -> list[Row]:
-        points = {
-            (point.policy, point.low, point.high): point for point in self.points if point.curve == curve
-        }
-        spans = sorted({(low, high) for _, low, high in points})
-        return [
-            {"policy": policy}
-            | {f"{low:g} to {high:g}": _passed(points.get((policy, low, high))) for low, high in spans}
-            for policy in dict.fromkeys(name for name, *_ in points)
-        ]
+        rows: dict[str, Row] = {}
+        drawn = [point for point in self.points if point.curve == curve]
+        spans = sorted({(point.low, point.high) for point in drawn})
+        for point in drawn:
+            row = rows.setdefault(
+                point.policy, {"policy": point.policy} | {f"{low:g} to {high:g}": "–" for low, high in spans}
+            )
+            row[f"{point.low:g} to {point.high:g}"] = f"{point.passed.count} of {point.passed.of}"
+        return list(rows.values())
 
     def _plot(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
-        names = ["tasks", *CURVES[self.study]]
-        figure, (first, *every) = plots.panels(self.title, names, "share of mutants passed", width=4)
-        colours = plots.coloured(self.policies)
+        curves = CURVES[self.study]
+        figure, (first, *every) = share_panels(
+            self.title, ["tasks", *curves], "share of mutants passed", width=4
+        )
+        colours = coloured(self.policies)
         self._plot_kept(first, colours)
-        for axes, curve in zip(every, CURVES[self.study], strict=True):
+        for axes, curve in zip(every, curves, strict=True):
             for number, policy in enumerate(self.policies):
                 aside = 0.012 * (number - (len(self.policies) - 1) / 2)  # so that intervals lie side by side
                 points = [point for point in self.points if (point.policy, point.curve) == (policy, curve)]
-                series = plots.Series(policy, [point.passed for point in points], colours[policy])
-                plots.line(axes, [_middle(point, aside) for point in points], series)
+                series = Series(policy, [point.passed for point in points], colours[policy])
+                line(axes, [_middle(point, aside) for point in points], series)
             _scale(axes, curve)
-        plots.save(figure, path)
+        save(figure, path)
 
     def _plot_kept(self, axes: Any, colours: Mapping[str, str]) -> None:
         tasks = list(dict.fromkeys(row.task for row in self.kept))
         by_place = {(row.policy, row.task): row for row in self.kept}
-        rows = [[by_place.get((policy, task)) for task in tasks] for policy in self.policies]
+        rows = {policy: [by_place.get((policy, task)) for task in tasks] for policy in self.policies}
         series = [
-            plots.Series(policy, [kept.mutated if kept else None for kept in row], colours[policy])
-            for policy, row in zip(self.policies, rows, strict=True)
+            Series(policy, [kept.mutated if kept else None for kept in row], colours[policy])
+            for policy, row in rows.items()
         ]
-        for xs, row in zip(plots.bars(axes, tasks, series), rows, strict=True):
+        for xs, row in zip(bars(axes, tasks, series), rows.values(), strict=True):
             for x, kept in zip(xs, row, strict=True):
                 if kept and kept.control.of:
-                    axes.scatter(x, kept.control.share, **plots.MARK, label="control")
+                    axes.scatter(x, kept.control.share, **MARK, label="control")
 
 
 def _row(row: Kept) -> Row:
@@ -264,25 +267,17 @@ def _paper_row(row: published.Mutated) -> Row:
     }
 
 
-def _passed(point: Point | None) -> str:
-    return f"{point.passed.count} of {point.passed.of}" if point else "–"
-
-
 def _middle(point: Point, aside: float) -> float:
     """The middle of its bin, moved aside by a share of the axis."""
-    if _logarithmic(point.curve):
+    if point.curve in CURVES["rq3"]:
         return math.sqrt(point.low * point.high) * 20**aside
     return (point.low + point.high) / 2 + aside * EDGES[point.curve][-1]
-
-
-def _logarithmic(curve: str) -> bool:
-    return curve in CURVES["rq3"]
 
 
 def _scale(axes: Any, curve: str) -> None:
     ticks = EDGES[curve]
     labels = [str(tick) for tick in ticks]
-    if _logarithmic(curve):
+    if curve in CURVES["rq3"]:
         axes.set_xscale("log", base=2)
         axes.minorticks_off()
         axes.set_xlabel("α")

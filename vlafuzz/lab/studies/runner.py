@@ -10,7 +10,8 @@ from vlafuzz.campaign.forecast import usual_speed
 from vlafuzz.campaign.launch import SpeedOf, WantedRun, do_missing, note_places, stored_run
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import ASKED, Origin, Role
+from vlafuzz.lab.versions import check_one_version
+from vlafuzz.model.conditions import ASKED
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import write_scenes
@@ -44,12 +45,6 @@ class Part(NamedTuple):
         return ", ".join(filter(None, (self.policy, self.task, confounders, self.arm)))
 
 
-def parts_of(study: str, tasks: Sequence[str], policies: Sequence[str | None]) -> list[Part]:
-    """The runs of random scenes: one per policy and task, in RQ2 also per number of confounders."""
-    counts = COUNTS if study == "rq2" else (None,)
-    return [Part(task, count, policy) for policy in policies for task in tasks for count in counts]
-
-
 def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
     """The operators of a part, with its number of confounders."""
     in_task = operators.in_task(part.task)
@@ -57,32 +52,6 @@ def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
         return in_task
     fixed = ConfounderCount(low=part.confounders, high=part.confounders, nominal=part.confounders)
     return replace(in_task, operators={**in_task.operators, ConfounderCount.name: fixed})
-
-
-def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
-    """The run of a part that a store has, finished or not.
-
-    Args:
-        wanted: the part's manifest, as it would be made now.
-        scenes: the variants of the part, if it has any; the run has them or the first of them.
-
-    Raises:
-        UsageError: another version made the run.
-    """
-    same = [
-        run
-        for run in store.runs()
-        if not run.manifest.differences(wanted, origins=ASKED)
-        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
-    ]
-    for run in same:
-        for name in run.manifest.differences(wanted, roles=set(Role) - {Role.PLACE}, origins=[Origin.HERE]):
-            raise UsageError(
-                f"{store.path}: run {run.id} was made by another version than is installed: "
-                f"its {name} differs",
-                hint="runs of two versions do not compare: give another --out",
-            )
-    return stored_run(same)
 
 
 class Variant(NamedTuple):
@@ -124,15 +93,24 @@ def distinct(store: Store, run: Run) -> list[Trial]:
     return [trial for trial in store.trials(run.id) if not trial.duplicate]
 
 
-def tried(store: Store, run: Run | None, variants: Sequence[Variant]) -> list[Tried]:
-    """Variants with their outcomes in a run that proposed them in order; none without a run."""
-    trials = store.stored(run.id, 0, len(variants)) if run else []
-    return [Tried(variants[trial.proposal], trial.outcome) for trial in trials]
+def stored(store: Store, wanted: Manifest, scenes: Sequence[Scene] = ()) -> Run | None:
+    """The run of a part that a store has, finished or not.
 
+    Args:
+        wanted: the part's manifest, as it would be made now.
+        scenes: the variants of the part, if it has any; the run has them or the first of them.
 
-class _Job(NamedTuple):
-    plan: Plan
-    scenes: Sequence[Scene] = ()  # of a run of variants
+    Raises:
+        UsageError: another version made the run.
+    """
+    same = [
+        run
+        for run in store.runs()
+        if not run.manifest.differences(wanted, origins=ASKED)
+        and (not scenes or all(trial.scene == scenes[trial.proposal] for trial in store.trials(run.id)))
+    ]
+    check_one_version(store.path, same, wanted, "--out")
+    return stored_run(same)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,8 +120,8 @@ class StudyRunner:
     Attributes:
         config: common to all runs; its ``budget`` is the number of random scenes of each run.
         folder: of the study, for files of variants.
-        speed_of: see ``do_missing``.
         commit: of the loaded code: a later commit does not change what is running.
+        speed_of: see ``do_missing``.
         left_out: parts for which no scene could be generated, and why.
     """
 
@@ -158,40 +136,43 @@ class StudyRunner:
 
     def run_random(self, parts: Iterable[Part], packs: Sequence[Pack] | None = None) -> dict[Part, Run]:
         """Runs of random scenes, without parts that have no scene; ``packs`` replace those of the config."""
-        jobs = {}
-        for part in parts:
-            of_part = self._config(part, packs=self.config.packs if packs is None else packs)
-            jobs[part] = _Job(self._plan(of_part, operators_of(part, self.operators), "random"))
-        return self._complete(jobs)
+        packs = self.config.packs if packs is None else packs
+        plans = {
+            part: self._plan(
+                part, operators_of(part, self.operators), "random", packs=packs, strategy="random"
+            )
+            for part in parts
+        }
+        return self._complete(plans, {})
 
-    def run_variants(self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]) -> dict[Part, Run]:
-        """Runs of variants, which the operators made, with the next seed; without parts that have none."""
-        jobs = {}
-        for part, (operators, variants) in parts.items():
-            if not variants:
-                continue
-            scenes = [variant.scene for variant in variants]
-            path = self._scene_file(part)
-            write_scenes(path, scenes)
-            of_part = self._config(part, scenes=path, budget=None, seed=self.config.seed + 1)
-            jobs[part] = _Job(self._plan(of_part, operators, VARIANTS), scenes)
-        return self._complete(jobs)
+    def run_variants(
+        self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]
+    ) -> dict[Part, list[Tried]]:
+        """The variants of each part, which the operators made, in a run with the next seed."""
+        scenes = {part: [one.scene for one in variants] for part, (_, variants) in parts.items() if variants}
+        plans = {}
+        for part, of_part in scenes.items():
+            name = "-".join(filter(None, (part.arm, part.task, part.policy)))
+            name = "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
+            path = self.folder / "scenes" / f"{name}.jsonl"
+            path.parent.mkdir(exist_ok=True)
+            write_scenes(path, of_part)
+            seed = self.config.seed + 1
+            plans[part] = self._plan(part, parts[part][0], VARIANTS, scenes=path, budget=None, seed=seed)
+        runs, done = self._complete(plans, scenes), {}
+        for part, (_, variants) in parts.items():
+            trials = self.store.stored(runs[part].id, 0, len(variants)) if part in runs else []
+            done[part] = [Tried(variants[trial.proposal], trial.outcome) for trial in trials]
+        return done
 
-    def _config(self, part: Part, **changes: object) -> RunConfig:
+    def _plan(self, part: Part, operators: OperatorSet, named: str, **changes: object) -> Plan:
         of_part = replace(self.config, task=part.task, policy=part.policy, store=self.store.path)
-        return replace(of_part, **changes)  # type: ignore[arg-type]
+        planned = plan(replace(of_part, **changes), operators)  # type: ignore[arg-type]
+        return replace(planned, manifest=replace(planned.manifest, strategy=named, commit=self.commit))
 
-    def _plan(self, of_part: RunConfig, operators: OperatorSet, strategy: str) -> Plan:
-        planned = plan(of_part if of_part.scenes else replace(of_part, strategy=strategy), operators)
-        return replace(planned, manifest=replace(planned.manifest, strategy=strategy, commit=self.commit))
-
-    def _scene_file(self, part: Part) -> Path:
-        folder = self.folder / "scenes"
-        folder.mkdir(exist_ok=True)
-        name = "-".join(filter(None, (part.arm, part.task, part.policy)))
-        return folder / ("".join(c if c.isalnum() or c in "._-" else "-" for c in name) + ".jsonl")
-
-    def _complete(self, jobs: Mapping[Part, _Job]) -> dict[Part, Run]:
+    def _complete(
+        self, plans: Mapping[Part, Plan], scenes: Mapping[Part, Sequence[Scene]]
+    ) -> dict[Part, Run]:
         """Do what is missing; the runs of all parts that have a trial."""
         problems: list[UsageError] = []
 
@@ -204,16 +185,16 @@ class StudyRunner:
         wanted = [
             WantedRun(
                 name=str(part),
-                budget=job.plan.manifest.budget,
-                plan=lambda job=job: job.plan,  # type: ignore[misc]
-                stored=stored(self.store, job.plan.manifest, job.scenes),
+                budget=planned.manifest.budget,
+                plan=lambda planned=planned: planned,  # type: ignore[misc]
+                stored=stored(self.store, planned.manifest, scenes.get(part, ())),
                 group=part,
-                policy=job.plan.manifest.policy,
+                policy=planned.manifest.policy,
             )
-            for part, job in jobs.items()
+            for part, planned in plans.items()
         ]
         do_missing(self.store, wanted, self.watch, leave_out, self.speed_of)
-        runs = {part: stored(self.store, job.plan.manifest, job.scenes) for part, job in jobs.items()}
+        runs = {part: stored(self.store, plans[part].manifest, scenes.get(part, ())) for part in plans}
         done = {part: run for part, run in runs.items() if run and self.store.count(run.id)}
         note_places(done.values(), self.watch)
         if not done and problems:

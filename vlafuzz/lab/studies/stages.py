@@ -5,11 +5,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
 
-from vlafuzz.common.statistics import Share, a12, mann_whitney, wilson
+from vlafuzz.common.statistics import Share, a12, mann_whitney
 from vlafuzz.common.text import Row, percent, plural
-from vlafuzz.lab.studies import plots, published
+from vlafuzz.lab.plots import coloured, save
+from vlafuzz.lab.studies import published
 from vlafuzz.lab.studies.runner import distinct
-from vlafuzz.lab.studies.sheet import BESIDE, Sheet, StudyResult, Tested, chance
+from vlafuzz.lab.studies.sheet import (
+    BESIDE,
+    MARK,
+    Series,
+    Sheet,
+    StudyResult,
+    Tested,
+    adjusted,
+    bars,
+    chance,
+    share_panels,
+)
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Table
@@ -73,7 +85,7 @@ def standing(store: Store, run: Run, confounders: int | None = None) -> Standing
         judged=len(judged),
         invalid=verdicts.count(Verdict.INVALID),
         errors=verdicts.count(Verdict.ERROR),
-        progress=fmean(outcome.progress for outcome in judged) if judged else None,
+        progress=_mean([outcome.progress for outcome in judged]),
         stopped=run.status != "finished",
         stages=reached(run.manifest.task, judged),
     )
@@ -88,15 +100,15 @@ def in_paper(task: str) -> Published:
 
 def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
     """The share of scenes that reached each stage of a task in all of their rollouts."""
-    of = len(judged)
-    counts = {
-        stage: sum(
+    stages = []
+    for stage in TASKS[task].stage_names:
+        came = (
             all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
             for outcome in judged
         )
-        for stage in TASKS[task].stage_names
-    }
-    return tuple(Reached(count, of, *wilson(count, of), stage=stage) for stage, count in counts.items())
+        share = Share.of_counts(sum(came), len(judged))
+        stages.append(Reached(share.count, share.of, share.low, share.high, stage=stage))
+    return tuple(stages)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,31 +139,39 @@ def is_similar(scene: Scene, catalogue: Catalogue) -> bool:
     return target in others
 
 
-def similarity(store: Store, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
-    """Compare scenes with confounders in runs of one policy and task, each with a fixed number of them."""
+def similarities(store: Store, runs: Sequence[Run], catalogue: Catalogue) -> list[Similarity]:
+    """Compare scenes with confounders in the runs of each policy and task, each of a fixed number of them."""
+    groups: dict[tuple[str, str], list[Run]] = {}
+    for run in runs:
+        groups.setdefault((run.manifest.policy, run.manifest.task), []).append(run)
+    return adjusted([_similarity(store, group, catalogue) for group in groups.values()])
+
+
+def _similarity(store: Store, runs: Sequence[Run], catalogue: Catalogue) -> Similarity:
     progress: dict[bool, list[float]] = {True: [], False: []}
     aligned: dict[bool, list[float]] = {True: [], False: []}
     for run in runs:
-        trials = [
-            trial for trial in distinct(store, run) if trial.outcome.rollouts and trial.scene.confounders
-        ]
-        mean = fmean(trial.outcome.progress for trial in trials) if trials else 0.0
+        trials = [one for one in distinct(store, run) if one.outcome.rollouts and one.scene.confounders]
+        mean = _mean([trial.outcome.progress for trial in trials]) or 0.0
         for trial in trials:
             group = is_similar(trial.scene, catalogue)
             progress[group].append(trial.outcome.progress)
             aligned[group].append(round(trial.outcome.progress - mean, 9))  # so that ties stay ties
-    similar, other = progress[True], progress[False]
-    both = bool(similar and other)
+    both = bool(progress[True] and progress[False])
     return Similarity(
         task=runs[0].manifest.task,
         policy=runs[0].manifest.policy,
-        similar=len(similar),
-        other=len(other),
-        progress_similar=fmean(similar) if similar else None,
-        progress_other=fmean(other) if other else None,
+        similar=len(progress[True]),
+        other=len(progress[False]),
+        progress_similar=_mean(progress[True]),
+        progress_other=_mean(progress[False]),
         a12=a12(aligned[True], aligned[False]) if both else None,
         p=mann_whitney(aligned[True], aligned[False]) if both else None,
     )
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return fmean(values) if values else None
 
 
 _NOTE = "Shares are of the scenes that were judged, with Wilson's 95 % interval."
@@ -192,19 +212,16 @@ class StageResult(StudyResult):
         for standing in self.standings:
             name = standing.task if standing.confounders is None else f"{standing.task}, {standing.policy}"
             panels.setdefault(name, []).append(standing)
-        figure, every = plots.panels(self.title, list(panels), "share of scenes")
+        figure, every = share_panels(self.title, list(panels), "share of scenes")
         for axes, standings in zip(every, panels.values(), strict=True):
-            labels = [_label(standing) for standing in standings]
-            colours = plots.coloured(labels)
-            series = [
-                plots.Series(label, standing.stages, colours[label])
-                for label, standing in zip(labels, standings, strict=True)
-            ]
+            colours = coloured([_label(standing) for standing in standings])
+            series = [Series(_label(one), one.stages, colours[_label(one)]) for one in standings]
             stages = [stage.stage for stage in standings[0].stages]
-            plots.bars(axes, stages, series)
-            for paper in (paper for paper in self.published if paper.task == standings[0].task):
-                axes.scatter(len(stages) - 1, paper.mean, **plots.MARK, label="VLATest, mean of seven")
-        plots.save(figure, path)
+            bars(axes, stages, series)
+            for paper in self.published:
+                if paper.task == standings[0].task:
+                    axes.scatter(len(stages) - 1, paper.mean, **MARK, label="VLATest, mean of seven")
+        save(figure, path)
 
 
 def _label(standing: Standing) -> str:

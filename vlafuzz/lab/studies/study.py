@@ -12,18 +12,9 @@ from vlafuzz.campaign.launch import SpeedOf
 from vlafuzz.common.files import make_folder, write_whole
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.studies import published, wordings
-from vlafuzz.lab.studies.mutants import (
-    ALL,
-    MUTATED,
-    Alpha,
-    MutationResult,
-    curve_points,
-    kept,
-    mutants,
-    mutating,
-)
+from vlafuzz.lab.studies import mutants, published, wordings
 from vlafuzz.lab.studies.runner import (
+    COUNTS,
     JUDGED,
     Part,
     StudyRunner,
@@ -31,14 +22,11 @@ from vlafuzz.lab.studies.runner import (
     Variant,
     distinct,
     operators_of,
-    parts_of,
     pooled,
-    tried,
 )
 from vlafuzz.lab.studies.sheet import Sheet, StudyResult, adjusted
-from vlafuzz.lab.studies.stages import Similarity, StageResult, Standing, in_paper, similarity, standing
+from vlafuzz.lab.studies.stages import Similarity, StageResult, Standing, in_paper, similarities, standing
 from vlafuzz.lab.studies.unseen import UnseenResult, difference, paired_tests
-from vlafuzz.lab.studies.wordings import WordingResult
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.search.base import POOL, RANDOM
@@ -65,13 +53,14 @@ class StudyRequest:
     study: str
     tasks: Sequence[str] = ()
     policies: Sequence[str | None] = (None,)
-    alpha: Alpha = "linear"
+    alpha: mutants.Alpha = "linear"
     unseen: Sequence[Pack] = ()
 
     def parts(self) -> list[Part]:
         """The runs of random scenes."""
         tasks = self.tasks or (wordings.two_steps() if self.study == "prompts" else TASKS)
-        return parts_of(self.study, list(tasks), self.policies)
+        counts = COUNTS if self.study == "rq2" else (None,)
+        return [Part(task, count, policy) for policy in self.policies for task in tasks for count in counts]
 
 
 def ranges_for(robot: str | None) -> str:
@@ -148,7 +137,10 @@ def _stage_study(runner: StudyRunner, request: StudyRequest) -> StageResult:
     """RQ1 and RQ2."""
     runs = runner.run_random(request.parts())
     counted = [standing(runner.store, run, part.confounders) for part, run in runs.items()]
-    similar = _similar(runner.store, list(runs.values())) if request.study == "rq2" else []
+    similar = []
+    if request.study == "rq2":
+        catalogue = stored_catalogue(*(run.manifest for run in runs.values()))
+        similar = similarities(runner.store, list(runs.values()), catalogue)
     return _stage_result(request.study, counted, similar, runner.left_out)
 
 
@@ -160,32 +152,25 @@ def _stage_result(
     return StageResult(name, policies, left_out, counted, [in_paper(task) for task in tasks], similar)
 
 
-def _similar(store: Store, runs: Sequence[Run]) -> list[Similarity]:
-    groups: dict[tuple[str, str], list[Run]] = {}
-    for run in runs:
-        groups.setdefault((run.manifest.policy, run.manifest.task), []).append(run)
-    catalogue = stored_catalogue(*(run.manifest for run in runs))
-    return adjusted([similarity(store, group, catalogue) for group in groups.values()])
-
-
-def _mutation_study(runner: StudyRunner, request: StudyRequest) -> MutationResult:
+def _mutation_study(runner: StudyRunner, request: StudyRequest) -> mutants.MutationResult:
     """RQ3 and RQ4."""
 
     def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
-        operators = mutating(request.study, operators_of(part, runner.operators), request.alpha)
+        operators = mutants.mutating(request.study, operators_of(part, runner.operators), request.alpha)
         space = SearchSpace(operators, stored_catalogue(run.manifest), part.task, run.manifest.robot)
         passed = [trial.scene for trial in trials if trial.outcome.verdict is Verdict.PASSED]
-        return operators, mutants(space, passed, runner.config.seed)
+        return operators, mutants.mutants(space, passed, runner.config.seed)
 
     by_policy: dict[str, dict[str, list[Tried]]] = {}
     for run, _, variants in _varied(runner, request, make):
         by_policy.setdefault(run.manifest.policy, {})[run.manifest.task] = variants
     rows, curves = [], []
     for policy, by_task in by_policy.items():
-        tasks = {**by_task, **({ALL: pooled(by_task.values())} if len(by_task) > 1 else {})}
-        rows += [kept(task, policy, variants) for task, variants in tasks.items()]
-        curves += curve_points(request.study, policy, pooled(by_task.values()))
-    return MutationResult(
+        together = pooled(by_task.values())
+        tasks = {**by_task, **({mutants.ALL: together} if len(by_task) > 1 else {})}
+        rows += [mutants.kept(task, policy, variants) for task, variants in tasks.items()]
+        curves += mutants.curve_points(request.study, policy, together)
+    return mutants.MutationResult(
         request.study,
         list(by_policy),
         runner.left_out,
@@ -217,7 +202,7 @@ def _unseen_study(runner: StudyRunner, request: StudyRequest) -> UnseenResult:
     )
 
 
-def _wording_study(runner: StudyRunner, request: StudyRequest) -> WordingResult:
+def _wording_study(runner: StudyRunner, request: StudyRequest) -> wordings.WordingResult:
     """RQ6 and the prompts of the discussion."""
     study = cast(wordings.Study, request.study)
     prompts = {part.task: wordings.prompts(study, part.task) for part in request.parts()}
@@ -233,7 +218,7 @@ def _wording_study(runner: StudyRunner, request: StudyRequest) -> WordingResult:
         together.append(wordings.together(task, policy, plain, reworded))
         rows += wordings.compared(task, policy, plain, reworded, prompts[task])
     policies = list(dict.fromkeys(row.policy for row in together))
-    return WordingResult(request.study, policies, runner.left_out, together, adjusted(rows))
+    return wordings.WordingResult(request.study, policies, runner.left_out, together, adjusted(rows))
 
 
 def _varied(
@@ -242,24 +227,20 @@ def _varied(
     make: Callable[[Part, Run, list[Trial]], tuple[OperatorSet, list[Variant]]],
 ) -> list[tuple[Run, list[Trial], list[Tried]]]:
     """Each run of random scenes with its judged trials, and the outcomes of the variants made of these."""
-    runs = runner.run_random(request.parts())
-    trials = {
-        part: [trial for trial in distinct(runner.store, run) if trial.outcome.verdict in JUDGED]
-        for part, run in runs.items()
-    }
-    arms = {part: part._replace(arm=request.study) for part in runs}
-    variants = {arms[part]: make(part, run, trials[part]) for part, run in runs.items()}
-    done = runner.run_variants(variants)
-    return [
-        (run, trials[part], tried(runner.store, done.get(arms[part]), variants[arms[part]][1]))
-        for part, run in runs.items()
+    bases = [
+        (part, run, [trial for trial in distinct(runner.store, run) if trial.outcome.verdict in JUDGED])
+        for part, run in runner.run_random(request.parts()).items()
     ]
+    variants = {part._replace(arm=request.study): make(part, run, trials) for part, run, trials in bases}
+    done = runner.run_variants(variants)
+    return [(run, trials, done[part._replace(arm=request.study)]) for part, run, trials in bases]
 
 
 STUDIES: dict[str, Callable[[StudyRunner, StudyRequest], StudyResult]] = {
     "rq1": _stage_study,
     "rq2": _stage_study,
-    **dict.fromkeys(MUTATED, _mutation_study),
+    "rq3": _mutation_study,
+    "rq4": _mutation_study,
     "rq5": _unseen_study,
     "rq6": _wording_study,
     "prompts": _wording_study,

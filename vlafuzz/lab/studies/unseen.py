@@ -7,12 +7,10 @@ from pathlib import Path
 from statistics import fmean, stdev
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vlafuzz.common.statistics import Interval
 from vlafuzz.common.text import Row, percent, points
-from vlafuzz.lab.studies import plots
-from vlafuzz.lab.studies.sheet import Sheet, StudyResult, chance
+from vlafuzz.lab.plots import coloured, save
+from vlafuzz.lab.studies.sheet import Series, Sheet, StudyResult, bars, chance, share_panels
 from vlafuzz.lab.studies.stages import Standing
 from vlafuzz.report.view import Table
 
@@ -65,7 +63,7 @@ def difference(seen: Standing, unseen: Standing) -> Difference:
     """Compare the two runs of a policy in a task."""
     before, after = _success(seen), _success(unseen)
     both = before is not None and after is not None
-    interval = _bootstrap(seen, unseen) if both else None
+    low, high = _bootstrap(seen, unseen) if both else (None, None)
     return Difference(
         task=seen.task,
         policy=seen.policy,
@@ -73,8 +71,8 @@ def difference(seen: Standing, unseen: Standing) -> Difference:
         unseen=unseen,
         relative=(after - before) / before if before and after is not None else None,
         points=after - before if before is not None and after is not None else None,
-        low=interval.low if interval else None,
-        high=interval.high if interval else None,
+        low=low,
+        high=high,
         transfer_seen=transfers(seen),
         transfer_unseen=transfers(unseen),
     )
@@ -93,14 +91,15 @@ def paired_tests(rows: Sequence[Difference]) -> list[PairedTest]:
         before, after = _success(row.seen), _success(row.unseen)
         if before is not None and after is not None:
             by_task.setdefault(row.task, {})[row.policy] = (before, after)
-    tables = list(by_task.values())
-    common = [policy for policy in next(iter(tables), ()) if all(policy in table for table in tables)]
-    means = {
-        policy: (fmean(table[policy][0] for table in tables), fmean(table[policy][1] for table in tables))
-        for policy in common
-    }
-    named = [*by_task.items(), *([("all", means)] if len(tables) > 1 else [])]
-    return [_test(task, list(table.values())) for task, table in named if len(table) >= ENOUGH]
+    if len(by_task) > 1:
+        common = set.intersection(*(set(table) for table in by_task.values()))
+        tables = list(by_task.values())
+        by_task["all"] = {
+            policy: (fmean(table[policy][0] for table in tables), fmean(table[policy][1] for table in tables))
+            for policy in tables[0]
+            if policy in common
+        }
+    return [_test(task, list(table.values())) for task, table in by_task.items() if len(table) >= ENOUGH]
 
 
 def _test(task: str, pairs: Sequence[tuple[float, float]]) -> PairedTest:
@@ -111,18 +110,20 @@ def _test(task: str, pairs: Sequence[tuple[float, float]]) -> PairedTest:
     spread = stdev(differences)
     if spread < 1e-12:
         return PairedTest(task, len(pairs), None, None, None)
-    result = ttest_rel(after, before)
-    return PairedTest(
-        task, len(pairs), float(result.statistic), float(result.pvalue), fmean(differences) / spread
-    )
+    t, p = ttest_rel(after, before)
+    return PairedTest(task, len(pairs), float(t), float(p), fmean(differences) / spread)
 
 
-def _bootstrap(seen: Standing, unseen: Standing) -> Interval | None:
+def _bootstrap(seen: Standing, unseen: Standing) -> tuple[float | None, float | None]:
     from scipy.stats import bootstrap
 
-    before, after = _successes(seen), _successes(unseen)
+    # 1 for each judged scene that succeeded, else 0
+    before, after = (
+        np.repeat([1.0, 0.0], [one.stages[-1].count, one.judged - one.stages[-1].count])
+        for one in (seen, unseen)
+    )
     if min(len(before), len(after)) < 2 or (len({*before}) == 1 and len({*after}) == 1):
-        return None
+        return None, None
     bounds = bootstrap(
         (after, before),
         lambda x, y, axis: x.mean(axis=axis) - y.mean(axis=axis),
@@ -130,13 +131,7 @@ def _bootstrap(seen: Standing, unseen: Standing) -> Interval | None:
         method="percentile",
         rng=np.random.default_rng(0),
     ).confidence_interval
-    return Interval(float(bounds.low), float(bounds.high))
-
-
-def _successes(standing: Standing) -> NDArray[np.float64]:
-    """1 for each judged scene that succeeded, else 0."""
-    count = standing.stages[-1].count
-    return np.repeat([1.0, 0.0], [count, standing.judged - count])
+    return float(bounds.low), float(bounds.high)
 
 
 def _success(standing: Standing) -> float | None:
@@ -185,17 +180,17 @@ class UnseenResult(StudyResult):
     def _plot(self, path: Path) -> None:
         """Stages with seen objects, pale, beside those with unseen ones; a panel per task."""
         tasks = list(dict.fromkeys(row.task for row in self.differences))
-        figure, every = plots.panels(self.title, tasks, "share of scenes")
-        colours = plots.coloured(self.policies)
+        figure, every = share_panels(self.title, tasks, "share of scenes")
+        colours = coloured(self.policies)
         for axes, task in zip(every, tasks, strict=True):
             rows = [row for row in self.differences if row.task == task]
             series = [
-                plots.Series(f"{row.policy}, {name}", standing.stages, colours[row.policy], alpha)
+                Series(f"{row.policy}, {name}", standing.stages, colours[row.policy], alpha)
                 for row in rows
                 for name, standing, alpha in (("seen", row.seen, 0.4), ("unseen", row.unseen, 1.0))
             ]
-            plots.bars(axes, [stage.stage for stage in rows[0].seen.stages], series)
-        plots.save(figure, path)
+            bars(axes, [stage.stage for stage in rows[0].seen.stages], series)
+        save(figure, path)
 
 
 def _row(row: Difference) -> Row:

@@ -1,6 +1,6 @@
 """RQ6 and the prompts of the paper's discussion: the same scenes with other instructions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -8,12 +8,12 @@ from typing import Any, Literal, NamedTuple, cast
 
 import yaml
 
-from vlafuzz.common.statistics import Share
+from vlafuzz.common.statistics import Share, sign_test
 from vlafuzz.common.text import Row, points
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.studies import plots
+from vlafuzz.lab.plots import coloured, save
 from vlafuzz.lab.studies.runner import Tried, Variant
-from vlafuzz.lab.studies.sheet import Sheet, StudyResult, Tested, chance
+from vlafuzz.lab.studies.sheet import Series, Sheet, StudyResult, Tested, bars, chance, share_panels
 from vlafuzz.lab.studies.stages import Reached, reached
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -111,18 +111,31 @@ def compared(
 
     The variants were made from the scenes of the ``plain`` outcomes, all of which were judged.
     """
-    wordings = [Prompt(PLAIN, (load_wordings()[task][0],)), *prompts]
-    outcomes: dict[str, dict[int, Outcome]] = {prompt.name: {} for prompt in wordings}
-    outcomes[PLAIN] = dict(enumerate(plain))
-    errors = dict.fromkeys(outcomes, 0)
-    for result in tried:
-        if result.judged:
-            outcomes[result.variant.arm][result.variant.origin] = result.outcome
-        errors[result.variant.arm] += result.outcome.verdict is Verdict.ERROR
-    return [
-        _reworded(task, policy, prompt, plain, outcomes[prompt.name], errors[prompt.name])
-        for prompt in wordings
-    ]
+    rows = []
+    for prompt in [Prompt(PLAIN, (load_wordings()[task][0],)), *prompts]:
+        results = [result for result in tried if result.variant.arm == prompt.name]
+        outcomes = {result.variant.origin: result.outcome for result in results if result.judged}
+        if prompt.name == PLAIN:
+            outcomes = dict(enumerate(plain))
+        pairs = [
+            (plain[origin].verdict is Verdict.PASSED, now.verdict is Verdict.PASSED)
+            for origin, now in outcomes.items()
+        ]
+        lost, gained = pairs.count((True, False)), pairs.count((False, True))
+        row = Reworded(
+            task=task,
+            policy=policy,
+            prompt=prompt.name,
+            says=prompt.says,
+            stages=reached(task, list(outcomes.values())),
+            plain=Share.of_counts(sum(was for was, _ in pairs), len(pairs)),
+            lost=lost,
+            gained=gained,
+            errors=sum(result.outcome.verdict is Verdict.ERROR for result in results),
+            p=None if prompt.name == PLAIN else sign_test(lost, gained),
+        )
+        rows.append(row)
+    return rows
 
 
 def together(task: str, policy: str, plain: Sequence[Outcome], tried: Sequence[Tried]) -> Together:
@@ -130,38 +143,6 @@ def together(task: str, policy: str, plain: Sequence[Outcome], tried: Sequence[T
     cases = [(result.variant.origin, result.passed) for result in tried if result.judged]
     passed = [outcome.verdict is Verdict.PASSED for outcome in plain]
     return Together(task, policy, Share.of_counts(sum(passed), len(passed)), Share.grouped(cases))
-
-
-def _reworded(
-    task: str,
-    policy: str,
-    prompt: Prompt,
-    plain: Sequence[Outcome],
-    outcomes: Mapping[int, Outcome],
-    errors: int,
-) -> Reworded:
-    before = [plain[origin].verdict is Verdict.PASSED for origin in outcomes]
-    after = [outcome.verdict is Verdict.PASSED for outcome in outcomes.values()]
-    lost = sum(old and not new for old, new in zip(before, after, strict=True))
-    gained = sum(new and not old for old, new in zip(before, after, strict=True))
-    return Reworded(
-        task=task,
-        policy=policy,
-        prompt=prompt.name,
-        says=prompt.says,
-        stages=reached(task, list(outcomes.values())),
-        plain=Share.of_counts(sum(before), len(before)),
-        lost=lost,
-        gained=gained,
-        errors=errors,
-        p=None if prompt.name == PLAIN else _sign_test(lost, gained),
-    )
-
-
-def _sign_test(lost: int, gained: int) -> float:
-    from scipy.stats import binomtest
-
-    return float(binomtest(lost, lost + gained).pvalue) if lost + gained else 1.0
 
 
 @cache
@@ -206,18 +187,18 @@ class WordingResult(StudyResult):
         """Success with each prompt, a panel per task."""
         many = self.study == "rq6"
         columns, width = (2, 6.0) if many else (4, 3.2)
-        figure, every = plots.panels(self.title, self._tasks(), "success", columns=columns, width=width)
-        colours = plots.coloured(self.policies)
+        figure, every = share_panels(self.title, self._tasks(), "success", columns=columns, width=width)
+        colours = coloured(self.policies)
         for axes, task in zip(every, self._tasks(), strict=True):
             rows = {(row.prompt, row.policy): row for row in self.prompts if row.task == task}
             prompts = list(dict.fromkeys(prompt for prompt, _ in rows))
             series = [
-                plots.Series(policy, [rows[name, policy].stages[-1] for name in prompts], colours[policy])
+                Series(policy, [rows[name, policy].stages[-1] for name in prompts], colours[policy])
                 for policy in dict.fromkeys(policy for _, policy in rows)
             ]
-            plots.bars(axes, [name.removeprefix("paraphrase ") for name in prompts], series)
+            bars(axes, [name.removeprefix("paraphrase ") for name in prompts], series)
             axes.set_xlabel("paraphrase" if many else "")
-        plots.save(figure, path)
+        save(figure, path)
 
     def _tasks(self) -> list[str]:
         return list(dict.fromkeys(row.task for row in self.prompts))

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.search.toy import Region, Signal, Toy, among, band, near, read
 from tests.search.worlds import CATALOGUE, EASY, sampled, space
-from vlafuzz.lab.toy import Region, Signal, Toy, among, band, near, read
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Camera, Light, Scene
 from vlafuzz.search.scoring import score
