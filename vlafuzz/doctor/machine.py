@@ -11,7 +11,6 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vlafuzz import __version__
 from vlafuzz.common import assets
@@ -19,9 +18,6 @@ from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.capabilities import Drawing, Equipped
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
 LITTLE_DISK = 1e9  # bytes: some thousand videos
@@ -41,36 +37,29 @@ for name in sys.argv[1:]:
 def machine(watch: Watch = SILENT) -> Iterator[Check]:
     """All checks; they take some seconds, mostly for loading the simulator three times."""
     watch.note("some twenty seconds, mostly for rolling out and drawing a scene in two processes")
-    yield check_python()
+    fits = PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]
+    hint = "" if fits else "hint: use Python 3.11 or 3.12"
+    yield Check("python", platform.python_version(), "ok" if fits else "warn", hint)
     yield check_vlafuzz()
     try:
-        world = _equipped()
+        from vlafuzz.worlds import world_with
+        from vlafuzz.worlds.capabilities import Equipped
+
+        world = world_with(Equipped)
     except ImportError as error:  # of what the package itself needs
         yield Check("packages", f"ImportError: {error}", "refuse", "nothing runs; hint: run scripts/setup")
         return
     packages = list(check_packages(world.packages()))
     yield from packages
-    yield check_cores()
+    workers = plural(most_workers(), "worker")
+    yield Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
     drawing = world.try_drawing()
-    yield check_drawing(drawing)
+    yield Check("renderer", drawing.name, "ok" if drawing.works else "warn", drawing.follows)
     cache = check_cache(assets.cache_dir())
     yield cache
     yield check_disk(Path.cwd())
     if all(check.verdict != "refuse" for check in [*packages, cache]):
         yield from check_sameness(pictures=drawing.works)
-
-
-def _equipped() -> Equipped:
-    from vlafuzz.worlds import world_with
-    from vlafuzz.worlds.capabilities import Equipped
-
-    return world_with(Equipped)
-
-
-def check_python() -> Check:
-    fits = PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]
-    hint = "" if fits else "hint: use Python 3.11 or 3.12"
-    return Check("python", platform.python_version(), "ok" if fits else "warn", hint)
 
 
 def check_vlafuzz() -> Check:
@@ -97,15 +86,6 @@ def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
             yield Check(name, version, "ok")
         else:
             yield Check(name, f"{version}: {problem}", "refuse", f"{follows}; hint: run scripts/setup")
-
-
-def check_cores() -> Check:
-    workers = plural(most_workers(), "worker")
-    return Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
-
-
-def check_drawing(drawing: Drawing) -> Check:
-    return Check("renderer", drawing.name, "ok" if drawing.works else "warn", drawing.follows)
 
 
 def check_cache(folder: Path) -> Check:

@@ -3,7 +3,6 @@
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.doctor.recorder import Moment
-from vlafuzz.policies.base import Finishing, Observation, Outlines, Policy, PolicySpec
+from vlafuzz.policies.base import Finishing, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
 from vlafuzz.policies.harness import blamed_on, check_chunks
 
@@ -51,10 +50,18 @@ class Answers:
         self._spread = float(np.mean(pairs)) if pairs else 0.0
 
     def change(self, probed: Sequence[Array]) -> Change:
-        """The change to the probed answers, beyond the noise, which moves both answers alike."""
-        moved = self._distances(probed)
-        size = self.relative(max(float(np.mean(moved - self.noise)), 0.0))
-        return Change(size, size >= HARDLY and (not self.noise.any() or _greater(moved - self.noise)))
+        """The change to the probed answers, beyond the noise, which moves both answers alike.
+
+        With noise it is clear where Wilcoxon's signed-rank test finds it significant.
+        """
+        from scipy.stats import wilcoxon
+
+        more = self._distances(probed) - self.noise
+        size = self.relative(max(float(np.mean(more)), 0.0))
+        clear = size >= HARDLY
+        if clear and self.noise.any():
+            clear = bool(wilcoxon(more, alternative="greater").pvalue <= ALPHA)
+        return Change(size, clear)
 
     def relative(self, distance: float) -> float:
         """A distance relative to the mean distance between the answers to different moments."""
@@ -79,13 +86,6 @@ def apart(spec: PolicySpec, a: Array, b: Array) -> float:
     gripper = 2.0 if action.gripper.endswith("01") else 1.0
     units = np.array([action.position_scale / 0.01] * 3 + [action.rotation_scale / 0.1] * 3 + [gripper])
     return float(np.sqrt(np.mean(((a[:steps] - b[:steps]) * units) ** 2)))
-
-
-def _greater(differences: Array) -> bool:
-    """Whether the differences are significantly positive, by Wilcoxon's signed-rank test."""
-    from scipy.stats import wilcoxon
-
-    return bool(differences.any() and wilcoxon(differences, alternative="greater").pvalue <= ALPHA)
 
 
 class Interview:
@@ -190,7 +190,7 @@ def ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
 
     A broken connection is retried before its PolicyError is raised.
     """
-    return with_retries(lambda: _ask(policy, moments))
+    return with_retries(lambda: [*_answers(policy, moments, 1)])[0]
 
 
 def seconds_at_once(policy: Policy, moments: Sequence[Moment]) -> float:
@@ -198,33 +198,24 @@ def seconds_at_once(policy: Policy, moments: Sequence[Moment]) -> float:
 
     The first call takes longer, and a server may not know yet how many rollouts there are.
     """
-    return with_retries(lambda: min(_timed(policy, moments)))
+
+    def times() -> list[float]:
+        began = time.perf_counter()
+        return [began, *(time.perf_counter() for _ in _answers(policy, moments, TIMED))]
+
+    return float(np.diff(with_retries(times)).min())
 
 
-def _timed(policy: Policy, moments: Sequence[Moment]) -> list[float]:
-    with _rollouts(policy, moments) as shown:
-        times = [time.perf_counter()]
-        for step in range(TIMED):
-            answers = policy.act([replace(seen, step=step) for seen in shown])
-            check_chunks(answers, len(shown), policy.spec.name)
-            times.append(time.perf_counter())
-    return np.diff(times).tolist()
-
-
-def _ask(policy: Policy, moments: Sequence[Moment]) -> list[Array]:
-    with _rollouts(policy, moments) as shown:
-        return check_chunks(policy.act(shown), len(shown), policy.spec.name)
-
-
-@contextmanager
-def _rollouts(policy: Policy, moments: Sequence[Moment]) -> Iterator[list[Observation]]:
-    """A rollout of its own for each moment, and its observation there."""
+def _answers(policy: Policy, moments: Sequence[Moment], steps: int) -> Iterator[list[Array]]:
+    """The answers to the moments at each of so many steps of rollouts of their own."""
     begun = [replace(moment.start, episode=f"checkup-{next(_numbers)}") for moment in moments]
-    pairs = zip(moments, begun, strict=True)
     try:
         with blamed_on(policy.spec.name):
             policy.reset(begun)
-            yield [replace(moment.seen, episode=start.episode, step=0) for moment, start in pairs]
+            for step in range(steps):
+                pairs = zip(moments, begun, strict=True)
+                shown = [replace(of.seen, episode=start.episode, step=step) for of, start in pairs]
+                yield check_chunks(policy.act(shown), len(shown), policy.spec.name)
     finally:
         if isinstance(policy, Finishing):
             policy.finish(begun)

@@ -12,7 +12,7 @@ most ``ALPHA``, whatever the distribution of the gains (Waudby-Smith and Ramdas 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import cycle
 from statistics import fmean
 
@@ -27,8 +27,7 @@ from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
-Matrix = Sequence[Sequence[int]]
-_SAME = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+Pair = tuple[Scene, Outcome]
 FEWEST = 2  # failures among successes from which on a fault of wiring is looked for
 SCREENED = 2  # failed scenes in which every correction is tried
 CLEARLY = 0.1  # mean gain in progress from which on a correction is worth a word
@@ -43,7 +42,7 @@ _STAKES = np.array([0.5, 0.95])
 _SPLIT = np.array([1, 2]) / 3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Correction:
     """A transformation of pictures on their way to the policy, or of actions on their way back.
 
@@ -57,21 +56,33 @@ class Correction:
     picture: Callable[[Picture], Picture] | None = None
 
 
+Roll = Callable[[Scene, Correction | None], Outcome]
+
+
 class Corrected(Lent):
     """A policy with an exchangeable correction; None for the policy as it is."""
 
     correction: Correction | None = None
 
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
-        correction = self.correction
-        if correction is None:
+        if self.correction is None:
             return super().act(observations)
-        if correction.picture is not None:
-            observations = [_pictured(seen, correction.picture) for seen in observations]
+        if change := self.correction.picture:
+            observations = [
+                replace(
+                    seen, images={name: np.ascontiguousarray(change(p)) for name, p in seen.images.items()}
+                )
+                for seen in observations
+            ]
         chunks = super().act(observations)
-        if correction.actions is None:
+        if (convert := self.correction.actions) is None:
             return chunks
-        return [ActionChunk(correction.actions(np.array(chunk.actions), self.spec)) for chunk in chunks]
+        return [ActionChunk(convert(np.array(chunk.actions), self.spec)) for chunk in chunks]
+
+
+def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observation:
+    images = {name: np.ascontiguousarray(change(picture)) for name, picture in seen.images.items()}
+    return replace(seen, images=images)
 
 
 def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
@@ -83,40 +94,29 @@ def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
     return [*_ACTIONS, *late, *(_PICTURES if spec.cameras else ()), *_LENGTHS]
 
 
-def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observation:
-    images = {name: np.ascontiguousarray(change(picture)) for name, picture in seen.images.items()}
-    return replace(seen, images=images)
-
-
-def _axes(fault: str, moves: Matrix = _SAME, turns: Matrix = _SAME) -> Correction:
-    """Translations and rotations in another frame, by ``(3, 3)`` matrices."""
+def _turned(fault: str, moves: object, turns: object = None, advice: str = "") -> Correction:
+    """Translations and rotations in another frame, by ``(3, 3)`` matrices; None for the same one."""
+    both = [np.eye(3) if matrix is None else np.array(matrix) for matrix in (moves, turns)]
 
     def actions(chunk: Array, _: PolicySpec) -> Array:
-        chunk[:, :3] = chunk[:, :3] @ np.transpose(moves)
-        chunk[:, 3:6] = chunk[:, 3:6] @ np.transpose(turns)
-        return chunk
+        return np.hstack([chunk[:, :3] @ both[0].T, chunk[:, 3:6] @ both[1].T, chunk[:, 6:]])
 
-    advice = "give moves and turns in the frame of the robot's base"
-    return Correction(fault=fault, advice=advice, actions=actions)
+    return Correction(fault, advice or "give moves and turns in the frame of the robot's base", actions)
 
 
 def _scaled(factor: float) -> Correction:
-
-    def actions(chunk: Array, _: PolicySpec) -> Array:
-        chunk[:, :3] *= factor
-        return chunk
-
     scale = f"{factor:g} times" if factor > 1 else f"1/{1 / factor:g} of"
     advice = f"make position_scale about {scale} its present value"
-    return Correction(fault="its moves have the wrong length", advice=advice, actions=actions)
+    by = np.array([factor] * 3 + [1.0] * 4)
+    return Correction("its moves have the wrong length", advice, lambda chunk, _: chunk * by)
 
 
 def _late(number: int) -> Correction:
     steps = f"{number} step{'s' * (number > 1)}"
     return Correction(
-        fault=f"its chunks begin {steps} too early",
-        advice=f"begin chunks with the action for the current step: the first {steps} are in the past",
-        actions=lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
+        f"its chunks begin {steps} too early",
+        f"begin chunks with the action for the current step: the first {steps} are in the past",
+        lambda chunk, _: chunk[number:] if len(chunk) > number else chunk,
     )
 
 
@@ -125,79 +125,66 @@ def _grip(chunk: Array, spec: PolicySpec) -> Array:
     return chunk
 
 
-_QUARTER = ((0, -1, 0), (1, 0, 0), (0, 0, 1))
-_BACK = ((0, 1, 0), (-1, 0, 0), (0, 0, 1))
-_HALF = ((-1, 0, 0), (0, -1, 0), (0, 0, 1))
+_QUARTER = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
+_HALF = np.diag([-1, -1, 1])
 _ACTIONS = (
-    _axes("x and y of its moves are swapped", ((0, 1, 0), (1, 0, 0), (0, 0, 1))),
-    _axes("x of its moves has the wrong sign", ((-1, 0, 0), (0, 1, 0), (0, 0, 1))),
-    _axes("y of its moves has the wrong sign", ((1, 0, 0), (0, -1, 0), (0, 0, 1))),
-    _axes("z of its moves has the wrong sign", ((1, 0, 0), (0, 1, 0), (0, 0, -1))),
-    _axes("its frame is turned by a quarter about z", _QUARTER, _QUARTER),
-    _axes("its frame is turned by a quarter about z", _BACK, _BACK),
-    _axes("its frame is turned by half about z", _HALF, _HALF),
-    replace(
-        _axes("its yaw has the wrong sign", turns=((1, 0, 0), (0, 1, 0), (0, 0, -1))),
-        advice="turn it the other way: a negative rotation_scale, if the other turns are wrong, too",
+    _turned("x and y of its moves are swapped", [[0, 1, 0], [1, 0, 0], [0, 0, 1]]),
+    *(
+        _turned(f"{axis} of its moves has the wrong sign", np.diag(1 - 2 * np.eye(3, dtype=int)[number]))
+        for number, axis in enumerate("xyz")
     ),
-    Correction(
-        fault="its gripper opens where it should close",
-        advice="give the other convention of gripper=",
-        actions=_grip,
+    _turned("its frame is turned by a quarter about z", _QUARTER, _QUARTER),
+    _turned("its frame is turned by a quarter about z", _QUARTER.T, _QUARTER.T),
+    _turned("its frame is turned by half about z", _HALF, _HALF),
+    _turned(
+        "its yaw has the wrong sign",
+        None,
+        np.diag([1, 1, -1]),
+        "turn it the other way: a negative rotation_scale, if the other turns are wrong, too",
     ),
+    Correction("its gripper opens where it should close", "give the other convention of gripper=", _grip),
 )
 _LENGTHS = tuple(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20))
 _PICTURES = (
     Correction(
-        fault="it gets red and blue exchanged",
-        advice="its model was trained on BGR pictures: exchange the channels before the model sees them",
+        "it gets red and blue exchanged",
+        "its model was trained on BGR pictures: exchange the channels before the model sees them",
         picture=lambda picture: picture[..., ::-1],
     ),
     Correction(
-        fault="it gets its pictures upside down",
-        advice="flip them before the model sees them",
+        "it gets its pictures upside down",
+        "flip them before the model sees them",
         picture=lambda picture: picture[::-1],
     ),
     Correction(
-        fault="it gets its pictures mirrored",
-        advice="mirror them before the model sees them",
+        "it gets its pictures mirrored",
+        "mirror them before the model sees them",
         picture=lambda picture: picture[:, ::-1],
     ),
     Correction(
-        fault="it gets its pictures turned by half",
-        advice="turn them by 180 degrees before the model sees them, as LIBERO requires",
+        "it gets its pictures turned by half",
+        "turn them by 180 degrees before the model sees them",
         picture=lambda picture: picture[::-1, ::-1],
     ),
 )
 
 
-Roll = Callable[[Scene, Correction | None], Outcome]
-
-
-@dataclass
 class Trial:
-    """One correction in further scenes.
+    """One correction in further scenes: progress without it and with it, and how many it solved."""
 
-    ``gains``: in progress. ``without``, ``corrected``: progress, summed. ``solved``: scenes, with it.
-    """
-
-    gains: list[float] = field(default_factory=list)
-    without: float = 0.0
-    corrected: float = 0.0
-    solved: int = 0
+    def __init__(self) -> None:
+        self.progress: list[tuple[float, float]] = []
+        self.solved = 0
 
     def see(self, without: Outcome, corrected: Outcome) -> None:
         """Add a scene; it does not count if a rollout was invalid or broke."""
-        if min(without.verdict, corrected.verdict) < Verdict.PASSED:
-            return
-        self.gains.append(corrected.progress - without.progress)
-        self.without += without.progress
-        self.corrected += corrected.progress
-        self.solved += corrected.verdict is Verdict.PASSED
+        if min(without.verdict, corrected.verdict) >= Verdict.PASSED:
+            self.progress.append((without.progress, corrected.progress))
+            self.solved += corrected.verdict is Verdict.PASSED
 
     def wealth(self, bound: float, more: int = 0) -> float:
         """Wealth of the bettor, from 1, after these and ``more`` of the largest possible gains."""
-        gains = np.array([*self.gains, *[1.0] * more])
+        gains = np.array([*(corrected - without for without, corrected in self.progress), *[1.0] * more])
         return float(_SPLIT @ (1 + np.outer(_STAKES / (1 + bound), gains - bound)).prod(axis=1))
 
     def adds(self, bound: float) -> bool:
@@ -206,10 +193,7 @@ class Trial:
 
 
 def check_wiring(
-    outcomes: Sequence[tuple[Scene, Outcome]],
-    fresh: Iterable[Scene],
-    candidates: Sequence[Correction],
-    roll: Roll,
+    outcomes: Sequence[Pair], fresh: Iterable[Scene], candidates: Sequence[Correction], roll: Roll
 ) -> Check:
     """Try all corrections where the policy failed, then the best of them in similar scenes.
 
@@ -225,11 +209,11 @@ def check_wiring(
     best, gain = _best(failed, candidates, roll)
     if gain > CLEARLY:
         trial = _try(best, _alike([scene for scene, _ in failed], fresh), roll)
-        pairs = len(trial.gains)
-        miswired = trial.adds(SHIFT)
+        miswired, pairs = trial.adds(SHIFT), len(trial.progress)
         suspicious = trial.adds(CLEARLY) and trial.solved >= RELIABLY * pairs
         if (miswired or suspicious) and _keeps(best, outcomes, roll):
-            rise = f"raises its progress from {trial.without / pairs:.2f} to {trial.corrected / pairs:.2f}"
+            without, corrected = np.mean(trial.progress, axis=0)
+            rise = f"raises its progress from {without:.2f} to {corrected:.2f}"
             detail = f"{best.fault}: correcting this {rise} in {pairs} scenes like those that failed"
             if miswired:
                 return Check("wiring", detail, "refuse", f"miswired: {best.advice}")
@@ -250,9 +234,7 @@ def most_rollouts(candidates: Sequence[Correction]) -> int:
     return SCREENED * len(candidates) + 2 * MOST + KEPT
 
 
-def _best(
-    failed: Sequence[tuple[Scene, Outcome]], candidates: Sequence[Correction], roll: Roll
-) -> tuple[Correction, float]:
+def _best(failed: Sequence[Pair], candidates: Sequence[Correction], roll: Roll) -> tuple[Correction, float]:
     """The correction with the largest mean gain; the search stops when all scenes pass with one.
 
     Beyond the first scene only those are tried that raised the progress there, or all if none did.
@@ -275,7 +257,7 @@ def _best(
     return best, fmean(gains[best])
 
 
-def _keeps(correction: Correction, outcomes: Sequence[tuple[Scene, Outcome]], roll: Roll) -> bool:
+def _keeps(correction: Correction, outcomes: Sequence[Pair], roll: Roll) -> bool:
     """Whether at least half of the scenes solved without the correction are solved with it."""
     solved = [scene for scene, outcome in outcomes if outcome.verdict is Verdict.PASSED][:KEPT]
     return 2 * sum(roll(scene, correction).verdict is Verdict.PASSED for scene in solved) >= len(solved)

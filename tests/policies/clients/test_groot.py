@@ -77,12 +77,7 @@ class TestFrames:
 
 class TestConversation:
     def test_an_observation_has_the_models_keys(self):
-        keys = {
-            "video": ["image", "wrist_image"],
-            "state": [*NAMES],
-            "action": [*NAMES],
-            "language": [TASK],
-        }
+        keys = {"video": ["image", "wrist_image"], "state": [*NAMES], "action": [*NAMES], "language": [TASK]}
         with served([parts(STILL[None]), {}], modalities=config(keys)) as (name, requests):
             policy = make_policy(f"{name}?profile=libero&camera=48x32")
             policy.reset([start("one")])

@@ -133,11 +133,7 @@ class TestFitting:
                 "its actions have 7 numbers, a hand's have 10 with rot6d",
             ),
             ("profile=libero", replace(ACT, actions=14), "its actions have 14 numbers"),
-            (
-                "profile=libero&execute=4",
-                STEPWISE,
-                "remembers past",
-            ),
+            ("profile=libero&execute=4", STEPWISE, "remembers past"),
         ],
     )
     def test_what_does_not_go_together_is_refused(self, query, card, says):

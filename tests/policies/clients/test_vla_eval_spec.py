@@ -9,22 +9,22 @@ from scipy.spatial.transform import Rotation
 from tests.policies.clients.served import HELLO, STATE
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.clients.conventions import LAYOUTS, OWN
+from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN
 from vlafuzz.policies.clients.options import VlaEvalOptions
 from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
 
-RGB = "rgb_hwc_uint8"
+RGB, BOTH = "rgb_hwc_uint8", ["third_person", "wrist"]
+OTHER = "eef_pos3_quat4_gripper1"
+OFT = {"num_images_in_input": 2, "use_proprio": True}
+GROOT = {"invert_gripper": False, "_extra_obs_params": {}}
 
 
-def hello(**declared: dict) -> Hello:
+def hello(action: dict = {}, observation: dict = {}, params: dict = {}) -> Hello:  # noqa: B006
     specs = {
-        f"{part}_spec": {
-            name: {"name": name, "dims": 0, "format": kind} for name, kind in declared[part].items()
-        }
-        for part in ("action", "observation")
-        if part in declared
+        f"{part}_spec": {name: {"name": name, "dims": 0, "format": kind} for name, kind in declared.items()}
+        for part, declared in (("action", action), ("observation", observation))
     }
-    return Hello.model_validate(HELLO | specs | {"observation_params": declared.get("params", {})})
+    return Hello.model_validate(HELLO | specs | {"observation_params": params})
 
 
 def model(greeting: Hello, **options: object) -> DeclaredModel:
@@ -41,17 +41,9 @@ class TestSpec:
         [
             ({}, "axis_angle", "open_positive"),
             ({"actions": "raw"}, "axis_angle", "open_positive"),
-            (
-                {"position": "delta_xyz", "rotation": "axis_angle", "gripper": "binary_close_positive"},
-                "axis_angle",
-                "close_positive",
-            ),
-            (
-                {"position": "delta_xyz", "rotation": "euler_xyz", "gripper": "continuous_01"},
-                "rpy",
-                "open_01",
-            ),
-            ({"gripper": "binary_close_negative"}, "axis_angle", "open_positive"),
+            ({"rotation": "axis_angle", "gripper": "binary_close_positive"}, "axis_angle", "close_positive"),
+            ({"rotation": "euler_xyz", "gripper": "continuous_01"}, "rpy", "open_01"),
+            ({"position": "delta_xyz", "gripper": "binary_close_negative"}, "axis_angle", "open_positive"),
             ({"gripper": "binary_close_01"}, "axis_angle", "close_01"),
             ({"gripper": "raw", "rotation": "raw"}, "axis_angle", "open_positive"),
         ],
@@ -59,9 +51,8 @@ class TestSpec:
     def test_actions(self, declared, rotation, gripper):
         action = spec(hello(action=declared)).action
         assert (action.rotation, action.gripper) == (rotation, gripper)
-        assert spec(hello(action=declared), gripper="close_01", rotation="euler_xyz").action == ActionSpec(
-            rotation="euler_xyz", gripper="close_01"
-        )
+        overridden = spec(hello(action=declared), gripper="close_01", rotation="euler_xyz").action
+        assert overridden == ActionSpec(rotation="euler_xyz", gripper="close_01")
 
     @pytest.mark.parametrize(
         ("declared", "says"),
@@ -70,7 +61,6 @@ class TestSpec:
             ({"rotation": "quaternion_xyzw"}, "rotation 'quaternion_xyzw'"),
             ({"gripper": "binary_open_01"}, "gripper 'binary_open_01'"),
             ({"joints": "joint_pos_abs", "gripper": "continuous_01"}, "actions have joints 'joint_pos_abs'"),
-            ({"position": "delta_xyz", "base_motion": "base_velocity3_torso1"}, "actions have base_motion"),
         ],
     )
     def test_actions_that_are_not_supported(self, declared, says):
@@ -79,32 +69,26 @@ class TestSpec:
         assert caught.value.hint.startswith("supported: ")
 
     @pytest.mark.parametrize(
-        ("greeting", "options", "roles"),
+        ("declared", "options", "roles"),
         [
-            (hello(), {}, ["third_person"]),
-            (hello(observation={"image": RGB, "language": "language"}), {}, ["third_person"]),
-            (hello(observation={"image": RGB, "wrist_image": RGB}), {}, ["third_person", "wrist"]),
-            (
-                hello(observation={"image": RGB}, params={"send_wrist_image": True}),
-                {},
-                ["third_person", "wrist"],
-            ),
-            (hello(params={"send_wrist_image": True}), {"wrist": "0"}, ["third_person"]),
-            (hello(), {"wrist": "1"}, ["third_person", "wrist"]),
-            (hello(observation={"state": "raw"}), {}, []),
-            (hello(observation={"state": "raw"}), {"camera": "128"}, ["third_person"]),
-            (hello(observation={"image": RGB}), {"camera": "0"}, []),
-            (hello(observation={"a": RGB, "b": RGB, "c": RGB}), {"wrist": "1"}, ["third_person", "wrist"]),
+            ({}, {}, BOTH[:1]),
+            ({"observation": {"image": RGB, "language": "language"}}, {}, BOTH[:1]),
+            ({"observation": {"image": RGB, "wrist_image": RGB}}, {}, BOTH),
+            ({"observation": {"image": RGB}, "params": {"send_wrist_image": True}}, {}, BOTH),
+            ({"params": {"send_wrist_image": True}}, {"wrist": "0"}, BOTH[:1]),
+            ({}, {"wrist": "1"}, BOTH),
+            ({"observation": {"state": "raw"}}, {}, []),
+            ({"observation": {"state": "raw"}}, {"camera": "128"}, BOTH[:1]),
+            ({"observation": {"image": RGB}}, {"camera": "0"}, []),
+            ({"observation": {"a": RGB, "b": RGB, "c": RGB}}, {"wrist": "1"}, BOTH),
         ],
     )
-    def test_pictures(self, greeting, options, roles):
-        assert [camera.role for camera in spec(greeting, **options).cameras] == roles
+    def test_pictures(self, declared, options, roles):
+        assert [camera.role for camera in spec(hello(**declared), **options).cameras] == roles
 
     def test_pictures_have_224_pixels_unless_told_otherwise(self):
-        assert spec(hello(), wrist="1").cameras == (
-            CameraRequest("front", 224, 224),
-            CameraRequest("wrist", 224, 224, "wrist"),
-        )
+        front, wrist = CameraRequest("front", 224, 224), CameraRequest("wrist", 224, 224, "wrist")
+        assert spec(hello(), wrist="1").cameras == (front, wrist)
         assert spec(hello(), camera="320x240").cameras == (CameraRequest("front", 320, 240),)
 
     def test_three_pictures_are_too_many(self):
@@ -112,33 +96,21 @@ class TestSpec:
             spec(hello(observation={"a": RGB, "b": RGB, "c": RGB}))
 
     @pytest.mark.parametrize(
-        ("greeting", "option", "layout"),
+        ("declared", "option", "layout"),
         [
-            (hello(), None, None),
-            (hello(), "1", OWN),
-            (hello(params={"send_state": True}), None, OWN),
-            (hello(params={"send_state": True}), "0", None),
-            (hello(params={"send_state": False}), None, None),
-            (hello(observation={"state": "raw"}), None, OWN),
-            (
-                hello(observation={"state": "eef_pos3_axisangle3_gripper2"}),
-                None,
-                "eef_pos3_axisangle3_gripper2",
-            ),
-            (
-                hello(observation={"state": "eef_pos3_axisangle3_gripper2"}),
-                "1",
-                "eef_pos3_axisangle3_gripper2",
-            ),
-            (
-                hello(observation={"state": "joint_positions"}),
-                "eef_pos3_quat4_gripper1",
-                "eef_pos3_quat4_gripper1",
-            ),
+            ({}, None, None),
+            ({}, "1", OWN),
+            ({"params": {"send_state": True}}, None, OWN),
+            ({"params": {"send_state": True}}, "0", None),
+            ({"params": {"send_state": False}}, None, None),
+            ({"observation": {"state": "raw"}}, None, OWN),
+            ({"observation": {"state": MEASURED}}, None, MEASURED),
+            ({"observation": {"state": MEASURED}}, "1", MEASURED),
+            ({"observation": {"state": "joint_positions"}}, OTHER, OTHER),
         ],
     )
-    def test_proprioception(self, greeting, option, layout):
-        described = model(greeting, state=option)
+    def test_proprioception(self, declared, option, layout):
+        described = model(hello(**declared), state=option)
         assert described.layout == layout
         assert described.spec.state is (layout is not None)
 
@@ -153,13 +125,8 @@ class TestSpec:
             spec(hello(action={"actions": "raw"}, params={"absolute_action": True}))
 
     def test_it_says_where_its_conventions_come_from(self):
-        greeting = hello(action={"rotation": "euler_xyz"})
-        assert spec(greeting, gripper="open_01").provenance == {
-            "server": "Scripted",
-            "rotation": "server",
-            "gripper": "option",
-            "state": "none",
-        }
+        told = spec(hello(action={"rotation": "euler_xyz"}), gripper="open_01").provenance
+        assert told == {"server": "Scripted", "rotation": "server", "gripper": "option", "state": "none"}
         assert spec(hello()).provenance["gripper"] == "default"
 
     def test_no_server_is_deterministic_unless_told_so(self):
@@ -171,18 +138,8 @@ class TestSpec:
     ("module", "name", "weights", "expected"),
     [
         ("openvla", "OpenVLAModelServer", {}, ("axis_angle", "close_positive", 1, None)),
-        (
-            "oft",
-            "OFTModelServer",
-            {"num_images_in_input": 2, "use_proprio": True},
-            ("axis_angle", "close_positive", 2, "eef_pos3_axisangle3_gripper2"),
-        ),
-        (
-            "groot",
-            "GR00TModelServer",
-            {"invert_gripper": False, "_extra_obs_params": {}},
-            ("rpy", "open_01", 1, OWN),
-        ),
+        ("oft", "OFTModelServer", OFT, ("axis_angle", "close_positive", 2, MEASURED)),
+        ("groot", "GR00TModelServer", GROOT, ("rpy", "open_01", 1, OWN)),
         ("cogact", "CogACTModelServer", {}, ("axis_angle", "open_positive", 1, None)),
     ],
 )
@@ -201,11 +158,7 @@ def test_servers_of_known_models_are_understood(module, name, weights, expected)
 
 @pytest.mark.parametrize(
     ("layout", "length", "rest"),
-    [
-        (OWN, 7, [0.5]),
-        ("eef_pos3_axisangle3_gripper2", 8, [0.02, -0.02]),
-        ("eef_pos3_quat4_gripper1", 8, [0.5]),
-    ],
+    [(OWN, 7, [0.5]), (MEASURED, 8, [0.02, -0.02]), (OTHER, 8, [0.5])],
 )
 def test_layouts_of_proprioception(layout, length, rest):
     sent = LAYOUTS[layout](STATE)

@@ -7,6 +7,7 @@ import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from contextlib import ExitStack, closing
 from http.client import HTTPConnection
@@ -48,49 +49,41 @@ def protocol(request) -> str:
     return request.param
 
 
-class TestRollouts:
-    """Whole rollouts in the simulator, action for action."""
+CONVENTIONS = ActionSpec(
+    rotation="euler_xyz",
+    relative_to="current",
+    position_scale=0.5,
+    rotation_scale=2.0,
+    gripper="open_01",
+    sticky=2,
+    hz=10,
+)
+CAMERAS = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
+SERVED = {
+    "random": Random,
+    "two actions of a chunk": lambda: Attentive(execute=2),
+    "conventions": lambda: Attentive(action=CONVENTIONS),
+    "pictures": lambda: Attentive(*CAMERAS),
+    "mini": Mini,
+}
 
-    def same_as_in_process(self, make, protocol: str, verdict: Verdict = Verdict.FAILED) -> None:
-        with serving(make(), protocol) as name:
-            there = ManiSkillEvaluator(
-                Conditions(task="pick-up", min_distance=0.15), make_policy(name), CATALOGUE
-            )
-            here = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), make(), CATALOGUE)
-            for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
-                assert far.verdict is near.verdict is verdict, far.detail
-                assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
-                assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
-            there.close()
-            here.close()
 
-    @pytest.mark.parametrize("make", [Random, Frozen])
-    def test_controls(self, make, protocol):
-        self.same_as_in_process(make, protocol)
-
-    @pytest.mark.render
-    def test_mini(self, protocol):
-        self.same_as_in_process(Mini, protocol, Verdict.PASSED)
-
-    def test_chunks_of_which_two_actions_are_executed(self, protocol):
-        self.same_as_in_process(lambda: Attentive(execute=2), protocol)
-
-    def test_conventions(self, protocol):
-        action = ActionSpec(
-            rotation="euler_xyz",
-            relative_to="current",
-            position_scale=0.5,
-            rotation_scale=2.0,
-            gripper="open_01",
-            sticky=2,
-            hz=10,
-        )
-        self.same_as_in_process(lambda: Attentive(action=action), protocol)
-
-    @pytest.mark.render
-    def test_pictures(self, protocol):
-        cameras = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
-        self.same_as_in_process(lambda: Attentive(*cameras), protocol)
+@pytest.mark.parametrize(
+    "served",
+    [pytest.param(name, marks=pytest.mark.render if name in ("pictures", "mini") else ()) for name in SERVED],
+)
+def test_whole_rollouts_are_those_in_process_action_for_action(served, protocol):
+    make, conditions = SERVED[served], Conditions(task="pick-up", min_distance=0.15)
+    with serving(make(), protocol) as name:
+        there = ManiSkillEvaluator(conditions, make_policy(name), CATALOGUE)
+        here = ManiSkillEvaluator(conditions, make(), CATALOGUE)
+        for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
+            assert far.verdict is near.verdict, far.detail
+            assert near.verdict is (Verdict.PASSED if served == "mini" else Verdict.FAILED)
+            assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
+            assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
+        there.close()
+        here.close()
 
 
 class Echo:
@@ -120,15 +113,20 @@ def url(name: str) -> str:
     return name.partition(":")[2].partition("?")[0]
 
 
+def picture(value: int) -> np.ndarray:
+    return np.full((224, 224, 3), value, np.uint8)
+
+
+@pytest.fixture
+def echo() -> Echo:
+    return Echo(CAMERAS[0])
+
+
 class TestOthersClients:
-    """Messages of clients that are not ours."""
+    """Messages of clients that are not ours, with pictures of their own size."""
 
-    def picture(self, value: int, side: int = 224) -> np.ndarray:
-        return np.full((side, side, 3), value, np.uint8)
-
-    def test_one_of_openpi_says_nothing_of_a_rollout_and_sends_its_own_size(self):
-        echo = Echo(CameraRequest("front", 64, 48))
-        message = {"observation/image": self.picture(9), "observation/state": STATE, "prompt": "up"}
+    def test_one_of_openpi_says_nothing_of_a_rollout(self, echo):
+        message = {"observation/image": picture(9), "observation/state": STATE, "prompt": "up"}
         with serving(echo, "openpi") as name, connect(url(name)) as line:
             assert unpack_openpi(line.recv())["policy"] == "echo"
             for step in range(2):
@@ -138,46 +136,35 @@ class TestOthersClients:
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
         assert echo.ended == echo.begun
 
-    def test_vla_evals_own(self):
-        echo = Echo(CameraRequest("front", 64, 48))
-
-        async def drive() -> list[dict]:
+    def test_vla_evals_own(self, echo):
+        async def drive() -> list[list[float]]:
             async with Connection(url(name)) as line:
                 await line.start_episode({"task": {"name": "up", "seed": 3}})
-                message = {"images": {"front": self.picture(9)}, "states": STATE, "task_description": "up"}
+                message = {"images": {"front": picture(9)}, "states": STATE, "task_description": "up"}
                 replies = [await line.act(message) for _ in range(2)]
                 await line.end_episode({"metrics": {}})
-                return replies
+                return [reply["actions"].tolist() for reply in replies]
 
         with serving(echo, "vla-eval") as name:
-            replies = anyio.run(drive)
-        assert [action["actions"].tolist() for action in replies] == [
-            [9.0, *STATE[1:6].tolist(), step] for step in range(2)
-        ]
+            assert anyio.run(drive) == [[9.0, *STATE[1:6].tolist(), step] for step in range(2)]
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 3)]
         assert echo.ended == echo.begun
 
     @pytest.mark.parametrize("image", ["image", "full_image"])
-    def test_one_of_act(self, image):
-        message = encode({image: self.picture(9), "state": STATE, "instruction": "up"})
-        with (
-            serving(Echo(CameraRequest("front", 64, 48)), "http") as name,
-            closing(HTTPConnection(urlsplit(name).netloc)) as line,
-        ):
+    def test_one_of_act(self, echo, image):
+        message = encode({image: picture(9), "state": STATE, "instruction": "up"})
+        with serving(echo, "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
             for body in (message, encode({"encoded": message.decode()})):
                 line.request("POST", "/act", body)
                 assert decode(line.getresponse().read())[0] == 9.0
 
     @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
-    def test_one_of_vla_eval_compresses_its_pictures(self, kind):
+    def test_one_of_vla_eval_compresses_its_pictures(self, echo, kind):
         packed = io.BytesIO()
-        Image.fromarray(self.picture(9)).save(packed, kind)
+        Image.fromarray(picture(9)).save(packed, kind)
         shown = {"__image__": True, "format": kind.lower(), "data": packed.getvalue()}
         message = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
-        with (
-            serving(Echo(CameraRequest("front", 64, 48)), "vla-eval") as name,
-            connect(url(name)) as line,
-        ):
+        with serving(echo, "vla-eval") as name, connect(url(name)) as line:
             line.send(pack_vla_eval("observation", message, 4))
             kind, payload, number = unpack_vla_eval(line.recv())
         assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
@@ -198,8 +185,8 @@ class TestErrors:
             ("&state=eef_pos3_axisangle3_gripper2", "proprioception of shape (8,), expected 7 numbers"),
         ],
     )
-    def test_an_observation_that_does_not_fit(self, protocol, query, says):
-        with serving(Echo(CameraRequest("front", 64, 48)), protocol) as name:
+    def test_an_observation_that_does_not_fit(self, protocol, query, says, echo):
+        with serving(echo, protocol) as name:
             options = dict(part.split("=") for part in f"{name.partition('?')[2]}{query}".split("&"))
             query = "&".join(f"{key}={value}" for key, value in options.items())
             policy = make_policy(f"{name.partition('?')[0]}?{query}")
@@ -269,10 +256,6 @@ class TestErrors:
         assert caught.value.hint == "--port 0 takes any that is free"
 
 
-def heed_interrupts() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
 class TestAddress:
     """The printed name says all that a run would have to guess."""
 
@@ -317,8 +300,11 @@ class TestCommand:
         command = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
         store = str(tmp_path / "a.db")
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        options["preexec_fn"] = lambda: signal.signal(signal.SIGINT, signal.SIG_DFL)
         # What is started in the background of a shell ignores Ctrl-C, and so do its children.
-        with subprocess.Popen(command, preexec_fn=heed_interrupts, **options) as server:
+        with subprocess.Popen(
+            command, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL), **options
+        ) as server:
             try:
                 name = server.stdout.readline().strip()
                 ran = main(["run", "--policy", name, "--budget", "2", "--store", store, "--json"])
@@ -332,41 +318,47 @@ class TestCommand:
         assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
 
 
-def test_a_client_that_resets_its_connection_leaves_no_traceback(capfd):
-    with serving(Echo(CameraRequest("front", 64, 48)), "http") as name:
-        parts = urlsplit(name)
+def connected(name: str) -> socket.socket:
+    parts = urlsplit(name)
+    return socket.create_connection((parts.hostname, parts.port), 5)
+
+
+def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, monkeypatch):
+    over = threading.Semaphore(0)
+    close = http.BoundedServer.shutdown_request
+    monkeypatch.setattr(
+        http.BoundedServer, "shutdown_request", lambda *given: (close(*given), over.release())
+    )
+    with serving(echo, "http") as name:
         for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
-            client = socket.create_connection((parts.hostname, parts.port))
-            client.sendall(sent)
-            client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-            client.close()  # with a reset
-        time.sleep(0.3)
+            with connected(name) as client:
+                client.sendall(sent)
+                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
+            assert over.acquire(timeout=5)
     assert capfd.readouterr().err == ""
+
+
+def ends_after_a_byte(client: socket.socket) -> bool:
+    try:
+        client.sendall(b" ")
+        return client.recv(1) == b""
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
 
 
 @pytest.mark.parametrize("half", [b"POST /act HT", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n{"])
 def test_a_request_has_to_arrive_in_time_however_often_a_byte_of_it_comes(half, monkeypatch):
-    monkeypatch.setattr(http, "ARRIVAL", 0.3)
+    monkeypatch.setattr(http, "ARRIVAL", 0.2)
     with serving(Frozen(), "http") as name:
-        parts = urlsplit(name)
-        with socket.create_connection((parts.hostname, parts.port), 5) as client:
+        with connected(name) as client:
             client.sendall(half)
-            ended = False
-            for _ in range(100):
-                time.sleep(0.05)
-                try:
-                    client.sendall(b" ")
-                    ended = client.recv(1, socket.MSG_DONTWAIT) == b""
-                except BlockingIOError:
-                    continue
-                except OSError:
-                    ended = True
-                if ended:
-                    break
-        assert ended
+            client.settimeout(0.05)
+            assert any(ends_after_a_byte(client) for _ in range(100))
         client = make_policy(name)
         client.reset([start("one")])
-        time.sleep(0.5)  # a simulator may be slow between two requests
+        time.sleep(0.3)  # a simulator may be slow between two requests
         assert len(client.act([seen("one")])) == 1
         client.close()
 
@@ -374,8 +366,5 @@ def test_a_request_has_to_arrive_in_time_however_often_a_byte_of_it_comes(half, 
 def test_connections_beyond_the_bound_are_closed_at_once(monkeypatch):
     monkeypatch.setattr(http, "CONNECTIONS", 2)
     with serving(Frozen(), "http") as name, ExitStack() as stack:
-        parts = urlsplit(name)
-        clients = [
-            stack.enter_context(socket.create_connection((parts.hostname, parts.port), 5)) for _ in range(3)
-        ]
+        clients = [stack.enter_context(connected(name)) for _ in range(3)]
         assert clients[2].recv(1) == b""

@@ -153,13 +153,7 @@ class ProfiledOptions(CommonOptions):
     action: Literal["eef_delta", "eef_pose", "joint_delta", "joint_position", "joint_velocity"] = "eef_delta"
     frame: Literal["base", "tool"] = "base"
     rotation: Literal[
-        "axis_angle",
-        "rpy",
-        "euler_xyz",
-        "quaternion_xyzw",
-        "quaternion_wxyz",
-        "rot6d",
-        "rot6d_interleaved",
+        "axis_angle", "rpy", "euler_xyz", "quaternion_xyzw", "quaternion_wxyz", "rot6d", "rot6d_interleaved"
     ] = "axis_angle"
     rotation_scale: Annotated[float, AfterValidator(_signed)] = 1.0
     hz: _Count = 5
