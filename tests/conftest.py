@@ -68,9 +68,12 @@ def expert_on():
         each.close()
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def connected():
-    """A ray of this machine, one for a module: it takes seconds to start."""
+    """A ray of this machine, one for all tests that use it: it takes seconds to start.
+
+    These are marked as one group, so that one of pytest's processes runs them all.
+    """
     from contextlib import closing
 
     from tests.doubles import ClosedForm

@@ -50,7 +50,10 @@ def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
     return {tag: [outcome.verdict for outcome in outcomes] for tag, outcomes in results}
 
 
-@pytest.fixture(params=MAKERS, scope="module")
+ON_RAY = pytest.param("ray", marks=pytest.mark.xdist_group("ray"))
+
+
+@pytest.fixture(params=["local", "lockstep", "processes", ON_RAY], scope="module")
 def kind(request: pytest.FixtureRequest) -> str:
     if request.param == "ray":
         request.getfixturevalue("connected")
@@ -69,6 +72,10 @@ def make(kind: str) -> Iterator[Callable[[Evaluator], Executor]]:
     yield maker
     for executor in executors:
         executor.close()
+
+
+here = pytest.mark.parametrize("kind", ["local", "lockstep", "processes"], indirect=True)
+"""Of what a process of an actor does for ray: it starts one for every test, which takes seconds."""
 
 
 class TestExecutor:
@@ -97,16 +104,17 @@ class TestExecutor:
         assert [outcome.detail for outcome in results[1]] == ["PolicyError: no answer within 10 s"] * 2
         assert [outcome.verdict for outcome in results[2]] == [Verdict.ERROR]
 
-    def test_an_evaluator_that_loses_a_scene_is_an_error(self, kind, make):
-        if kind == "lockstep":
-            pytest.skip("it evaluates scenes one by one")
+    @pytest.mark.parametrize("kind", ["local", "processes"], indirect=True)  # others take scenes one by one
+    def test_an_evaluator_that_loses_a_scene_is_an_error(self, make):
         ((_, outcomes),) = make(Losing()).run([(0, [DARK, BRIGHT])])
         assert [outcome.detail for outcome in outcomes] == ["the evaluator gave 1 outcomes for 2 scenes"] * 2
 
+    @here
     def test_progress_that_is_not_a_number_is_an_error(self, make):
         broken = Outcome(verdict=Verdict.FAILED, progress=float("nan"))
         assert run(make(Always(broken)), [DARK]) == {0: [Verdict.ERROR]}
 
+    @here
     def test_it_can_be_run_again(self, make):
         executor = make(ClosedForm())
         assert [run(executor, [DARK]), run(executor, [BRIGHT])] == [

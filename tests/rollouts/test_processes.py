@@ -98,7 +98,7 @@ def executor() -> Iterator[Callable[..., ProcessExecutor]]:
 TROUBLES = {
     "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
     "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
-    "hung": (hang, {"timeout": 3.0}, "worker: no answer within 3 s, 2 times"),
+    "hung": (hang, {"timeout": 2.0}, "worker: no answer within 2 s, 2 times"),
     "greedy": (gorge, {"memory": 2**30}, "worker: held more than 1.0 GiB of memory, 2 times"),
 }
 

@@ -20,7 +20,7 @@ from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.shared import share
 from vlafuzz.worlds.evaluation import Evaluator
 
-pytestmark = pytest.mark.usefixtures("connected")
+pytestmark = [pytest.mark.usefixtures("connected"), pytest.mark.xdist_group("ray")]
 MODELS = "python:tests.rollouts.models"
 
 
@@ -28,7 +28,7 @@ MODELS = "python:tests.rollouts.models"
 def executor() -> Iterator[Callable[..., RayExecutor]]:
     executors: list[RayExecutor] = []
 
-    def make(evaluator: Evaluator, workers: int = 2, **options: float) -> RayExecutor:
+    def make(evaluator: Evaluator, workers: int = 1, **options: float) -> RayExecutor:
         executors.append(RayExecutor(partial(same, evaluator), workers, **options))  # type: ignore[arg-type]
         return executors[-1]
 
@@ -48,10 +48,9 @@ def run(executor: RayExecutor) -> list[Outcome]:
     return bright
 
 
-@pytest.mark.parametrize("trouble", ["killed", "hung", "greedy"])
-def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path, trouble):
-    what, options, says = TROUBLES[trouble]
-    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), **options))
+def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path):
+    what, options, says = TROUBLES["hung"]
+    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), workers=2, **options))
     assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, says)
     assert len(list(tmp_path.iterdir())) == 2
 
@@ -62,13 +61,9 @@ def kill_actor() -> None:
     os.kill(int(server.rpartition(")")[2].split()[1]), signal.SIGKILL)
 
 
-@pytest.mark.parametrize("always", [False, True], ids=["once", "always"])
-def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(
-    executor, tmp_path, always, capfd
-):
-    (outcome,) = run(executor(Treacherous(kill_actor, tmp_path, always=always)))
-    expected = (Verdict.ERROR, "worker: its actor died, 2 times") if always else (Verdict.PASSED, "")
-    assert (outcome.verdict, outcome.detail) == expected
+def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(executor, tmp_path, capfd):
+    (outcome,) = run(executor(Treacherous(kill_actor, tmp_path, always=True)))
+    assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, "worker: its actor died, 2 times")
     assert len(list(tmp_path.iterdir())) == 2
     assert capfd.readouterr().out == ""
 
@@ -103,7 +98,7 @@ class Named(ClosedForm):
 
 
 def test_nobody_is_left_when_it_is_closed(executor, tmp_path):
-    chosen = executor(Named(tmp_path), workers=1, timeout=2.0)
+    chosen = executor(Named(tmp_path), timeout=1.0)
     dict(chosen.run([(0, [DARK])]))
     chosen.close()
     assert len(list(tmp_path.iterdir())) == 2
@@ -125,7 +120,7 @@ class Asking(ClosedForm):
 
 def test_actors_share_a_policy_too(executor):
     policy = share(f"{MODELS}:{Counter.__name__}", everywhere=True)
-    got = dict(executor(Asking(policy), after=policy.close).run([(0, [DARK]), (1, [BRIGHT])]))
+    got = dict(executor(Asking(policy), workers=2, after=policy.close).run([(0, [DARK]), (1, [BRIGHT])]))
     assert [outcome.detail for (outcome,) in got.values()] == ["asked 1 times"] * 2
 
 
