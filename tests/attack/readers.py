@@ -26,7 +26,7 @@ from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
-from vlafuzz.worlds.tabletop.vlatest.read import read_scene_file
+from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]

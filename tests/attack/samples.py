@@ -26,7 +26,7 @@ from vlafuzz.policies.clients import profiles
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
-from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
+from vlafuzz.worlds.tabletop.vlatest.convert import write_vlatest
 
 
 @cache

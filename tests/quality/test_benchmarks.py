@@ -11,7 +11,7 @@ import pytest
 
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest.write import write_vlatest
+from vlafuzz.worlds.tabletop.vlatest.convert import write_vlatest
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_strategies.py"
 SAID = ("target-type", "target-position")

@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import cache
 from threading import Thread
 from typing import Any, NamedTuple
@@ -27,13 +26,12 @@ CPU_CAPS = "GALLIUM_OVERRIDE_CPU_CAPS"  # limits the instructions that lavapipe 
 _CHILD = "from vlafuzz.worlds.tabletop.renderer import _draw; _draw()"
 
 
-@dataclass(frozen=True)
-class Renderer:
-    """The result of the probe; ``problem`` is None if rendering works."""
+class Renderer(NamedTuple):
+    """A device and driver with which the probe drew a picture; ``problem``: why it did not."""
 
-    device: str | None
-    driver: str | None
-    problem: str | None
+    device: str | None = None
+    driver: str | None = None
+    problem: str | None = None
 
     @property
     def works(self) -> bool:
@@ -52,28 +50,22 @@ class Renderer:
 def probe(timeout: float = 120.0) -> Renderer:
     """Draw one picture in a new process within ``timeout`` seconds."""
     environment = {"LP_NUM_THREADS": "0", **os.environ}
+    command = [sys.executable, "-c", _CHILD]
     try:
-        child = subprocess.run(
-            [sys.executable, "-c", _CHILD],
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            check=False,
-        )
+        child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout)
     except subprocess.TimeoutExpired:
-        return Renderer(None, None, f"no picture within {timeout:.0f} s")
+        return Renderer(problem=f"no picture within {timeout:.0f} s")
     except OSError as error:
-        return Renderer(None, None, f"no process for it: {error.strerror}")
+        return Renderer(problem=f"no process for it: {error.strerror}")
     answers = [line for line in child.stdout.splitlines() if line.startswith("{")]
     if answers:
         return Renderer(**json.loads(answers[-1]))
     if child.returncode < 0:
         hidden = os.environ.get("CUDA_VISIBLE_DEVICES") == ""
         perhaps = ", as NVIDIA's may where CUDA_VISIBLE_DEVICES is empty" if hidden else ""
-        return Renderer(None, None, f"the driver crashed with signal {-child.returncode}{perhaps}")
+        return Renderer(problem=f"the driver crashed with signal {-child.returncode}{perhaps}")
     last = (child.stderr.strip() or "no output").splitlines()[-1]
-    return Renderer(None, None, f"exit code {child.returncode}: {last}")
+    return Renderer(problem=f"exit code {child.returncode}: {last}")
 
 
 @cache
@@ -103,11 +95,7 @@ def in_use() -> str:
 
 
 def check_renderer() -> None:
-    """Make sure that pictures can be drawn.
-
-    Raises:
-        PrerequisiteError: they cannot.
-    """
+    """Raise a PrerequisiteError where no pictures can be drawn."""
     renderer = probe_once()
     if not renderer.works:
         raise PrerequisiteError(
@@ -117,19 +105,18 @@ def check_renderer() -> None:
 
 def _draw() -> None:
     """Main function of the child process; prints a ``Renderer`` as JSON."""
-    seen, problem = VulkanDevice(None, None), None
+    seen, problem = Renderer(), None
     try:
         chosen = rendering_device()
-        listed = vulkan_devices()
-        first = listed[0] if listed else seen
-        seen = next((device for device in listed if device.device == chosen.name), first)
+        listed = _vulkan_devices()
+        seen = next((device for device in listed if device.device == chosen.name), [*listed, seen][0])
         if not _picture(chosen).any():
             problem = "the picture is black"
     except ImportError as error:
         problem = f"SAPIEN cannot be imported: {error}"
     except RuntimeError as error:
         problem = str(error) if seen.device else f"Vulkan finds no device ({error})"
-    sys.stdout.write(json.dumps({**seen._asdict(), "problem": problem}) + "\n")
+    sys.stdout.write(json.dumps(seen._replace(problem=problem)._asdict()) + "\n")
     sys.stdout.flush()
     os._exit(0)  # without unloading the driver, which may crash
 
@@ -162,13 +149,6 @@ def _picture(device: Any) -> Any:
     return camera.get_picture("Color")[..., :3]
 
 
-class VulkanDevice(NamedTuple):
-    """A device listed by Vulkan, and its driver with the version."""
-
-    device: str | None
-    driver: str | None
-
-
 # Vulkan's structures, in the format of ``struct``. Each begins with its type and the address of the next.
 _APPLICATION = "iPPIPII"  # name, version, engine, its version, version of the interface
 _INSTANCE = "iPIPIPIP"  # flags, application, layers and extensions with their counts
@@ -178,8 +158,8 @@ _DRIVER_TYPE, _DEVICE_TYPE = 1000196000, 1000059001
 _VULKAN_1_2 = (1 << 22) | (2 << 12)
 
 
-def vulkan_devices() -> list[VulkanDevice]:
-    """Vulkan's devices; empty without Vulkan. Loads the drivers, so call it in a child process."""
+def _vulkan_devices() -> list[Renderer]:
+    """Vulkan's devices with their drivers' versions; empty without Vulkan. This loads the drivers."""
     try:
         vulkan = ctypes.CDLL("libvulkan.so.1")
     except OSError:
@@ -198,26 +178,18 @@ def _filled(form: str, *values: int | bytes) -> ctypes.Array[ctypes.c_char]:
     return ctypes.create_string_buffer(struct.pack(form, *values))
 
 
-def _described(vulkan: ctypes.CDLL, handle: int) -> VulkanDevice:
+def _described(vulkan: ctypes.CDLL, handle: int) -> Renderer:
     driver = _filled(_DRIVER, _DRIVER_TYPE, 0, 0, b"", b"")
     device = _filled(_DEVICE, _DEVICE_TYPE, ctypes.addressof(driver), b"")
     vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), device)
     _, _, _, driver_name, version = struct.unpack_from(_DRIVER, driver)
     _, _, device_name = struct.unpack_from(_DEVICE, device)
-    name, info, shown = (_text(field) for field in (driver_name, version, device_name))
-    return VulkanDevice(shown, info if info.startswith("Mesa") else f"{name} {info}")
-
-
-def _text(field: bytes) -> str:
-    return field.partition(b"\0")[0].decode()
-
-
-def main() -> int:
-    """Print the result; 0, or 3 if rendering does not work."""
-    result = probe()
-    print(result)  # noqa: T201 - a small program of its own
-    return 0 if result.works else 3
+    texts = (field.partition(b"\0")[0].decode() for field in (driver_name, version, device_name))
+    name, info, shown = texts
+    return Renderer(shown, info if info.startswith("Mesa") else f"{name} {info}")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    result = probe()
+    print(result)  # noqa: T201 - a small program of its own
+    sys.exit(0 if result.works else 3)

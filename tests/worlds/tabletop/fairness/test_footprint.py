@@ -1,6 +1,7 @@
 """Outlines of objects on the table, and how close they stand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,15 +10,9 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
 from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.tabletop.fairness.footprint import (
-    apart,
-    crowding,
-    extents,
-    footprint,
-    share_closer,
-    share_overlapping,
-    solid,
-)
+from vlafuzz.model.scene_lines import SceneFile
+from vlafuzz.worlds.tabletop.fairness.footprint import apart, extents, footprint, solid
+from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
@@ -101,43 +96,31 @@ def test_extents_are_along_and_across() -> None:
     assert sides[45] == pytest.approx([0.07, 0.1], abs=1e-6)
 
 
-def scene(*things: Placement) -> Scene:
-    return Scene("pick-up", things[:1], "pick up apple", confounders=things[1:])
-
-
 def apple(x: float, y: float = 0.0, name: str = "apple") -> Placement:
     return Placement(name, "resting", x, y)
 
 
-def test_the_nearest_two_of_three_count() -> None:
-    result = crowding(scene(apple(0.0), apple(0.1), apple(0.0, 0.3)), CATALOGUE)
-    assert result
-    assert (result.nearest, result.overlap) == (pytest.approx(0.1), False)
+@pytest.mark.parametrize(
+    ("others", "nearest", "overlaps"),
+    [
+        ((apple(0.1), apple(0.0, 0.3)), (pytest.approx(0.1),), (False,)),
+        ((apple(0.06),), (0.06,), (True,)),
+        ((), (), ()),
+        ((apple(0.01, name="custom:dummy_plane"),), (), ()),  # a plane that marks a place takes no room
+        ((apple(0.01, name="ycb:apple"),), (0.01,), (None,)),
+    ],
+)
+def test_lint_counts_the_nearest_two_and_whether_footprints_overlap(others, nearest, overlaps) -> None:
+    scene = Scene("pick-up", (apple(0.0),), "pick up apple", confounders=others)
+    verdicts = lint(SceneFile(Path("x.jsonl"), ((1, scene),)), CATALOGUE, 0.15)
+    assert (verdicts.nearest, verdicts.overlaps) == (nearest, overlaps)
 
 
-def test_footprints_that_overlap() -> None:
-    result = crowding(scene(apple(0.0), apple(0.06)), CATALOGUE)
-    assert result
-    assert result.overlap
-
-
-def test_one_object_is_not_crowded() -> None:
-    assert crowding(scene(apple(0.0)), CATALOGUE) is None
-
-
-def test_a_plane_that_marks_a_place_takes_no_room() -> None:
-    assert crowding(scene(apple(0.0), apple(0.01, name="custom:dummy_plane")), CATALOGUE) is None
-
-
-def test_of_an_unknown_object_the_footprint_is_not_known() -> None:
-    result = crowding(scene(apple(0.0), apple(0.01, name="ycb:apple")), CATALOGUE)
-    assert result
-    assert (result.nearest, result.overlap) == (pytest.approx(0.01), None)
-
-
-def test_shares() -> None:
-    results = [crowding(scene(apple(0.0), apple(x)), CATALOGUE) for x in (0.06, 0.1, 0.2)]
-    crowded = [result for result in results if result]
-    assert share_closer(crowded, 0.15) == pytest.approx(2 / 3, abs=1e-4)
-    assert share_overlapping(crowded) == pytest.approx(1 / 3, abs=1e-4)
-    assert share_closer([], 0.15) is share_overlapping([]) is None
+def test_lint_gives_shares_of_scenes_with_several_objects() -> None:
+    lines = []
+    for number, x in enumerate((0.06, 0.1, 0.2)):
+        lines.append((number, Scene("pick-up", (apple(0.0),), "pick up apple", confounders=(apple(x),))))
+    row = lint(SceneFile(Path("x.jsonl"), tuple(lines)), CATALOGUE, 0.15).row()
+    assert (row["< 0.15 m"], row["overlap"]) == pytest.approx((2 / 3, 1 / 3), abs=1e-4)
+    alone = lint(SceneFile(Path("x.jsonl"), ()), CATALOGUE, 0.15).row()
+    assert alone["< 0.15 m"] is alone["overlap"] is None

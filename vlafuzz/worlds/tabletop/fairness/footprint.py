@@ -1,22 +1,18 @@
-"""The space that objects of a scene occupy, their outlines on the table, and how close they stand. Metres."""
+"""The space that objects of a scene occupy, and their outlines on the table. Metres."""
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.model.scene import Placement, Quaternion
 from vlafuzz.worlds.tabletop.objects.hulls import outline
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 
 Array = NDArray[np.float64]
-MARKER = "dummy_"  # prefix of planes that mark a place in SIMPLER's tasks and occupy no space
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +88,7 @@ def _turn(placement: Placement) -> Array:
 
 
 @lru_cache(maxsize=512)
-def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None) -> Array:
+def _standing(model: ObjectModel, rest: str, quaternion: Quaternion | None) -> Array:
     if quaternion:
         turn = model.turned(quaternion)
     else:
@@ -103,69 +99,9 @@ def _standing(model: ObjectModel, rest: str, quaternion: tuple[float, float, flo
 
 
 @lru_cache(maxsize=512)
-def _outline(
-    model: ObjectModel, rest: str, quaternion: tuple[float, float, float, float] | None
-) -> tuple[Array, float]:
-    polygon = (
-        outline(_standing(model, rest, quaternion)[:, :2])
-        if quaternion
-        else model.stable_pose(rest).footprint
-    )
+def _outline(model: ObjectModel, rest: str, quaternion: Quaternion | None) -> tuple[Array, float]:
+    if quaternion:
+        polygon = outline(_standing(model, rest, quaternion)[:, :2])
+    else:
+        polygon = model.stable_pose(rest).footprint
     return polygon, float(np.linalg.norm(polygon, axis=1).max())
-
-
-@dataclass(frozen=True)
-class Crowding:
-    """The crowding of a scene with at least two objects. ``nearest``: between two centres, metres.
-
-    ``overlap``: of any two footprints; None if an object is not in the catalogue.
-    """
-
-    nearest: float
-    overlap: bool | None
-
-
-def crowding(scene: Scene, catalogue: Catalogue) -> Crowding | None:
-    """The crowding of a scene; None with fewer than two objects."""
-    things = [thing for thing in scene.placements if not thing.object.rpartition(":")[2].startswith(MARKER)]
-    pairs = list(combinations(things, 2))
-    if not pairs:
-        return None
-    nearest = min(math.dist((a.x, a.y), (b.x, b.y)) for a, b in pairs)
-    return Crowding(nearest, _overlap(things, catalogue))
-
-
-def share_closer(scenes: Iterable[Crowding], metres: float) -> float | None:
-    """Share of the scenes with centres closer than this; None without scenes."""
-    return share([scene.nearest < metres for scene in scenes])
-
-
-def share_overlapping(scenes: Iterable[Crowding]) -> float | None:
-    """Share of the scenes with overlapping footprints; None if that is not known of all scenes."""
-    overlaps = [scene.overlap for scene in scenes]
-    return None if None in overlaps else share([bool(overlap) for overlap in overlaps])
-
-
-def share(flags: list[bool]) -> float | None:
-    """Share of true flags; None without flags."""
-    return round(sum(flags) / len(flags), 4) if flags else None
-
-
-def is_known(things: Iterable[Placement], catalogue: Catalogue) -> bool:
-    """Whether the footprints of all things are known."""
-    return all(
-        thing.object in catalogue and thing.scale > 0 and _has_pose(thing, catalogue) for thing in things
-    )
-
-
-def _has_pose(thing: Placement, catalogue: Catalogue) -> bool:
-    if thing.quaternion is not None:
-        return math.hypot(*thing.quaternion) > 1e-6
-    return thing.rest in [pose.name for pose in catalogue[thing.object].stable_poses]
-
-
-def _overlap(things: list[Placement], catalogue: Catalogue) -> bool | None:
-    if not is_known(things, catalogue):
-        return None
-    outlines = [footprint(thing, catalogue[thing.object]) for thing in things]
-    return any(not apart(a, b) for a, b in combinations(outlines, 2))

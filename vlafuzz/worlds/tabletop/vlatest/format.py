@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.reading import first_problem, read_json
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import MOST, Quaternion, Real, Text
+from vlafuzz.worlds.tabletop.objects.schema import Strict
 
 
 @dataclass(frozen=True)
@@ -40,28 +41,24 @@ class Entry:
 _Names = Annotated[list[Text], Field(max_length=MOST)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class _First(_Strict):  # the key of the orientation differs for the object to grasp
+class _First(Strict):  # the key of the orientation differs for the object to grasp
     init_xy: tuple[Real, Real]
     orientation: Quaternion
 
 
-class _Other(_Strict):
+class _Other(Strict):
     init_xy: tuple[Real, Real]
     init_rot_quat: Quaternion
 
 
-class _Grasp(_Strict):
+class _Grasp(Strict):
     model_id: Text
     obj_init_options: _First
-    distractor_model_ids: _Names = []
-    distractor_obj_init_options: dict[str, _Other] = {}
+    distractor_model_ids: _Names = Field(default=[])
+    distractor_obj_init_options: dict[str, _Other] = Field(default={})
 
 
-class _Two(_Strict):
+class _Two(Strict):
     model_ids: _Names
     obj_init_options: dict[str, _Other]
     source_obj_id: int
@@ -75,18 +72,6 @@ def is_ycb(path: Path) -> bool:
 
 def read_entries(path: Path) -> dict[str, Entry]:
     """The scenes of a file by key, in order; a SceneError names file and key."""
-    return {key: _entry(path, key, raw) for key, raw in _scenes(path).items()}
-
-
-def write_entries(path: Path, entries: Sequence[Entry]) -> None:
-    """Write a file atomically, with the seed of a name such as ``t-grasp_n-100_o-0_s-170912623.json``."""
-    seed = re.search(r"_s-(\d+)$", path.stem)
-    scenes = {str(number): _to_json(entry) for number, entry in enumerate(entries)}
-    content = {**scenes, "seed": int(seed[1]) if seed else 0, "num": len(entries)}
-    write_whole(path, json.dumps(content))
-
-
-def _scenes(path: Path) -> dict[str, object]:
     hint = 'expected a JSON object with scenes under "0", "1", …, "seed" and "num"'
     document = read_json(path, SceneError, hint)
     if not isinstance(document, dict):
@@ -97,39 +82,39 @@ def _scenes(path: Path) -> dict[str, object]:
         raise SceneError(f"{path}: {unknown[0]}: unknown key", hint)
     if document.get("num", len(scenes)) != len(scenes):
         raise SceneError(f"{path}: num: says {document['num']!r}, but there are {len(scenes)} scenes")
-    return scenes
+    return {key: _entry(f"{path}: {key}", raw) for key, raw in scenes.items()}
 
 
-def _entry(path: Path, key: str, raw: object) -> Entry:
+def _entry(where: str, raw: object) -> Entry:
     """A scene in the schema of the grasp task, or of those with two targets."""
     try:
         if isinstance(raw, dict) and "model_id" in raw:
-            return _of_grasp(_Grasp.model_validate(raw))
-        return _of_two(_Two.model_validate(raw))
+            grasp = _Grasp.model_validate(raw)
+            taken = grasp.obj_init_options
+            others = _things(where, grasp.distractor_model_ids, grasp.distractor_obj_init_options)
+            return Entry((Thing(grasp.model_id, taken.init_xy, taken.orientation), *others), (0,))
+        two = _Two.model_validate(raw)
     except ValidationError as error:
-        raise SceneError(f"{path}: {key}: {first_problem(error)}") from None
-    except (KeyError, IndexError) as error:
-        raise SceneError(f"{path}: {key}: {error.args[0]}") from None
-
-
-def _of_grasp(scene: _Grasp) -> Entry:
-    first = scene.obj_init_options
-    others = [_other(model, scene.distractor_obj_init_options) for model in scene.distractor_model_ids]
-    return Entry((Thing(scene.model_id, first.init_xy, first.orientation), *others), (0,))
-
-
-def _of_two(scene: _Two) -> Entry:
-    things = tuple(_other(model, scene.obj_init_options) for model in scene.model_ids)
-    for name, index in (("source_obj_id", scene.source_obj_id), ("target_obj_id", scene.target_obj_id)):
+        raise SceneError(f"{where}: {first_problem(error)}") from None
+    things = _things(where, two.model_ids, two.obj_init_options)
+    for name, index in (("source_obj_id", two.source_obj_id), ("target_obj_id", two.target_obj_id)):
         if not 0 <= index < len(things):
-            raise IndexError(f"{name}: {index} is not the index of one of {len(things)} objects")
-    return Entry(things, (scene.source_obj_id, scene.target_obj_id))
+            raise SceneError(f"{where}: {name}: {index} is not the index of one of {len(things)} objects")
+    return Entry(things, (two.source_obj_id, two.target_obj_id))
 
 
-def _other(model: str, options: dict[str, _Other]) -> Thing:
-    if model not in options:
-        raise KeyError(f"there are no options for {model!r}")
-    return Thing(model, options[model].init_xy, options[model].init_rot_quat)
+def _things(where: str, models: Sequence[str], options: dict[str, _Other]) -> tuple[Thing, ...]:
+    for model in models:
+        if model not in options:
+            raise SceneError(f"{where}: there are no options for {model!r}")
+    return tuple(Thing(model, options[model].init_xy, options[model].init_rot_quat) for model in models)
+
+
+def write_entries(path: Path, entries: Sequence[Entry]) -> None:
+    """Write a file atomically, with the seed of a name such as ``t-grasp_n-100_o-0_s-170912623.json``."""
+    seed = re.search(r"_s-(\d+)$", path.stem)
+    scenes = {str(number): _to_json(entry) for number, entry in enumerate(entries)}
+    write_whole(path, json.dumps({**scenes, "seed": int(seed[1]) if seed else 0, "num": len(entries)}))
 
 
 def _to_json(entry: Entry) -> dict[str, Any]:
@@ -142,10 +127,7 @@ def _to_json(entry: Entry) -> dict[str, Any]:
         ids = {"model_ids": names, "obj_init_options": options}
         return ids | {"source_obj_id": entry.targets[0], "target_obj_id": entry.targets[1]}
     first = options.pop(names[0])
-    scene: dict[str, Any] = {
-        "model_id": names[0],
-        "obj_init_options": {"init_xy": first["init_xy"], "orientation": first["init_rot_quat"]},
-    }
-    if options:
-        scene |= {"distractor_model_ids": names[1:], "distractor_obj_init_options": options}
-    return scene
+    taken = {"init_xy": first["init_xy"], "orientation": first["init_rot_quat"]}
+    scene: dict[str, Any] = {"model_id": names[0], "obj_init_options": taken}
+    others = {"distractor_model_ids": names[1:], "distractor_obj_init_options": options}
+    return scene | others if options else scene

@@ -1,0 +1,366 @@
+"""Files in VLATest's format: ours, and those that were published, where they are available."""
+
+import json
+import math
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.errors import SceneError
+from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.tabletop.fairness import check_semantic
+from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.vlatest.convert import Frame, read_vlatest, write_vlatest
+
+CATALOGUE = load_catalogue()
+UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+TURNED = [0.5783, 0.0, 0.0, 0.8158]
+REAL = Path(__file__).resolve().parents[3].parent / "shared" / "vlatest" / "scenes"
+FILES = sorted(REAL.glob("*t-*_n-*.json"))
+
+
+def level(degrees: float) -> list[float]:
+    half = math.radians(degrees) / 2
+    return [math.cos(half), 0.0, 0.0, math.sin(half)]
+
+
+def other(x: float, y: float, quaternion: list[float] = UPRIGHT) -> dict[str, Any]:
+    return {"init_xy": [x, y], "init_rot_quat": quaternion}
+
+
+def grasp(model: str, x: float, y: float, quaternion: list[float] = UPRIGHT, **others: Any) -> dict[str, Any]:
+    first = {"model_id": model, "obj_init_options": {"init_xy": [x, y], "orientation": quaternion}}
+    if others:
+        first |= {"distractor_model_ids": list(others), "distractor_obj_init_options": others}
+    return first
+
+
+def two(source: int, target: int, **objects: Any) -> dict[str, Any]:
+    ids = {"model_ids": list(objects), "obj_init_options": objects}
+    return ids | {"source_obj_id": source, "target_obj_id": target}
+
+
+def write(path: Path, *scenes: Any) -> Path:
+    numbered = {str(number): scene for number, scene in enumerate(scenes)}
+    path.write_text(json.dumps(numbered | {"seed": 77, "num": len(scenes)}))
+    return path
+
+
+def read(folder: Path, *scenes: Any, name: str = "scenes.json", frame: Frame = "fit") -> tuple[Scene, ...]:
+    return read_vlatest(write(folder / name, *scenes), CATALOGUE, frame=frame).scenes
+
+
+def test_a_grasp_scene(tmp_path: Path) -> None:
+    (scene,) = read(tmp_path, grasp("opened_coke_can", -0.3, 0.2, orange=other(-0.4, 0.3, level(20))))
+    assert (scene.task, scene.instruction) == ("pick-up", "pick up coke can")
+    (target,), (confounder,) = scene.targets, scene.confounders
+    assert (target.object, target.rest, target.x, target.y) == ("coke_can", "standing", -0.04, 0.0)
+    placed = (confounder.object, confounder.rest, confounder.x, confounder.y)
+    assert placed == ("orange", "resting", 0.04, -0.125)
+
+
+def test_near_and_far_left_and_right_are_as_its_robot_sees_them(tmp_path: Path) -> None:
+    near_left, far_right = read(tmp_path, grasp("apple", -0.1, 0.0), grasp("apple", -0.5, 0.4))
+    assert (near_left.targets[0].x, near_left.targets[0].y) == (-0.2, 0.25)
+    assert (far_right.targets[0].x, far_right.targets[0].y) == (0.12, -0.25)
+
+
+def test_keep_keeps_distances(tmp_path: Path) -> None:
+    a, b = read(tmp_path, grasp("apple", -0.1, 0.0), grasp("apple", -0.5, 0.4), frame="keep")
+    assert a.targets[0].x - b.targets[0].x == pytest.approx(-0.4)
+    assert a.targets[0].y - b.targets[0].y == pytest.approx(0.4)
+
+
+def test_a_lying_cans_top_points_where_it_did_after_half_a_turn(tmp_path: Path) -> None:
+    for angle in (0.0, 100.0, -90.0, 90.0, 180.0):
+        (scene,) = read(tmp_path, grasp("pepsi_can", -0.3, 0.2, level(angle)))
+        target = scene.targets[0]
+        assert target.rest == "lying"
+        rest = Rotation.from_quat(CATALOGUE["pepsi_can"].stable_pose("lying").quaternion, scalar_first=True)
+        ours = (Rotation.from_euler("z", target.yaw, degrees=True) * rest).apply(
+            [0, 0, 1]
+        )  # z: up in our cans
+        theirs = Rotation.from_euler("z", angle, degrees=True).apply([0, 1, 0])  # y is up in theirs
+        assert ours == pytest.approx(-theirs, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("model", "turned", "flat"),
+    [
+        ("sponge", ("on_edge", 180.0), ("flat", -160.0)),
+        ("bridge_carrot_generated_modified", ("lying", 0.0), ("lying", 20.0)),
+    ],
+)
+def test_poses(tmp_path: Path, model: str, turned: tuple[str, float], flat: tuple[str, float]) -> None:
+    scenes = read(tmp_path, grasp(model, -0.3, 0.2), grasp(model, -0.3, 0.2, level(20)))
+    poses = [(scene.targets[0].rest, scene.targets[0].yaw) for scene in scenes]
+    assert poses == [turned, (flat[0], pytest.approx(flat[1]))]
+
+
+def test_the_source_comes_first_wherever_it_is_listed(tmp_path: Path) -> None:
+    raw = two(2, 0, apple=other(-0.2, 0.1), orange=other(-0.4, 0.1), sponge=other(-0.3, 0.3))
+    (scene,) = read(tmp_path, raw)
+    assert (scene.task, scene.instruction) == ("move-near", "move sponge near apple")
+    assert [placement.object for placement in scene.placements] == ["sponge", "apple", "orange"]
+
+
+def test_the_second_target_says_the_task(tmp_path: Path) -> None:
+    on = two(0, 1, apple=other(-0.2, 0.0), table_cloth_generated=other(-0.1, 0.1, level(0)))
+    into = two(0, 1, apple=other(-0.15, 0.15), dummy_sink_target_plane=other(-0.125, 0.025, level(0)))
+    scenes = read(tmp_path, on, into)
+    assert [scene.instruction for scene in scenes] == ["put apple on table cloth", "put apple into basket"]
+
+
+def test_the_file_name_decides_what_the_content_leaves_open(tmp_path: Path) -> None:
+    raw = two(0, 1, apple=other(-0.2, 0.0), sponge=other(-0.1, 0.1))
+    assert read(tmp_path, raw)[0].task == "move-near"
+    assert read(tmp_path, raw, name="t-put-on_n-1.json")[0].task == "put-on"
+    assert read(tmp_path, raw, name="t-grasp_n-1.json")[0].task == "move-near"
+
+
+def test_scenes_without_a_counterpart_are_left_out_and_counted(tmp_path: Path) -> None:
+    one_more = grasp("apple", -0.3, 0.2, hammer=other(-0.2, 0.1), mug=other(-0.4, 0.1))
+    hammer = grasp("hammer", -0.3, 0.2, apple=other(-0.2, 0.1))
+    path = write(tmp_path / "x.json", grasp("apple", -0.3, 0.2), hammer, one_more)
+    imported = read_vlatest(path, CATALOGUE)
+    assert (imported.read, len(imported.scenes), imported.left_out) == (3, 1, 2)
+    assert imported.missing == {"hammer": 2, "mug": 1}
+
+
+def test_ycb_files_have_meshes_of_their_own(tmp_path: Path) -> None:
+    raw = grasp("sponge", -0.3, 0.2, level(0))
+    assert read(tmp_path, raw)[0].targets[0].yaw == 180.0
+    assert read(tmp_path, raw, name="ycb_t-grasp.json")[0].targets[0].yaw == -90.0
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("[]", "not a scene file of VLATest"),
+        ('{"t-grasp_n-1000": {}}', "t-grasp_n-1000: unknown key"),
+        ('{"0": {}, "num": 2}', "num: says 2, but there are 1 scenes"),
+        ('{"0": 3}', "0: input should be"),
+        ('{"0": {"model_id": "apple"}}', "0: obj_init_options: field required"),
+        (json.dumps({"0": grasp("apple", -0.3, 0.2) | {"lighting": 1}}), "0: lighting: extra inputs"),
+        (
+            json.dumps({"0": grasp("apple", -0.3, float("nan"))}),
+            "0: obj_init_options.init_xy.1: input should be a finite",
+        ),
+        (
+            json.dumps({"0": two(0, 7, apple=other(0, 0))}),
+            "0: target_obj_id: 7 is not the index of one of 1 objects",
+        ),
+        (
+            json.dumps({"0": two(0, 1, apple=other(0, 0)) | {"model_ids": ["mug"]}}),
+            "0: there are no options for 'mug'",
+        ),
+        (json.dumps({"0": grasp("apple", -0.3, 0.2, [0.5, 0.5, -0.5, 0.5])}), "0: apple: orientation"),
+    ],
+)
+def test_a_malformed_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: str, says: str) -> None:
+    path = tmp_path / "scenes.json"
+    path.write_text(text)
+    with pytest.raises(SceneError) as caught:
+        read_vlatest(path, CATALOGUE)
+    assert caught.value.message.startswith(f"{path}: ")
+    assert says in caught.value.message
+    assert "\n" not in caught.value.message
+
+
+GRASP = grasp("opened_7up_can", -0.3, 0.2, hammer=other(-0.4, 0.1, TURNED), apple=other(-0.2, 0.3))
+
+
+def turned(source: int, target: int, *models: str) -> dict[str, Any]:
+    options = {model: other(-0.1 * place, 0.03, TURNED) for place, model in enumerate(models)}
+    return two(source, target, **options)
+
+
+def original(path: Path, *scenes: Any, frame: Frame = "original") -> tuple[Scene, ...]:
+    return read_vlatest(write(path, *scenes) if scenes else path, CATALOGUE, frame=frame).scenes
+
+
+def names(scene: Scene) -> list[str]:
+    return [placement.object for placement in scene.placements]
+
+
+def test_coordinates_names_orientation_and_robot_are_kept(tmp_path: Path) -> None:
+    (scene,) = original(tmp_path / "t-grasp.json", GRASP)
+    (target,) = scene.targets
+    assert (scene.task, scene.robot, scene.instruction) == ("pick-up", "google", "pick up 7up can")
+    assert scene.frame == "vlatest"
+    assert names(scene) == ["custom:opened_7up_can", "custom:hammer", "custom:apple"]
+    assert (target.x, target.y, target.quaternion) == (-0.3, 0.2, tuple(UPRIGHT))
+
+
+def test_most_objects_of_the_put_tasks_have_half_their_size(tmp_path: Path) -> None:
+    raw = turned(0, 1, "pepsi_can", "bridge_plate_objaverse_larger", "green_cube_3cm")
+    (scene,) = original(tmp_path / "x.json", raw)
+    assert (scene.robot, scene.instruction) == ("widowx", "put pepsi can on plate larger")
+    assert [placement.scale for placement in scene.placements] == [0.5, 1.0, 1.0]
+    (near,) = original(tmp_path / "x.json", turned(0, 1, "pepsi_can", "apple"))
+    assert [placement.scale for placement in near.placements] == [1.0, 1.0]
+
+
+def test_objects_of_ycb_have_names_of_their_own(tmp_path: Path) -> None:
+    raw = turned(0, 1, "apple", "table_cloth_generated", "plate")
+    (scene,) = original(tmp_path / "ycb_t-put-on.json", raw)
+    assert names(scene) == ["ycb:apple", "custom:table_cloth_generated", "ycb:plate"]
+    assert [placement.scale for placement in scene.placements] == [0.5, 1.0, 0.5]
+    assert scene.instruction == "put apple on table cloth"
+
+
+def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) -> None:
+    path = write(
+        tmp_path / "x.json", turned(2, 0, "apple", "orange", "sponge"), turned(0, 1, "apple", "orange")
+    )
+    mixed, plain = original(path)
+    assert names(mixed) == ["custom:sponge", "custom:apple", "custom:orange"]
+    assert [placed.object for placed in mixed.listing] == ["custom:apple", "custom:orange", "custom:sponge"]
+    assert Scene.from_json(mixed.to_json()) == mixed
+    assert "listed" not in plain.to_json()
+
+
+def test_what_is_written_is_the_file_that_was_read(tmp_path: Path) -> None:
+    alone = {key: GRASP[key] for key in ("model_id", "obj_init_options")}
+    path = write(
+        tmp_path / "t-move_n-3_o-m3_s-77.json", GRASP, alone, turned(2, 0, "apple", "orange", "sponge")
+    )
+    again = tmp_path / "again" / path.name
+    again.parent.mkdir()
+    assert write_vlatest(again, original(path), CATALOGUE) == {}
+    assert json.loads(again.read_text()) == json.loads(path.read_text())
+
+
+def test_what_is_left_of_a_scene_keeps_its_order(tmp_path: Path) -> None:
+    path = write(tmp_path / "x.json", turned(3, 0, "apple", "orange", "sponge", "eggplant"))
+    (scene,) = original(path)
+    left = replace(scene, confounders=scene.confounders[1:])
+    write_vlatest(path, [left], CATALOGUE)
+    raw = json.loads(path.read_text())["0"]
+    assert raw["model_ids"] == ["apple", "sponge", "eggplant"]
+    assert (raw["source_obj_id"], raw["target_obj_id"]) == (2, 0)
+
+
+def test_of_scenes_as_published_it_leaves_out_and_counts_them_too(tmp_path: Path) -> None:
+    (scene,) = original(tmp_path / "t-grasp.json", GRASP)
+    (target,) = scene.targets
+    changed = [
+        replace(scene, light=Light(2.0)),
+        replace(scene, instruction="fetch it"),
+        replace(scene, targets=(replace(target, scale=0.9),)),
+        replace(scene, targets=(replace(target, object="ycb:mug"),), instruction="pick up mug"),
+        replace(scene, targets=(replace(target, object="apple"),), instruction="pick up apple"),
+        replace(scene, targets=(replace(target, quaternion=None),)),
+    ]
+    left_out = write_vlatest(tmp_path / "t-grasp.json", [*changed, scene], CATALOGUE)
+    assert Counter(left_out.values()) == {1: 6}
+    assert original(tmp_path / "t-grasp.json") == (scene,)
+
+
+def alike(first: Any, other: Any) -> bool:
+    """Whether two documents are equal, numbers to 1e-9."""
+    if isinstance(first, dict):
+        return first.keys() == other.keys() and all(alike(first[key], other[key]) for key in first)
+    if isinstance(first, list):
+        return len(first) == len(other) and all(map(alike, first, other))
+    return abs(first - other) <= 1e-9 if isinstance(first, float) else bool(first == other)
+
+
+def test_its_coordinates_are_not_those_of_our_rigs(tmp_path: Path) -> None:
+    (scene,) = original(tmp_path / "t-grasp.json", GRASP)
+    rejection = check_semantic(scene, CATALOGUE)
+    assert rejection
+    assert rejection.reason == "its coordinates are in the frame of vlatest, not of its robot"
+
+
+def test_the_robot_sees_the_same_in_our_frame(tmp_path: Path) -> None:
+    """Its Google robot stands at (0.35, 0.20) and faces -x."""
+    (scene,) = original(tmp_path / "t-grasp.json", GRASP, frame="robot")
+    target, base = scene.targets[0], rig("google").base
+    assert (scene.frame, scene.robot) == ("", "google")
+    assert (target.x - base[0], target.y - base[1]) == pytest.approx((0.65, 0.0))
+    up = Rotation.from_quat(target.quaternion, scalar_first=True).apply([0.0, 1.0, 0.0])
+    assert up == pytest.approx([0.0, 0.0, 1.0])
+    near, far = scene.confounders[1], scene.confounders[0]
+    assert near.x < target.x < far.x
+    assert near.y < target.y < far.y  # its left is our right: the robot is turned by half a turn
+
+
+@pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
+@pytest.mark.parametrize("frame", ["original", "robot"])
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_the_published_files_come_back_as_they_are(tmp_path: Path, path: Path, frame: Frame) -> None:
+    raw = json.loads(path.read_text())
+    scenes = [Scene.from_json(scene.to_json()) for scene in original(path, frame=frame)]
+    assert len(scenes) == raw["num"]
+    assert write_vlatest(tmp_path / path.name, scenes, CATALOGUE) == {}
+    assert alike(json.loads((tmp_path / path.name).read_text()), raw)
+
+
+IN_FORMAT = ("target-type", "target-position", "target-orientation", "confounder-type", "confounder-position",
+        "confounder-orientation", "confounder-count")  # fmt: skip
+
+
+def scenes(task: str, number: int) -> list[Scene]:
+    space = SearchSpace(load_operators().only(IN_FORMAT), CATALOGUE, task)
+    return [space.sample(np.random.default_rng(seed)) for seed in range(number)]
+
+
+def near(first: Scene, other: Scene) -> bool:
+    def flat(scene: Scene) -> list[float]:
+        return [value for thing in scene.placements for value in (thing.x, thing.y, thing.yaw % 360)]
+
+    def named(scene: Scene) -> list[object]:
+        return [scene.task, scene.instruction, *((thing.object, thing.rest) for thing in scene.placements)]
+
+    if named(first) != named(other):
+        return False
+    off = np.abs(np.subtract(flat(first), flat(other)))
+    return bool(np.all(np.minimum(off, 360 - off) < 1e-3))
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_scenes_read_back_as_they_were(tmp_path: Path, task: str) -> None:
+    wanted = scenes(task, 40)
+    path = tmp_path / f"{task}.json"
+    left_out = write_vlatest(path, wanted, CATALOGUE)
+    assert all("rest" in reason or "VLATest has no" in reason for reason in left_out)
+    read = read_vlatest(path, CATALOGUE).scenes
+    assert len(read) == len(wanted) - sum(left_out.values()) > 20
+    assert all(any(near(scene, candidate) for candidate in wanted) for scene in read)
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"light": Light(2.0)}, "light"),
+        ({"camera": Camera(yaw=1.0)}, "camera"),
+        ({"instruction": "Fetch it"}, "wording"),
+        ({"then": ("hold it up",)}, "wording"),
+    ],
+)
+def test_what_the_format_cannot_express_is_left_out_and_counted(tmp_path: Path, change, reason: str) -> None:
+    scene = scenes("pick-up", 1)[0]
+    path = tmp_path / "t-grasp.json"
+    left_out = write_vlatest(path, [replace(scene, **change), scene], CATALOGUE)
+    assert left_out == {f"VLATest's scene files have no {reason}": 1}
+    assert len(read_vlatest(path, CATALOGUE).scenes) == 1
+
+
+def test_tasks_and_objects_that_vlatest_does_not_have_are_left_out_and_counted(tmp_path: Path) -> None:
+    scene = scenes("pick-up", 1)[0]
+    unknown = replace(scene, targets=(replace(scene.targets[0], object="anvil"),))
+    others = [replace(scene, task="juggle"), replace(scene, targets=scene.targets * 2), unknown]
+    assert write_vlatest(tmp_path / "t-grasp.json", [*others, scene], CATALOGUE) == {
+        "VLATest has no task juggle": 1,
+        "VLATest has no pick-up with 2 target(s)": 1,
+        "VLATest has no anvil": 1,
+    }
