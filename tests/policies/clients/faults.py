@@ -6,17 +6,16 @@ import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from http.client import HTTPConnection, HTTPException
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import urlsplit
 
 import msgpack
 import numpy as np
-import websockets.sync.server
 import zmq
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.policies.clients import listening
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.groot import GrootOptions
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
@@ -116,24 +115,17 @@ def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
                 server.send(frame)
         server.close()
 
-    options = {"compression": None, "max_size": None, "close_timeout": 1}
-    listening = websockets.sync.server.serve(session, "127.0.0.1", 0, **options)
-    thread = threading.Thread(target=listening.serve_forever)
-    thread.start()
-    try:
-        yield listening.socket.getsockname()[1]
-    finally:
-        faults.over.set()
-        listening.shutdown()
-        thread.join()
+    with listening.websocket(session) as port:
+        try:
+            yield port
+        finally:
+            faults.over.set()
 
 
 @contextmanager
 def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
-    class Handler(BaseHTTPRequestHandler):
+    class Handler(listening.Posts):
         """A connection, and its own connection to the server."""
-
-        protocol_version = "HTTP/1.1"
 
         def setup(self) -> None:
             super().setup()
@@ -143,8 +135,8 @@ def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
             self.line.close()
             super().finish()
 
-        def do_POST(self) -> None:
-            body = self.rfile.read(int(self.headers["Content-Length"]))
+        def posted(self) -> None:
+            body = self.body()
             try:
                 self.line.request("POST", self.path, body, {ROLLOUT: self.headers[ROLLOUT]})
                 reply = self.line.getresponse()
@@ -160,25 +152,13 @@ def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
                 return
             answer = {"garbage": GARBAGE, "huge": HUGE, "error": b'"error"'}.get(fault, answer)
             with suppress(OSError):
-                self.send_response(status)
-                self.send_header("Content-Length", str(len(answer)))
-                self.end_headers()
-                self.wfile.write(answer)
+                self.answer(status, answer)
 
-        def log_message(self, *_: object) -> None:
-            pass
-
-    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-    server.daemon_threads, server.block_on_close = True, False
-    thread = threading.Thread(target=server.serve_forever, args=(0.02,))
-    thread.start()
-    try:
-        yield server.server_port
-    finally:
-        faults.over.set()
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    with listening.http(Handler) as server:
+        try:
+            yield server.server_port
+        finally:
+            faults.over.set()
 
 
 @contextmanager

@@ -10,12 +10,12 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-import websockets.sync.server
 from vla_eval import serve_background
 from vla_eval.model_servers.predict import PredictModelServer
 from vla_eval.specs import DimSpec
 from websockets.protocol import State
 
+from tests.policies.clients import listening
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import Harness
@@ -185,16 +185,8 @@ def scripted(*replies: Any, hello: Any = HELLO) -> Iterator[str]:
         else:
             connection.send(answer(number) if callable(answer) else answer)
 
-    listening = websockets.sync.server.serve(
-        session, "127.0.0.1", 0, compression=None, max_size=None, max_queue=1
-    )
-    thread = threading.Thread(target=listening.serve_forever)
-    thread.start()
-    try:
-        yield f"vla-eval:ws://127.0.0.1:{listening.socket.getsockname()[1]}"
-    finally:
-        listening.shutdown()
-        thread.join()
+    with listening.websocket(session, max_queue=1) as port:
+        yield f"vla-eval:ws://127.0.0.1:{port}"
 
 
 def message(kind: str, payload: Any, number: int) -> bytes:

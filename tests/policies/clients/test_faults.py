@@ -26,7 +26,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 PROTOCOLS = ("vla-eval", "openpi", "http", "groot")
-STALL = 4.0  # seconds; a server gets half of it to answer, enough on a busy machine
+STALL = 2.4  # seconds; a server gets half of it to answer, enough on a busy machine
 HERE = "python:tests.policies.clients.faults:Drifting"
 RATES = {"drop": 0.05, "cut": 0.02, "stall": 0.005, "garbage": 0.005, "huge": 0.005, "error": 0.005}
 

@@ -1,6 +1,7 @@
 """The client of GR00T's policy server: golden frames, conversations and errors."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -75,64 +76,58 @@ class TestFrames:
         assert unpack_groot(msgpack.packb(npy(columns))).tolist() == columns.tolist()
 
 
+def conversed(
+    reply: dict, query: str, *observations: Observation, **keys: list[str]
+) -> tuple[list[list], dict[str, Any]]:
+    """The actions in a reply, and the only request; ``keys``: of the model, where they are others."""
+    with served([reply, {}], modalities=config(MODALITIES | keys)) as (name, requests):
+        policy = make_policy(name + query)
+        policy.reset([start(each.episode) for each in observations])
+        shown = [replace(each, images=each.images or black(policy.spec)) for each in observations]
+        chunks = policy.act(shown)
+        policy.close()
+    (request,) = requests
+    return [chunk.actions.tolist() for chunk in chunks], request["data"]
+
+
+def unpacked(part: Any) -> Any:
+    return unpack_groot(msgpack.packb(part))
+
+
 class TestConversation:
     def test_an_observation_has_the_models_keys(self):
-        keys = {"video": ["image", "wrist_image"], "state": [*NAMES], "action": [*NAMES], "language": [TASK]}
-        with served([parts(STILL[None]), {}], modalities=config(keys)) as (name, requests):
-            policy = make_policy(f"{name}?profile=libero&camera=48x32")
-            policy.reset([start("one")])
-            policy.act([seen("one", images=black(policy.spec))])
-            policy.close()
-        observation = requests[0]["data"]["observation"]
-        state = {key: unpack_groot(msgpack.packb(part)) for key, part in observation["state"].items()}
-        assert [*observation["video"]] == ["image", "wrist_image"]
-        assert unpack_groot(msgpack.packb(observation["video"]["image"])).shape == (1, 1, 32, 48, 3)
+        video = ["image", "wrist_image"]
+        query = "?profile=libero&camera=48x32"
+        _, data = conversed(parts(STILL[None]), query, seen("one"), video=video, state=[*NAMES])
+        observation = data["observation"]
+        state = {key: unpacked(part) for key, part in observation["state"].items()}
+        assert [*observation["video"]] == video
+        assert unpacked(observation["video"]["image"]).shape == (1, 1, 32, 48, 3)
         assert [part.shape for part in state.values()] == [(1, 1, 1)] * 6 + [(1, 1, 2)]
         assert {part.dtype.str for part in state.values()} == {"<f4"}
         assert state["yaw"][0, 0, 0] == STATE[5]
         assert observation["language"] == {TASK: [["pick up apple"]]}
-        assert requests[0]["data"]["options"] is None
+        assert data["options"] is None
 
     @pytest.mark.parametrize(("write", "prefix"), [(npy, ""), (nd, ""), (npy, "action.")])
     def test_all_observations_go_in_one_request(self, write, prefix):
         moves = np.arange(2 * 16 * 7, dtype=np.float32).reshape(2, 16, 7)
-        with served([parts(moves, write, prefix), {}]) as (name, requests):
-            policy = make_policy(f"{name}?camera=32")
-            policy.reset([start("a"), start("b")])
-            chunks = policy.act(looking("a", "b"))
-            policy.close()
-        assert len(requests) == 1
-        assert [chunk.actions.tolist() for chunk in chunks] == moves.tolist()
+        chunks, _ = conversed(parts(moves, write, prefix), "?camera=32", *looking("a", "b"))
+        assert chunks == moves.tolist()
 
     def test_the_wrapper_for_simulators_wants_flat_keys(self):
-        with served([parts(STILL[None], prefix="action."), {}]) as (name, requests):
-            policy = make_policy(f"{name}?camera=32&flat=1")
-            policy.reset([start("one")])
-            policy.act(looking("one"))
-            policy.close()
-        observation = requests[0]["data"]["observation"]
-        assert [*observation] == ["video.image", TASK]
-        assert observation[TASK] == ["pick up apple"]
+        reply = parts(STILL[None], prefix="action.")
+        _, data = conversed(reply, "?camera=32&flat=1", *looking("one"))
+        assert [*data["observation"]] == ["video.image", TASK]
+        assert data["observation"][TASK] == ["pick up apple"]
 
     def test_a_widowx_hand_that_points_down_has_no_angles(self):
-        keys = {
-            "video": ["image_0"],
-            "state": [*NAMES[:6], "pad", "gripper"],
-            "action": [*NAMES],
-            "language": [TASK],
-        }
         down = np.array([0.1, 0.2, 0.3, np.pi, 0, 0, 0.5], dtype=np.float32)
-        with served([parts(np.repeat(STILL[None], 8, axis=1)), {}], modalities=config(keys)) as (
-            name,
-            requests,
-        ):
-            policy = make_policy(f"{name}?profile=bridge")
-            policy.reset([start("one")])
-            policy.act([Observation("one", 0, "up", images=black(policy.spec), state=down)])
-            policy.close()
-        observation = requests[0]["data"]["observation"]["state"]
-        state = [float(unpack_groot(msgpack.packb(part))[0, 0, 0]) for part in observation.values()]
-        assert state == pytest.approx([0.1, 0.2, 0.3, 0, 0, 0, 0, 0.5], abs=1e-6)
+        reply, state = parts(np.repeat(STILL[None], 8, axis=1)), [*NAMES[:6], "pad", "gripper"]
+        observation = Observation("one", 0, "up", state=down)
+        _, data = conversed(reply, "?profile=bridge", observation, video=["image_0"], state=state)
+        numbers = [float(unpacked(part)[0, 0, 0]) for part in data["observation"]["state"].values()]
+        assert numbers == pytest.approx([0.1, 0.2, 0.3, 0, 0, 0, 0, 0.5], abs=1e-6)
 
 
 def failure(*replies: Any, options: str = "?camera=32") -> PolicyError:
@@ -215,10 +210,8 @@ class TestRefused:
         ],
     )
     def test_a_model_whose_keys_nobody_names(self, keys, says):
-        with (
-            served(modalities=config(MODALITIES | keys)) as (name, _),
-            pytest.raises(UsageError, match=says) as caught,
-        ):
+        model = served(modalities=config(MODALITIES | keys))
+        with model as (name, _), pytest.raises(UsageError, match=says) as caught:
             make_policy(name)
         assert caught.value.hint.startswith("a profile, or the option ")
 

@@ -9,12 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-import websockets.sync.server
 
+from tests.policies.clients import listening
 from tests.policies.clients.served import CLOSE, HANG, STATE, black, failure, seen, start
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
-from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by openpi-client 0.1.2: see test_conformance
@@ -41,14 +40,8 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
             else:
                 connection.send(reply if isinstance(reply, bytes | str) else pack_openpi(reply))
 
-    server = websockets.sync.server.serve(session, "127.0.0.1", 0, compression=None, max_size=None)
-    thread = threading.Thread(target=server.serve_forever)
-    thread.start()
-    try:
-        yield f"openpi:ws://127.0.0.1:{server.socket.getsockname()[1]}", requests
-    finally:
-        server.shutdown()
-        thread.join()
+    with listening.websocket(session) as port:
+        yield f"openpi:ws://127.0.0.1:{port}", requests
 
 
 OBSERVATION = {
@@ -73,33 +66,25 @@ class TestFrames:
         assert reply["policy_timing"]["infer_ms"].dtype == np.float32
 
 
-class TestConversation:
-    def test_an_observation_has_the_models_keys(self):
-        query = "?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2"
-        with scripted({"actions": STILL}) as (name, requests):
-            policy = make_policy(name + query)
-            policy.reset([start("one", 3)])
-            policy.act([seen("one", images=black(policy.spec))])
-            policy.close()
-        (message, header) = requests[0]
-        assert list(message) == [
-            "observation/image",
-            "observation/wrist_image",
-            "observation/state",
-            "prompt",
-        ]
-        assert message["observation/image"].shape == (32, 48, 3)
-        assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
-        assert message["prompt"] == "pick up apple"
-        assert header == '{"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}'
+def asked(query: str) -> tuple[dict, str]:
+    """The request with an observation, and its header."""
+    with scripted({"actions": STILL}) as (name, requests):
+        policy = make_policy(name + query)
+        policy.reset([start("one", 3)])
+        policy.act([seen("one", images=black(policy.spec))])
+        policy.close()
+    return requests[0]
 
-    def test_keys_of_other_models(self):
-        with scripted({"actions": STILL}) as (name, requests):
-            policy = make_policy(name + "?camera=32&image_key=cam&instruction_key=task")
-            policy.reset([start("one")])
-            policy.act([seen("one", images=black(policy.spec))])
-            policy.close()
-        assert list(requests[0][0]) == ["cam", "task"]
+
+def test_an_observation_has_the_models_keys():
+    message, header = asked("?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2")
+    assert list(message) == list(OBSERVATION)
+    assert message["observation/image"].shape == (32, 48, 3)
+    assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
+    assert message["prompt"] == "pick up apple"
+    assert header == '{"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}'
+    other, _ = asked("?camera=32&image_key=cam&instruction_key=task")
+    assert list(other) == ["cam", "task"]
 
 
 class TestWrongAnswers:
@@ -139,8 +124,9 @@ class TestWrongAnswers:
         missing = f"Traceback (most recent call last):\n  File x, in __call__\nKeyError: {key!r}\n"
         with scripted(missing) as (name, _):
             policy = make_policy(name)
+            policy.reset([start("one")])
             with pytest.raises(PolicyError) as caught:
-                Harness(policy, start("one")).action(lambda: seen("one", images=black(policy.spec)))
+                policy.act([seen("one", images=black(policy.spec))])
             policy.close()
         said = f": KeyError: {key!r}, which was not sent; sent were observation/image, prompt"
         assert caught.value.message.endswith(said)
@@ -152,11 +138,7 @@ class TestWrongAnswers:
         assert error.message.endswith("a chunk of 16 actions, expected chunk=10")
 
 
-class TestNoServer:
-    def test_one_that_greets_with_an_error(self):
-        with (
-            scripted(metadata="ImportError: no jax") as (name, _),
-            pytest.raises(PrerequisiteError) as caught,
-        ):
-            make_policy(name)
-        assert caught.value.message.endswith(": ImportError: no jax")
+def test_a_server_that_greets_with_an_error_is_none():
+    greeted = scripted(metadata="ImportError: no jax")
+    with greeted as (name, _), pytest.raises(PrerequisiteError, match=r": ImportError: no jax$"):
+        make_policy(name)

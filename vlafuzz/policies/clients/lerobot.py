@@ -41,7 +41,7 @@ class LeRobotOptions(ProfiledOptions):
     device: str | None = Field(default=None, pattern=r"^(cpu|mps|cuda(:\d+)?)$")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Card:
     """What a policy declares about itself; on a CPU it is deterministic.
 
@@ -183,8 +183,8 @@ def _card(name: str, config: Any) -> Card:
         raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
     sizes = {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()}
     return Card(
-        kind=config.type,
-        pictures=sizes,
+        config.type,
+        sizes,
         state=int(state.shape[0]) if state else 0,
         actions=int(actions.shape[0]),
         execute=int(getattr(config, "n_action_steps", 1)),
