@@ -1,10 +1,13 @@
 """What ``vlafuzz compare`` shows and writes, and how it ends."""
 
 import csv
-import io
 import json
 import re
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,9 +26,44 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return without_simulator(tmp_path, monkeypatch)
 
 
-def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store():
-    compare()
-    assert [row[:2] for row in runs()] == [
+@dataclass(frozen=True)
+class Made:
+    """A comparison: what it printed, and the folders of its store and of its results."""
+
+    printed: str
+    said: str
+    folder: Path
+
+    @property
+    def document(self) -> dict[str, Any]:
+        return json.loads((self.folder / "out/compare.json").read_text())
+
+    @property
+    def page(self) -> str:
+        return (self.folder / "out/compare.html").read_text(encoding="utf-8")
+
+
+def made(folder: Path, *flags: str) -> Made:
+    """A plot takes a second, so that tests share comparisons."""
+    with pytest.MonkeyPatch.context() as patched:
+        without_simulator(folder, patched)
+        with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+            compare(*flags)
+    return Made(out.getvalue(), err.getvalue(), folder)
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return made(tmp_path_factory.mktemp("plain"))
+
+
+@pytest.fixture(scope="module")
+def triaged(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    return made(tmp_path_factory.mktemp("triaged"), "--triage-rollouts", "200", "--markdown")
+
+
+def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain: Made):
+    assert [row[:2] for row in runs(str(plain.folder / "a.db"))] == [
         ("random", 3), ("feedback", 3), ("random", 4), ("feedback", 4),
     ]  # fmt: skip
 
@@ -41,36 +79,31 @@ def test_every_run_pays_for_its_own_rollouts(capsys: pytest.CaptureFixture[str])
 def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Path):
     compare("--json")
     document = json.loads(capsys.readouterr().out)
-    assert (document["budget"], document["repeats"], document["seeds"], document["reference"]) == (
-        12,
-        2,
-        [3, 4],
-        "random",
-    )
+    assert (document["budget"], document["repeats"]) == (12, 2)
+    assert (document["seeds"], document["reference"]) == ([3, 4], "random")
     standing = document["standings"][1]
+    figures = standing["figures"]
     assert standing["strategy"] == "feedback"
-    assert standing["figures"]["cells"]["median"] > 0
+    assert figures["cells"]["median"] > 0
+    assert 0 < figures["search_share"]["median"] + figures["store_share"]["median"] < 1
     assert standing["means"]["failures"]["value"] > 0
     assert json.loads((folder / "out/compare.json").read_text()) == document
 
 
-def test_with_two_repeats_it_says_that_they_are_too_few(capsys: pytest.CaptureFixture[str]):
-    compare()
-    assert "2 repeats are too few to tell, p is never below 0.5; 6 could" in capsys.readouterr().out
+def test_with_two_repeats_it_says_that_they_are_too_few(plain: Made):
+    assert "2 repeats are too few to tell, p is never below 0.5; 6 could" in plain.printed
 
 
-def test_plots_and_tables_are_in_the_folder(folder: Path, capsys: pytest.CaptureFixture[str]):
-    compare()
-    assert {path.name for path in (folder / "out").iterdir()} == {
+def test_plots_and_tables_are_in_the_folder(plain: Made):
+    assert {path.name for path in (plain.folder / "out").iterdir()} == {
         "compare.html", "compare.json", "compare.md", "runs.csv", "curves.png", "figures.png",
     }  # fmt: skip
-    assert (folder / "out/curves.png").read_bytes().startswith(b"\x89PNG")
-    assert "written to out: compare.html, curves.png, figures.png" in capsys.readouterr().err
+    assert (plain.folder / "out/curves.png").read_bytes().startswith(b"\x89PNG")
+    assert "written to out: compare.html, curves.png, figures.png" in plain.said
 
 
-def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: Path):
-    compare("--triage-rollouts", "50")
-    page = (folder / "out/compare.html").read_text(encoding="utf-8")
+def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(triaged: Made):
+    page = triaged.page
     assert page.count('src="data:image/png;base64,iVBOR') == 2
     for part in (
         "Causes: pick-up", "Against random", "too few repeats", "Triage, all repeats together", "Cost",
@@ -78,9 +111,8 @@ def test_the_page_shows_plots_tables_and_tests_and_needs_no_other_file(folder: P
     ):  # fmt: skip
         assert part in page
         page = page[page.index(part) :]  # in this order
-    page = (folder / "out/compare.html").read_text(encoding="utf-8")
-    assert "vlafuzz report a.db --out a.html" in page
-    assert not re.search(r'(src|href)="(?!data:)', page)
+    assert "vlafuzz report a.db --out a.html" in triaged.page
+    assert not re.search(r'(src|href)="(?!data:)', triaged.page)
 
 
 def test_one_strategy_alone_has_a_page_without_tests(folder: Path):
@@ -93,30 +125,22 @@ def test_one_strategy_alone_has_a_page_without_tests(folder: Path):
 
 def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):
     compare("--csv")
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    rows = list(csv.DictReader(StringIO(capsys.readouterr().out)))
     assert [row["strategy"] for row in rows] == ["random", "feedback"]
     assert float(rows[0]["failures_value"]) > 0
 
 
-def test_the_cost_of_searching_is_told_apart(capsys: pytest.CaptureFixture[str]):
-    compare("--markdown")
-    assert "| seconds | in rollouts | search | store |" in capsys.readouterr().out
-    compare("--json")
-    cost = json.loads(capsys.readouterr().out)["standings"][0]["figures"]
-    assert 0 < cost["search_share"]["median"] + cost["store_share"]["median"] < 1
+def test_markdown_can_be_pasted(triaged: Made):
+    assert (
+        "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in triaged.printed
+    )
+    assert "| seconds | in rollouts | search | store |" in triaged.printed
+    assert "- feedback: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
+    assert "| light:dark | grasp | 2 | 2 |" in triaged.printed
 
 
-def test_markdown_can_be_pasted(capsys: pytest.CaptureFixture[str]):
-    compare("--markdown", "--triage-rollouts", "200")
-    shown = capsys.readouterr().out
-    assert "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in shown
-    assert "- feedback: certified causes beside random: 2 repeats are too few to tell" in shown
-    assert "| light:dark | grasp | 2 | 2 |" in shown
-
-
-def test_strategies_are_judged_by_the_causes_that_triage_certifies(capsys: pytest.CaptureFixture[str]):
-    compare("--triage-rollouts", "200", "--json")
-    document = json.loads(capsys.readouterr().out)
+def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made):
+    document = triaged.document
     assert document["triage_rollouts"] == 200
     for standing in document["standings"]:
         assert standing["means"]["causes"]["value"] == 1.0
@@ -145,14 +169,12 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys: 
     assert compared == [("feedback", "failures"), ("causes", "failures"), ("causes", "probability_width")]
 
 
-def test_without_triage_failures_judge_and_it_says_so(capsys: pytest.CaptureFixture[str]):
-    compare("--triage-rollouts", "0")
-    shown = capsys.readouterr().out
-    assert shown.startswith("Failures: pick-up")
-    assert "Nothing was triaged (--triage-rollouts 0)" in shown
-    assert "feedback: failures beside random" in shown
-    assert "certified causes" not in shown
-    with Store.open(Path("a.db")) as store:
+def test_without_triage_failures_judge_and_it_says_so(plain: Made):
+    assert plain.printed.startswith("Failures: pick-up")
+    assert "Nothing was triaged (--triage-rollouts 0)" in plain.printed
+    assert "feedback: failures beside random" in plain.printed
+    assert "certified causes" not in plain.printed
+    with Store.open(plain.folder / "a.db") as store:
         assert store.triaged() == []
 
 
