@@ -185,8 +185,7 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--task", default="pick-up")
-    default = [name for name in STRATEGIES if "without" not in name]  # the others are ablations
-    parser.add_argument("--strategies", nargs="+", default=default, choices=list(STRATEGIES))
+    parser.add_argument("--strategies", nargs="+", default=list(STRATEGIES), choices=list(STRATEGIES))
     parser.add_argument("--rollouts", type=int, default=100, help="in the simulator, per strategy")
     parser.add_argument("--evaluations", type=int, default=20_000, help="of the toy, per strategy")
     parser.add_argument("--block", type=int, default=1000, help="proposals per block")

@@ -63,7 +63,7 @@ def hunt(world: World, strategy: Strategy, budget: int) -> Course:
 
 def splits_of(arm: str, splits: Sequence[float]) -> Sequence[float]:
     """The splits that make a difference to an arm."""
-    if arm.startswith(HUNTING):
+    if arm == HUNTING:
         return (0.0,)
     return (0.0, *splits) if arm == ATTRIBUTION else splits
 
@@ -71,9 +71,8 @@ def splits_of(arm: str, splits: Sequence[float]) -> Sequence[float]:
 def arms() -> dict[str, Play]:
     """What may be compared, by name."""
     searching = [name for name in registry.STRATEGIES if name != HUNTING]
-    hunting = [name for name in (*registry.STRATEGIES, *registry.ABLATIONS) if name.startswith(HUNTING)]
     return {
-        **{name: partial(_hunt, name) for name in hunting},
+        HUNTING: partial(_hunt, HUNTING),
         ATTRIBUTION: _attribute,
         **{
             f"{name} + {kind}": partial(_triage, name, certified=kind == TRIAGE)

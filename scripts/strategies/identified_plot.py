@@ -47,8 +47,6 @@ def _draw(axes: Any, rows: Sequence[Row], name: str) -> None:
     if name in main:
         place = main.index(name)
         style = {"color": _COLOURS[place], "marker": _MARKERS[place], "linewidth": 1.8, "zorder": 3}
-    elif name.startswith(HUNTING):
-        style = {"color": _COLOURS[0], "linestyle": ":", "linewidth": 1.2, "zorder": 2}
     estimates = [row["identified"] for row in rows]
     values = [known["value"] for known in estimates]
     ends = [

@@ -14,22 +14,21 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.registry import ABLATIONS, STRATEGIES, strategy_factory
+from vlafuzz.search.registry import STRATEGIES, strategy_factory
 from vlafuzz.search.scoring import Score
 from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.values import Parameter
 
-SHIPPED = STRATEGIES | ABLATIONS
 SPACE = Reacher().space(Wanted(task="reach", robot="own"))  # values: none of this depends on the world
 MAKERS: dict[str, Callable[[int], Strategy]] = {
-    name: lambda seed, factory=factory: factory(SPACE, seed, 120) for name, factory in SHIPPED.items()
+    name: lambda seed, factory=factory: factory(SPACE, seed, 120) for name, factory in STRATEGIES.items()
 }
 MAKERS["pool"] = lambda seed: InOrder(500)
 MAKERS["own"] = lambda seed: Climb(SPACE, seed, 120)
 strategies = pytest.mark.parametrize("name", MAKERS)
-shipped = pytest.mark.parametrize("name", SHIPPED)
-guided = pytest.mark.parametrize("name", [name for name in SHIPPED if name != "random"])
+shipped = pytest.mark.parametrize("name", STRATEGIES)
+guided = pytest.mark.parametrize("name", [name for name in STRATEGIES if name != "random"])
 
 
 class Digits(Reacher):
@@ -108,7 +107,7 @@ class TestStrategy:
 
 @shipped
 def test_the_budget_may_be_unknown(name: str):
-    strategy = SHIPPED[name](SPACE, 0, None)
+    strategy = STRATEGIES[name](SPACE, 0, None)
     proposals = play(strategy, *(16,) * 6)
     assert [proposal.id for proposal in proposals] == list(range(len(proposals)))
     assert len(proposals) > 16
@@ -117,13 +116,13 @@ def test_the_budget_may_be_unknown(name: str):
 @shipped
 @pytest.mark.parametrize("budget", [1, 17, 10_000])
 def test_a_run_may_go_on_beyond_its_budget(name: str, budget: int):
-    assert len(play(SHIPPED[name](SPACE, 0, budget), *(16,) * 4)) > 17
+    assert len(play(STRATEGIES[name](SPACE, 0, budget), *(16,) * 4)) > 17
 
 
 @shipped
 def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
     tiny = Digits().space(Wanted(task="reach", robot="own"))
-    strategy = SHIPPED[name](tiny, 0, 48)
+    strategy = STRATEGIES[name](tiny, 0, 48)
     scores = {}
     for _ in range(12):
         asked = strategy.ask(16)
@@ -141,7 +140,7 @@ def test_no_scene_is_proposed_twice_while_there_are_others(name: str):
 @pytest.mark.parametrize("name", STRATEGIES)
 def test_every_proposal_is_fair_as_far_as_can_be_told_without_a_simulator(name: str, task: str):
     one = tabletop(task)
-    for proposal in play(SHIPPED[name](one, 0, 64), *(16,) * 4):
+    for proposal in play(STRATEGIES[name](one, 0, 64), *(16,) * 4):
         assert check_static(one.decode(proposal.genome), CATALOGUE, 0.15) is None
 
 
@@ -184,11 +183,6 @@ def test_an_unknown_strategy_is_refused_with_the_nearest_known():
     with pytest.raises(UsageError, match="unknown strategy 'randon'") as caught:
         strategy_factory("randon")
     assert caught.value.hint == "did you mean 'random'?"
-
-
-def test_ablations_are_reachable_by_name_but_not_listed():
-    assert all(strategy_factory(name) is factory for name, factory in ABLATIONS.items())
-    assert not STRATEGIES.keys() & ABLATIONS.keys()
 
 
 def test_the_pool_is_asked_for_by_its_scenes():

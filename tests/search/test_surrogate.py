@@ -46,11 +46,6 @@ def test_failures_are_looked_for_at_new_sites():
     assert len(set(found)) > 0.95 * len(found)
 
 
-def test_without_novelty_they_are_not():
-    found = sites(failing(played(Surrogate(space(), 0, 200, novelty=False), dark, 10)))
-    assert len(set(found)) < 0.8 * len(found)
-
-
 def test_as_long_as_nothing_is_foreseen_it_is_random():
     asked = played(Surrogate(space(), 3, 200), lambda _: PASSED)
     drawn = Random(space(), 3).ask(len(asked))
@@ -77,14 +72,11 @@ def coin(proposal: Proposal) -> Score:
     return FAILED if int(space().decode(proposal.genome).digest, 16) % 2 else PASSED
 
 
-@pytest.mark.parametrize(("fallback", "guided"), [(True, False), (False, True)])
-def test_where_the_forest_misleads_all_scenes_are_fresh(
-    monkeypatch: pytest.MonkeyPatch, fallback: bool, guided: bool
-):
-    strategy = Surrogate(space(), 0, 200, fallback=fallback)
+def test_where_the_forest_misleads_all_scenes_are_fresh(monkeypatch: pytest.MonkeyPatch):
+    strategy = Surrogate(space(), 0, 200)
     played(strategy, coin)
     monkeypatch.setattr(strategy._forest, "misleads", lambda: True)
-    assert (strategy._share_of_fresh() <= GUIDED) == guided
+    assert strategy._share_of_fresh() == 1.0
 
 
 def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from importlib import import_module
 from typing import Any, cast
 
 import numpy as np
@@ -21,66 +22,45 @@ Factory = Callable[[Source, int, int | None], Strategy]
 """
 
 
-def _nsga2(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002."""
-    from vlafuzz.search.nsga2 import Nsga2  # pymoo takes half a second to import
+def _later(place: str, says: str) -> Factory:
+    """A factory that imports its strategy when it is called, as packages take up to a second to import."""
 
-    return Nsga2(space, seed, budget)
+    def make(space: Source, seed: int, budget: int | None) -> Strategy:
+        module, _, name = place.partition(":")
+        return cast(Strategy, getattr(import_module(module), name)(space, seed, budget))
 
-
-def _nsga2d(space: Source, seed: int, budget: int | None) -> Strategy:
-    """NSGA-II that keeps away from known failures and draws fresh scenes when it stalls. A baseline."""
-    from vlafuzz.search.baselines.nsga2d import Nsga2D
-
-    return Nsga2D(space, seed, budget)
-
-
-def _map_elites(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Varies the best scene of every niche: lost stage, farthest operator, target's place. A baseline."""
-    from vlafuzz.search.baselines.map_elites import MapElites  # pyribs takes a second to import
-
-    return MapElites(space, seed, budget)
-
-
-def _art_rf(space: Source, seed: int, budget: int | None) -> Strategy:
-    """Fresh scenes far from all before that a random forest predicts to fail: FATE-VLA's. A baseline."""
-    from vlafuzz.search.baselines.art_rf import ArtRf
-
-    return ArtRf(space, seed, budget)
-
-
-def _surrogate(space: Source, seed: int, budget: int | None, **switches: bool) -> Strategy:
-    """Rolls out what a forest predicts to fail in cells that have no failure yet; else random."""
-    from vlafuzz.search.surrogate import Surrogate  # scikit-learn takes a second to import
-
-    return Surrogate(space, seed, budget, **switches)
-
-
-def _causes(space: Source, seed: int, budget: int | None, **switches: Any) -> Strategy:
-    """Attributes failures to operators as they come, and looks where no known cause explains a failure."""
-    from vlafuzz.search.causes.strategy import Causes
-
-    return Causes(space, seed, budget, **switches)
+    make.__doc__ = says
+    return make
 
 
 STRATEGIES: dict[str, Factory] = {
     "random": Random,
-    "nsga2": _nsga2,
-    "nsga2d": _nsga2d,
+    "nsga2": _later(
+        "vlafuzz.search.nsga2:Nsga2",
+        "Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002.",
+    ),
+    "nsga2d": _later(
+        "vlafuzz.search.baselines.nsga2d:Nsga2D",
+        "NSGA-II that keeps away from known failures and draws fresh scenes when it stalls. A baseline.",
+    ),
     "feedback": Feedback,
-    "map-elites": _map_elites,
-    "art-rf": _art_rf,
+    "map-elites": _later(
+        "vlafuzz.search.baselines.map_elites:MapElites",
+        "Varies the best scene of every niche: lost stage, farthest operator, target's place. A baseline.",
+    ),
+    "art-rf": _later(
+        "vlafuzz.search.baselines.art_rf:ArtRf",
+        "Fresh scenes far from all before that a random forest predicts to fail: FATE-VLA's. A baseline.",
+    ),
     "mcts": Mcts,
-    "surrogate": _surrogate,
-    "causes": _causes,
-}
-# Reachable by name, for scripts/bench_strategies.py; not listed.
-ABLATIONS: dict[str, Factory] = {
-    "surrogate-without-forest": partial(_surrogate, forest=False),
-    "surrogate-without-novelty": partial(_surrogate, novelty=False),
-    "surrogate-without-fallback": partial(_surrogate, fallback=False),
-    "causes-without-avoiding": partial(_causes, avoid=False),
-    "causes-without-suspects": partial(_causes, guided=False),
+    "surrogate": _later(
+        "vlafuzz.search.surrogate:Surrogate",
+        "Rolls out what a forest predicts to fail in cells that have no failure yet; else random.",
+    ),
+    "causes": _later(
+        "vlafuzz.search.causes.strategy:Causes",
+        "Attributes failures to operators as they come, and looks where no known cause explains a failure.",
+    ),
 }
 _HINT = "see vlafuzz.search.base.Strategy"
 
@@ -91,7 +71,7 @@ def _own(name: str, make: Factory, space: Source, seed: int, budget: int | None)
 
 
 def strategy_factory(name: str) -> Factory:
-    """The factory of the strategy of that name, ablations included.
+    """The factory of the strategy of that name.
 
     Raises:
         UsageError: no such strategy.
@@ -100,9 +80,9 @@ def strategy_factory(name: str) -> Factory:
         return partial(_own, name, cast(Factory, load_factory(name)))
     if name == POOL:
         raise UsageError(f"strategy {POOL!r} needs a file of scenes", hint="give it with --scenes")
-    if name not in STRATEGIES | ABLATIONS:
+    if name not in STRATEGIES:
         raise UsageError(f"unknown strategy {name!r}", hint=suggestion(name, STRATEGIES))
-    return (STRATEGIES | ABLATIONS)[name]
+    return STRATEGIES[name]
 
 
 class Own:

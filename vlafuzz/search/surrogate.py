@@ -38,18 +38,8 @@ class Surrogate:
     predicts no better than chance, scenes are drawn at random.
     """
 
-    def __init__(
-        self,
-        space: Source,
-        seed: int,
-        budget: int | None = None,
-        *,
-        forest: bool = True,
-        novelty: bool = True,
-        fallback: bool = True,
-    ) -> None:
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
         self._seed, self._asked = seed, 0
-        self._uses_forest, self._uses_novelty, self._uses_fallback = forest, novelty, fallback
         self._proposals = ProposalFactory(space)
         self._breeder, self._forest = Breeder(space, self._proposals), Forest(seed)
         self._stock: list[Candidate] = []
@@ -89,7 +79,7 @@ class Surrogate:
                 self._breeder.learn(candidate.genome, score)
                 judged.append((candidate.features, score))
                 self._failed |= score.failed
-        if self._uses_forest and judged:
+        if judged:
             features, known = zip(*judged, strict=True)
             self._forest.learn(np.array(features), known)
 
@@ -102,10 +92,8 @@ class Surrogate:
 
     def _share_of_fresh(self) -> float:
         if self._failed:
-            misleads = self._uses_fallback and self._forest.misleads()
-            return 1.0 if misleads else GUIDED * self._forest.misses()
-        foresees = self._forest.fitted and (not self._uses_fallback or self._forest.foresees_lateness())
-        return BLIND if foresees else 1.0
+            return 1.0 if self._forest.misleads() else GUIDED * self._forest.misses()
+        return BLIND if self._forest.fitted and self._forest.foresees_lateness() else 1.0
 
     def _chosen(self, n: int, rng: Rng) -> list[Candidate]:
         """Up to ``n`` candidates, each the best given the ones chosen before."""
@@ -136,8 +124,6 @@ class Surrogate:
 
     def _worths(self) -> Numbers:
         """``(candidates,)`` 1 at a new site, less at one with failures."""
-        if not self._uses_novelty:
-            return np.ones(len(self._stock))
         tried = np.array([self._tried[candidate.site] for candidate in self._stock])
         return np.where(tried > 0, REPEATED ** np.minimum(tried, 5), 1.0)
 
