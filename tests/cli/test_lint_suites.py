@@ -2,8 +2,7 @@ import json
 
 import pytest
 
-from vlafuzz.cli import main
-from vlafuzz.doctor import suites
+from vlafuzz.cli import main, suites
 from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
 
 BROKEN = AuditedTask("s/1", "take the bowl", 3, (Defect(2, "slides", "bowl slides by 6.2 cm", 0.062),))

@@ -62,46 +62,13 @@ class Deaf(Changed):
         super().reset([replace(start, instruction="pick up green cube") for start in episodes])
 
 
-def constant(healthy: str) -> Policy:
-    return Changed(healthy, answer=lambda actions: np.full_like(actions, 0.01))
+def answering(answer: Callable[[np.ndarray], np.ndarray]) -> Callable[[str], Policy]:
+    return lambda healthy: Changed(healthy, answer=answer)
 
 
-def nan(healthy: str) -> Policy:
-    def answer(actions: np.ndarray) -> np.ndarray:
-        actions[0, 2] = np.nan
-        return actions
-
-    return Changed(healthy, answer=answer)
-
-
-def saturated(healthy: str) -> Policy:
-    limits = np.array([0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0])
-    return Changed(healthy, answer=lambda actions: np.sign(actions) * limits)
-
-
-def swapped(healthy: str) -> Policy:
-    return Changed(healthy, answer=lambda actions: actions[:, [1, 0, 2, 3, 4, 5, 6]])
-
-
-def yaw_inverted(healthy: str) -> Policy:
-    return Changed(healthy, answer=lambda actions: actions * [1, 1, 1, 1, 1, -1, 1])
-
-
-def gripper_inverted(healthy: str) -> Policy:
-    return Changed(healthy, answer=lambda actions: actions * [1, 1, 1, 1, 1, 1, -1])
-
-
-def bgr(healthy: str) -> Policy:
-    return Changed(healthy, shown(lambda picture: picture[..., ::-1]))
-
-
-def upside_down(healthy: str) -> Policy:
-    return Changed(healthy, shown(lambda picture: picture[::-1]))
-
-
-def in_millimetres(healthy: str) -> Policy:
-    """Its moves are twenty times too short."""
-    return Changed(healthy, answer=lambda actions: actions * [0.05, 0.05, 0.05, 1, 1, 1, 1])
+def nan(actions: np.ndarray) -> np.ndarray:
+    actions[0, 2] = np.nan
+    return actions
 
 
 def nondeterministic(healthy: str) -> Policy:
@@ -125,7 +92,6 @@ class Offset(Changed):
 
     def __init__(self, healthy: str) -> None:
         super().__init__(healthy, max_batch=1)
-        self._before = np.array([[0.0] * 6 + [1.0]])
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         super().reset(episodes)
@@ -168,18 +134,19 @@ class Dropping(Changed):
         return super().act(observations)
 
 
+LIMITS = np.array([0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0])
 FAULTS: dict[str, Callable[[str], Policy]] = {
     "blind": blind,
     "deaf": Deaf,
-    "constant": constant,
-    "NaN": nan,
-    "saturated": saturated,
-    "x and y swapped": swapped,
-    "yaw inverted": yaw_inverted,
-    "gripper inverted": gripper_inverted,
-    "BGR": bgr,
-    "upside down": upside_down,
-    "wrong scale": in_millimetres,
+    "constant": answering(lambda actions: np.full_like(actions, 0.01)),
+    "NaN": answering(nan),
+    "saturated": answering(lambda actions: np.sign(actions) * LIMITS),
+    "x and y swapped": answering(lambda actions: actions[:, [1, 0, 2, 3, 4, 5, 6]]),
+    "yaw inverted": answering(lambda actions: actions * [1, 1, 1, 1, 1, -1, 1]),
+    "gripper inverted": answering(lambda actions: actions * [1, 1, 1, 1, 1, 1, -1]),
+    "BGR": lambda healthy: Changed(healthy, shown(lambda picture: picture[..., ::-1])),
+    "upside down": lambda healthy: Changed(healthy, shown(lambda picture: picture[::-1])),
+    "wrong scale": answering(lambda actions: actions * [0.05, 0.05, 0.05, 1, 1, 1, 1]),  # as in millimetres
     "batch order mixed": Mixed,
     "nondeterministic": nondeterministic,
     "chunk offset": Offset,

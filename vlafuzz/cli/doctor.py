@@ -23,9 +23,12 @@ def doctor(
         typer.Option(help="Check this policy, or python:pkg.mod:factory.", show_default="this machine"),
     ] = None,
     task: Annotated[
-        str | None, typer.Option(help="What the policy is told to do.", show_default="pick-up")
+        str | None,
+        typer.Option(help="What the policy is told to do.", show_default="the first: `vlafuzz list worlds`"),
     ] = None,
-    robot: Annotated[str | None, typer.Option(help="Whose hand it is.", show_default="panda")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Whose hand it is.", show_default="the world's first")
+    ] = None,
     operators: OperatorsFlag = None,
     pack: PackFlag = None,
     seed: Annotated[

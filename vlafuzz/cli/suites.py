@@ -8,9 +8,10 @@ from typing import Any
 import typer
 
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
-from vlafuzz.doctor.suites import audit_suite, is_suite
 from vlafuzz.errors import UsageError, sentence
+from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.audit import CHECKS, AuditedSuite, AuditedTask, Scope
+from vlafuzz.worlds.capabilities import Audited
 
 
 def named_suites(names: list[Path], of_files: Mapping[str, object]) -> list[str]:
@@ -21,12 +22,18 @@ def named_suites(names: list[Path], of_files: Mapping[str, object]) -> list[str]
     Raises:
         UsageError: there are both, or a suite with such a flag.
     """
-    suites = [str(name) for name in names if is_suite(str(name))]
+    suites = [str(name) for name in names if ":" in str(name) and _audited(str(name)) and not name.exists()]
     if suites and len(suites) < len(names):
         raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
     if suites:
         refuse(of_files, "a suite's initial states are checked as they are")
     return suites
+
+
+def _audited(suite: str) -> Audited | None:
+    """The world of ``WORLD:SUITE``, if it can audit its own initial states."""
+    world = known_worlds().get(suite.partition(":")[0])
+    return world if isinstance(world, Audited) else None
 
 
 def refuse(flags: Mapping[str, object], reason: str) -> None:
@@ -39,10 +46,9 @@ def refuse(flags: Mapping[str, object], reason: str) -> None:
 def lint_suites(names: list[str], scope: Scope, *, json: bool, verbose: bool) -> None:
     """Print the verdicts on suites; the exit code is 1 when an initial state has a defect."""
     with Bar() as bar:
-        suites = [
-            audit_suite(name, Scope(states=scope.states, pictures=scope.pictures, watch=bar))
-            for name in names
-        ]
+        watched = Scope(states=scope.states, pictures=scope.pictures, watch=bar)
+        worlds = [(name, _audited(name)) for name in names]
+        suites = [world.audit(name.partition(":")[2], watched) for name, world in worlds if world]
     if json:
         print_json([_suite(suite) for suite in suites])
     else:

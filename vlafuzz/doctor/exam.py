@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, count, cycle, islice
+from itertools import count, cycle, islice
 from pathlib import Path
 from statistics import fmean, median
 
@@ -57,7 +57,6 @@ class Exam:
         once = replace(manifest, repeats=1, stop_early=True)
         self._evaluator = make_evaluator(once, self._recorder)
         self._manifest = manifest
-        self._space = self._space_of(TARGETS)
         self._nominal = self._drawn(TARGETS)
         self._outcomes: list[tuple[Scene, Outcome]] = []  # of complete rollouts in nominal scenes
         self._rewordings: dict[str, str] = {}  # instructions that name another object on the table
@@ -100,18 +99,19 @@ class Exam:
 
         A policy that cannot do the task is still checked for wiring, which may be the reason.
         """
-        checks = chain(self._guarded(self._probed(quick=False)), self._lasting(n))
-        verdict = "ok"
-        for check in until_refused(checks):
-            verdict = check.verdict
+        for check in self._guarded(self._probed(quick=False)):
             yield check
-        if verdict != "refuse":
-            yield verdicts.on_nominal([outcome for _, outcome in self._outcomes])
-            yield self._wired()
-
-    def _wired(self) -> Check:
-        candidates = corrections(self._spec, self._recorder.longest)
+            if check.verdict == "refuse":
+                return
+        self._outcomes += self._rolled(n)
         outcomes = [outcome for _, outcome in self._outcomes]
+        yield (check := verdicts.on_rollouts(outcomes, self._recorder.breaks))
+        if check.verdict != "refuse":
+            yield verdicts.on_nominal(outcomes)
+            yield self._wired(outcomes)
+
+    def _wired(self, outcomes: Sequence[Outcome]) -> Check:
+        candidates = corrections(self._spec, self._recorder.longest)
         self._done, self._most = 0, most_rollouts(candidates)
         if is_suspected(outcomes):
             seconds = [rollout.seconds for outcome in outcomes for rollout in outcome.rollouts]
@@ -134,16 +134,12 @@ class Exam:
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
         hearing = None if spec.privileged or spec.calibrated else interview.change(reworded(self._rewordings))
-        yield verdicts.on_hearing(hearing)
+        yield verdicts.on_sense("hearing", hearing)
         if not quick:
-            yield verdicts.on_proprioception(interview.change(moved) if spec.state else None)
+            yield verdicts.on_sense("proprioception", interview.change(moved) if spec.state else None)
             together = interview.together() if spec.max_batch > 1 else None
             yield verdicts.on_batch(spec, interview.answers, together)
             yield verdicts.on_speed(spec, recorder.seconds, len(recorder.moments[0].executed))
-
-    def _lasting(self, n: int) -> Iterator[Check]:
-        self._outcomes += self._rolled(n)
-        yield verdicts.on_rollouts([outcome for _, outcome in self._outcomes], self._recorder.breaks)
 
     def _guarded(self, checks: Iterator[Check]) -> Iterator[Check]:
         """The checks; when the policy breaks during a probe, that becomes a check, too."""
@@ -155,9 +151,9 @@ class Exam:
     def _observe(self) -> Check:
         """Record the beginnings of some rollouts in cluttered scenes."""
         recorder, seen = self._recorder, 0
-        recorder.most = ANSWERS
+        recorder.most, space = ANSWERS, self._space(TARGETS)
         for scene in islice(self._drawn(TARGETS + CLUTTER), SCENES * UNFAIR):
-            if other := self._space.misnamed(scene):
+            if other := space.misnamed(scene):
                 self._rewordings[scene.instruction] = other
             outcome = self._roll(scene)
             if recorder.broken:
@@ -194,11 +190,10 @@ class Exam:
 
     def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
         """An endless series of scenes in which these operators vary."""
-        manifest = self._manifest
-        space = self._space_of(vary)
-        return (space.sample(np.random.default_rng([manifest.seed, number])) for number in count())
+        space, seed = self._space(vary), self._manifest.seed
+        return (space.sample(np.random.default_rng([seed, number])) for number in count())
 
-    def _space_of(self, vary: Sequence[str]) -> Space:
+    def _space(self, vary: Sequence[str]) -> Space:
         return stored_space(Path("the run"), self._manifest, vary)
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:

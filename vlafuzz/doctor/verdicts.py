@@ -116,25 +116,28 @@ def on_sight(changes: Mapping[str, Change]) -> Check:
     return Check("sight", detail, "ok")
 
 
-def on_hearing(change: Change | None) -> Check:
-    """Whether the instruction matters; None for an expert, which need not read it."""
+# By sense: what is changed, what is said without a change, and what follows where it does not matter.
+_SENSES = {
+    "hearing": (
+        "instruction",
+        "it knows the scene, whatever the instruction",
+        "deaf: it ignores its instruction; look at how the instruction gets to it",
+    ),
+    "proprioception": (
+        "pose of the hand",
+        "it asks for none",
+        "it asks for the pose of the hand and does not use it: look at the layout, state=…",
+    ),
+}
+
+
+def on_sense(sense: str, change: Change | None) -> Check:
+    """Whether the instruction or the proprioception matters; None where it need not, or is not asked for."""
+    other, without, advice = _SENSES[sense]
     if change is None:
-        return Check("hearing", "it knows the scene, whatever the instruction", "ok")
-    advice = "deaf: it ignores its instruction; look at how the instruction gets to it"
-    return _on_sense("hearing", change, "instruction", advice)
-
-
-def on_proprioception(change: Change | None) -> Check:
-    """Whether the proprioception that the policy asks for matters; None when it asks for none."""
-    if change is None:
-        return Check("proprioception", "it asks for none", "ok")
-    advice = "it asks for the pose of the hand and does not use it: look at the layout, state=…"
-    return _on_sense("proprioception", change, "pose of the hand", advice)
-
-
-def _on_sense(check: str, change: Change, changed: str, advice: str) -> Check:
-    detail = f"its answers change by {change.size:.0%} with another {changed}{ANYWAY}"
-    return Check(check, detail, "ok") if change.clear else Check(check, detail, "warn", advice)
+        return Check(sense, without, "ok")
+    detail = f"its answers change by {change.size:.0%} with another {other}{ANYWAY}"
+    return Check(sense, detail, "ok") if change.clear else Check(sense, detail, "warn", advice)
 
 
 def on_batch(spec: PolicySpec, answers: Answers, together: Sequence[Array] | None) -> Check:

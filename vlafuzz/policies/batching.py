@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from typing import cast
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Finishing, Observation, Policy, PolicySpec
@@ -76,13 +76,17 @@ class BatchingPolicy:
             for (caller, request), error in zip(requests, errors, strict=True)
             for observation in ([] if error else request.act)
         ]
-        size = max(self._policy.spec.max_batch, 1)
-        batches = [observations[first : first + size] for first in range(0, len(observations), size)]
-        chunks = iter([chunk for batch in batches for chunk in self._act(batch)])
-        return [
-            error or _joined(list(islice(chunks, len(request.act))))
-            for (_, request), error in zip(requests, errors, strict=True)
-        ]
+        size = self._policy.spec.max_batch
+        chunks: list[ActionChunk | PolicyError] = []
+        for first in range(0, len(observations), size):
+            chunks += self._act(observations[first : first + size])
+        answers: list[Answer] = []
+        for (_, request), error in zip(requests, errors, strict=True):
+            count = 0 if error else len(request.act)
+            mine, chunks = chunks[:count], chunks[count:]
+            broken = next((chunk for chunk in mine if isinstance(chunk, PolicyError)), error)
+            answers.append(broken or cast(list[ActionChunk], mine))
+        return answers
 
     def leave(self, caller: int) -> None:
         """End all rollouts of a caller that is gone."""
@@ -120,12 +124,6 @@ class BatchingPolicy:
 
 def _own(caller: int, episode: str) -> str:
     return f"{caller}/{episode}"
-
-
-def _joined(chunks: Sequence[ActionChunk | PolicyError]) -> Answer:
-    """The chunks, or the first error among them."""
-    errors = [chunk for chunk in chunks if isinstance(chunk, PolicyError)]
-    return errors[0] if errors else [chunk for chunk in chunks if not isinstance(chunk, PolicyError)]
 
 
 def _plain(error: PolicyError) -> PolicyError:

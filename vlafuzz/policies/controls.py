@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 
@@ -27,20 +26,18 @@ class Frozen:
 class Random:
     """Moves at random, up to 5 cm and 0.2 rad per step and axis; rollouts depend on their seeds alone."""
 
+    FARTHEST = np.array([0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0])
+
     def __init__(self) -> None:
         self.spec = PolicySpec("random")
         self._rngs: dict[str, np.random.Generator] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        for episode in episodes:
-            self._rngs[episode.episode] = np.random.default_rng(episode.seed)
+        self._rngs |= {start.episode: np.random.default_rng(start.seed) for start in episodes}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._draw(self._rngs[observation.episode])) for observation in observations]
+        draws = (self._rngs[seen.episode].uniform(-1, 1, (1, 7)) for seen in observations)
+        return [ActionChunk(draw * self.FARTHEST) for draw in draws]
 
     def close(self) -> None:
         self._rngs.clear()
-
-    def _draw(self, rng: np.random.Generator) -> NDArray[np.float64]:
-        scale = np.array([[0.05, 0.05, 0.05, 0.2, 0.2, 0.2, 1.0]])
-        return np.asarray(rng.uniform(-1, 1, (1, 7)) * scale)

@@ -91,12 +91,11 @@ class Interface:
 
     def answer(self, written: Written, hand: Written) -> NDArray[np.float64]:
         """``(7,)`` in the units of the spec: what the policy answers where it writes this action."""
-        numbers = written.astype(np.float64)
-        return numbers if self.convention.plain else self.metric(written, hand)
+        return written.astype(np.float64) if self.convention.plain else self.metric(written, hand)
 
     def metric(self, written: Written, hand: Written) -> NDArray[np.float64]:
         """``(7,)`` metres and radians; the gripper as it is written."""
-        action = self.convention.moves(written[None].astype(np.float64), hand[:6].astype(np.float64))[0]
+        (action,) = self.convention.moves(written[None].astype(np.float64), hand[:6].astype(np.float64))
         return np.asarray(action)
 
     @property
@@ -113,19 +112,12 @@ def interface_of(policy: str, spec: str) -> Interface:
     """
     own, options = _spec(policy, json.loads(spec)), options_of(policy)
     action, state = own.action, own.provenance.get("state", "")
-    plain = Convention(
-        pose=False,
-        tool=False,
-        rotation=action.rotation,
-        position_scale=action.position_scale,
-        rotation_scale=action.rotation_scale,
-    )
-    return Interface(
-        own,
-        options.convention if isinstance(options, ProfiledOptions) else plain,
-        state if state in LAYOUTS else OWN,
-        {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras},
-    )
+    units = {name: getattr(action, name) for name in ("rotation", "position_scale", "rotation_scale")}
+    convention = Convention(pose=False, tool=False, **units)
+    if isinstance(options, ProfiledOptions):
+        convention = options.convention
+    pictures = {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras}
+    return Interface(own, convention, state if state in LAYOUTS else OWN, pictures)
 
 
 def _spec(policy: str, written: Mapping[str, Any]) -> PolicySpec:
@@ -148,16 +140,9 @@ def _picture(camera: str, policy: str, options: Any) -> str:
     if key in options.model_fields_set:
         return str(getattr(options, key)).removeprefix(PICTURES)
     folder = policy.partition(":")[2].partition("?")[0]
-    return _only_picture(Path(folder).expanduser() / "config.json") or camera
-
-
-def _only_picture(config: Path) -> str | None:
-    """The picture in lerobot's config of a policy that takes one; None for others, or where it is gone."""
+    config, hint = Path(folder).expanduser() / "config.json", "name the folder that lerobot saved"
     if not config.is_file():
-        return None
-    hint = "name the folder that lerobot saved"
-    features = validated(
-        _Config, read_json(config, UsageError, hint), config, UsageError, hint
-    ).input_features
-    names = [name.removeprefix(PICTURES) for name in features if name.startswith(PICTURES)]
-    return names[0] if len(names) == 1 else None
+        return camera
+    saved = validated(_Config, read_json(config, UsageError, hint), config, UsageError, hint)
+    names = [name.removeprefix(PICTURES) for name in saved.input_features if name.startswith(PICTURES)]
+    return names[0] if len(names) == 1 else camera

@@ -79,9 +79,8 @@ class LeRobot:
             raise UsageError(f"{address.name}: {missing}", hint)
         with needed(address.name, INSTALL), _loading(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
-        card = _card(address.name, self._policy.config)
-        options = fitted(address.name, address.options, card)
-        self._name, self._card, self._model = address.name, card, Model(address.name, options)
+        self._name, self._card = address.name, _card(address.name, self._policy.config)
+        self._model = Model(address.name, fitted(address.name, address.options, self._card))
         self.spec = self._model.spec
         self._live: dict[str, tuple[EpisodeStart, dict[str, Any]]] = {}
 
