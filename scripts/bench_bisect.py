@@ -32,7 +32,7 @@ from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.bisect import Bisection, bisect, most_comparisons
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Answer, Probe, probes
-from vlafuzz.failures.corpus.regress import Recorded, Rerun
+from vlafuzz.failures.corpus.sides import Recorded, Rerun
 from vlafuzz.model.outcome import Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"

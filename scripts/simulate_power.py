@@ -4,7 +4,9 @@
 Controls are drawn, recorded and compared as on the command line; only scenes and policies are made up. A
 policy passes in a scene with a probability of its own, whose mean is the given rate: the same in every scene
 (`chance`), always or never (`scenes`), or nearly so (`mixed`). The new policy does so in other scenes. It
-passes as often as the baseline, or less often by the loss that was stated for that very corpus.
+passes as often as the baseline, or less often: by the loss that was stated for that very corpus, or by 10
+points. With ``--nights N`` there is a comparison with each corpus in each of N nights, at a level of
+alpha / N, of the same equal policy with other noise, and of one that lost 10 points, in seven nights.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
+from itertools import product
 from math import ceil
 from typing import cast
 
@@ -24,8 +28,9 @@ from vlafuzz.failures.corpus import controls
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.power import power_of
-from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
+from vlafuzz.failures.corpus.regress import compare
+from vlafuzz.failures.corpus.sides import Recorded, Rerun
+from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -34,7 +39,8 @@ from vlafuzz.store.records import Manifest
 
 RATES, NUMBERS = (0.05, 0.3, 0.5, 0.8, 0.95), (40, 200)
 CERTAINTY = {"chance": 0.0, "scenes": 1.0, "mixed": 0.9}  # how far a scene decides the outcome
-FRESH = 10_000  # smaller seeds were used while the power was made
+ALPHA = 0.05
+FRESH = 20_000  # smaller seeds were used while the test and the power were made
 SCENES = 2000  # more than are drawn for any corpus
 STEP = 1e-6  # metres between scenes, which are told apart by the place of the target
 
@@ -45,9 +51,9 @@ class Policy:
     deterministic = True
     space = cast(Space, None)
 
-    def __init__(self, kind: str, rate: float, seed: Sequence[int]) -> None:
-        self._rng, self._rate, self._certain = np.random.default_rng(seed), rate, CERTAINTY[kind]
-        self._decided = self._rng.random(SCENES) < rate
+    def __init__(self, kind: str, rate: float, seed: Sequence[int], night: int = 0) -> None:
+        self._rng, self._rate, self._certain = np.random.default_rng([*seed, night]), rate, CERTAINTY[kind]
+        self._decided = np.random.default_rng(seed).random(SCENES) < rate
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [
@@ -62,8 +68,10 @@ class Policy:
         return bool(decided if self._rng.random() < self._certain else self._rng.random() < self._rate)
 
 
-def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int) -> tuple[bool, bool] | None:
-    """Whether an equal policy, and one with the stated loss, raise an alarm; None if none is possible."""
+def simulate(
+    template: Corpus, kind: str, rate: float, number: int, seed: int, nights: int
+) -> dict[str, bool] | None:
+    """What raises an alarm; None if nothing can."""
     base = template.controls[0].scene
 
     def draw(space: Space, seed: int, number: int) -> Scene:
@@ -72,19 +80,33 @@ def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int) -
     controls.draw = draw
     baseline = cast(SceneRunner, Policy(kind, rate, [seed, 0]))
     recorded = controls.record(baseline, seed, number, SILENT)
-    power = power_of([control.passed for control in recorded])
+    power = power_of([control.passed for control in recorded], ALPHA / nights)
     if not power.possible:
         return None
     left = 0.0 if power.total else max(0.0, rate - ceil(100 * power.loss) / 100)
     probes = [Probe(control.scene, "control", "random", 0, control.passed) for control in recorded]
 
-    def alarm(passing: float, number: int) -> bool:
-        def make(run: Manifest) -> Policy:
-            return Policy(kind, passing, [seed, number])
+    def alarm(passing: float, number: int, within: int = 1) -> bool:
+        def make(run: Manifest, night: int) -> Policy:
+            return Policy(kind, passing, [seed, number], night)
 
-        return compare(probes, Rerun("new", template.runs, make), Recorded("old")).alarm
+        return any(
+            compare(
+                probes,
+                Rerun("new", template.runs, partial(make, night=night)),
+                Recorded("old"),
+                alpha=ALPHA / nights,
+            ).alarm
+            for night in range(within)
+        )
 
-    return alarm(rate, 1), alarm(left, 2)
+    less = max(0.0, rate - 0.1)
+    found = {
+        "false alarms": alarm(rate, 1, nights),
+        "stated loss": alarm(left, 2),
+        "10 points": alarm(less, 3),
+    }
+    return found | ({"in 7 nights": alarm(less, 3, 7)} if nights > 1 else {})
 
 
 def main() -> None:
@@ -93,18 +115,18 @@ def main() -> None:
     )
     parser.add_argument("--corpora", type=int, default=200, help="of each shape")
     parser.add_argument("--kinds", nargs="+", default=list(CERTAINTY), choices=list(CERTAINTY))
+    parser.add_argument("--rates", type=float, nargs="+", default=RATES)
+    parser.add_argument("--nights", type=int, default=1)
     parser.add_argument("--seed", type=int, default=FRESH, help="of the first corpus")
     options = parser.parse_args()
     template = read_corpus(corpus_dir() / "mini-pick-up")
-    for kind in options.kinds:
-        for rate in RATES:
-            for number in NUMBERS:
-                seeds = range(options.seed, options.seed + options.corpora)
-                results = [simulate(template, kind, rate, number, seed) for seed in seeds]
-                possible = [result for result in results if result]
-                shares = [_share([result[at] for result in possible]) for at in (1, 0)]
-                shape = f"{kind:8}passes {rate:4.0%} of {number:3}: possible {len(possible):3}"
-                print(f"{shape}  noticed {shares[0]}  false alarms {shares[1]}", flush=True)
+    for kind, rate, number in product(options.kinds, options.rates, NUMBERS):
+        seeds = range(options.seed, options.seed + options.corpora)
+        results = [simulate(template, kind, rate, number, seed, options.nights) for seed in seeds]
+        possible = [result for result in results if result]
+        names = possible[0] if possible else {}
+        shares = "  ".join(f"{name} {_share([result[name] for result in possible])}" for name in names)
+        print(f"{kind:8}passes {rate:4.0%} of {number:3}: possible {len(possible):3}  {shares}", flush=True)
 
 
 def _share(alarms: Sequence[bool]) -> str:

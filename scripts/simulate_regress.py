@@ -30,7 +30,8 @@ from vlafuzz.failures.corpus import controls
 from vlafuzz.failures.corpus.corpus import Case, Corpus
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import probes
-from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
+from vlafuzz.failures.corpus.regress import compare
+from vlafuzz.failures.corpus.sides import Recorded, Rerun
 from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.model.outcome import Outcome, Verdict

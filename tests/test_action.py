@@ -101,7 +101,7 @@ def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
     job = Job(tmp_path, mode="regress", policy="frozen", label="v2", corpus=corpus, arguments=few)
     job.run()
     assert job.code == 1
-    assert job.summary.startswith("## ❌ v2 (frozen) is worse than mini as recorded: 8 worse and 0 better of")
+    assert job.summary.startswith("## ❌ v2 (frozen) is worse than mini as recorded: 9 worse and 0 better of")
     assert "| controls | 200 |" in job.summary
     results = tmp_path / "vlafuzz-results"
     assert json.loads((results / "regress.json").read_text())["alarm"]

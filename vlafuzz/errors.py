@@ -94,6 +94,13 @@ def _escaped(sign: str) -> str:
     return sign.encode("unicode_escape").decode()
 
 
+def check_probability(flag: str, value: float) -> None:
+    """Raise a UsageError if the value of a flag is not above 0 and below 1."""
+    if not 0 < value < 1:
+        problem = f"{flag}: expected a probability above 0 and below 1, got {value:g}"
+        raise UsageError(problem, hint=f"{flag} 0.05")
+
+
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
     """Validate the value of a flag; None passes.
 

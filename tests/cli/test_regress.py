@@ -13,7 +13,7 @@ from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.failures.corpus import pace
+from vlafuzz.failures.corpus import policies
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
@@ -52,7 +52,7 @@ def regress(*arguments: str) -> int:
 def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert regress("idle", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
-    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 8)
+    assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 5)
     assert printed["groups"]["control"]["policy"]["count"] == 32
     assert printed["difference"]["of_failure_rates"] == 0
     assert printed["groups"]["failing"]["standings"]["fails"] == 30
@@ -66,10 +66,10 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
 ):
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
-    assert "pinhole is worse than idle as recorded: 8 worse and 0 better of 25 controls" in captured.out
+    assert "pinhole is worse than idle as recorded: 9 worse and 0 better of 27 controls" in captured.out
     assert "biased upward, because the test stopped at the alarm" in captured.out
     assert "40 controls and 60 other scenes, at most 220 rollouts" in captured.err
-    assert "32 of 40 controls pass: a loss of 45 points or more is noticed with 90% power" in captured.err
+    assert "32 of 40 controls pass: a loss of 35 points or more is noticed with 90% power" in captured.err
     assert regress("pinhole", "--whole") == 1
     captured = capsys.readouterr()
     assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
@@ -79,7 +79,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
 def test_the_first_rollouts_tell_how_long_it_takes(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(pace, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
+    monkeypatch.setattr(policies, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
     assert regress("expert") == 0
     said = capsys.readouterr().err
     assert said.count("at the speed of the first") == 1
@@ -92,6 +92,13 @@ def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys: py
     said = capsys.readouterr().err
     assert said.startswith("error: no alarm is possible:")
     assert "hint: a higher --max-rollouts: the corpus has 40 controls" in said
+
+
+def test_the_nights_share_alpha(capsys: pytest.CaptureFixture[str]):
+    assert regress("pinhole", "--nights", "30", "--json") == 1
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["alpha"] == pytest.approx(0.05 / 30)
+    assert printed["groups"]["control"]["worse"] == 15
 
 
 @pytest.mark.parametrize("name", ["regress", "bisect"])
@@ -217,7 +224,7 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))
     assert regress("idle", "--json") == 3
     captured = capsys.readouterr()
-    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 8 or more: policy: connect"
+    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 9 or more: policy: connect"
     assert told in captured.err
     assert json.loads(captured.out)["stopped"] == "unjudged"
 

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TimeFlag, TrustFlag
+from vlafuzz.cli.flags import AlphaFlag, AnswersFlag, ServedFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.text import percent
-from vlafuzz.errors import UsageError, check_number
+from vlafuzz.errors import UsageError, check_number, check_probability
 
 if TYPE_CHECKING:
     from vlafuzz.failures.corpus.bisect import Bisection
@@ -41,7 +41,7 @@ def command(
             show_default="what the corpus recorded of its own",
         ),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
+    alpha: AlphaFlag = 0.05,
     error: Annotated[
         float, typer.Option(help="Probability up to which another checkpoint may be the first broken one.")
     ] = 0.05,
@@ -110,10 +110,8 @@ def _check(
     from vlafuzz.rollouts.policies import check_policy_name, is_built_in
 
     check_checkpoints(names)
-    for flag, value in (("--alpha", alpha), ("--error", error)):
-        if not 0 < value < 1:
-            message = f"{flag}: expected a probability above 0 and below 1, got {value:g}"
-            raise UsageError(message, hint="0.05")
+    check_probability("--alpha", alpha)
+    check_probability("--error", error)
     check_number("--comparisons", comparisons, 1)
     if "{}" not in policy and is_built_in(policy):
         hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"

@@ -9,7 +9,7 @@ import typer
 
 from vlafuzz.cli.flags import AnswersFlag, ServedFlag, TrustFlag, label_option
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import check_probability
 
 
 def command(
@@ -50,8 +50,7 @@ def command(
     """
     from vlafuzz.rollouts.policies import check_policy_name
 
-    if not 0 < alpha < 1:
-        raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
+    check_probability("--alpha", alpha)
     for name in filter(None, (policy_a, policy_b)):
         check_policy_name(name)
     from vlafuzz.failures.corpus.policies import diff_policies

@@ -93,6 +93,7 @@ ServedFlag = Annotated[
     str | None,
     label_option("--label", "Of models that are served at one address in turn, the one that answers now."),
 ]
+AlphaFlag = Annotated[float, typer.Option(help="Probability of a false alarm, at most.")]
 AnswersFlag = Annotated[
     Path | None, _option("--answers", "Keep outcomes by model in this file, and reuse those in it.")
 ]

@@ -22,7 +22,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("demos", "demos_per_scene", "n"),
     ),
     JUDGE: (
-        *("alpha", "error", "whole", "firm", "static", "frame", "min_distance", "thorough"),
+        *("alpha", "nights", "error", "whole", "firm", "static", "frame", "min_distance", "thorough"),
         *("states", "pictures"),
     ),
     MORE: ("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import LabelFlag, TimeFlag, TrustFlag
+from vlafuzz.cli.flags import AlphaFlag, LabelFlag, TimeFlag, TrustFlag
 from vlafuzz.cli.output import Bar, print_json, print_rows, stdout
 from vlafuzz.common.deadline import deadline
-from vlafuzz.errors import PrerequisiteError, UsageError, check_number
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
 
 if TYPE_CHECKING:
     from vlafuzz.failures.corpus.corpus import Corpus
@@ -26,7 +26,10 @@ def command(
         str | None,
         typer.Option(help="Roll out this policy, too.", show_default="what the corpus recorded of its own"),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
+    alpha: AlphaFlag = 0.05,
+    nights: Annotated[
+        int, typer.Option(help="Comparisons with this corpus, such as one a night, that share --alpha.")
+    ] = 1,
     max_rollouts: Annotated[
         int | None,
         typer.Option(
@@ -52,13 +55,14 @@ def command(
     corpus's own policy does.
     """
     places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
-    _check(policy, baseline, alpha, max_rollouts, places)
+    _check(policy, baseline, places)
+    check_probability("--alpha", alpha)
+    check_number("--nights", nights, 1)
+    check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
+    from vlafuzz.failures.corpus.ci import write_junit, write_sarif, write_summary
     from vlafuzz.failures.corpus.folder import read_corpus
-    from vlafuzz.failures.corpus.junit import write_junit
-    from vlafuzz.failures.corpus.markdown import write_summary
     from vlafuzz.failures.corpus.policies import compare_policies, still
-    from vlafuzz.failures.corpus.sarif import write_sarif
     from vlafuzz.failures.corpus.tables import document
 
     exported = read_corpus(corpus)
@@ -70,6 +74,7 @@ def command(
             baseline,
             label=label or "",
             alpha=alpha,
+            nights=nights,
             max_rollouts=max_rollouts,
             whole=whole,
             deadline=until,
@@ -98,19 +103,10 @@ def command(
         raise PrerequisiteError(compared.verdict + broken, hint=hint)
 
 
-def _check(
-    policy: str,
-    baseline: str | None,
-    alpha: float,
-    max_rollouts: int | None,
-    places: Mapping[str, Path | None],
-) -> None:
+def _check(policy: str, baseline: str | None, places: Mapping[str, Path | None]) -> None:
     """Check the flags before anything is run."""
     from vlafuzz.rollouts.policies import check_policy_name
 
-    if not 0 < alpha < 1:
-        raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
-    check_number("--max-rollouts", max_rollouts, 1)
     for flag, path in places.items():
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
             message = f"{flag}: {path}: no place for a file"

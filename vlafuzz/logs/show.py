@@ -217,21 +217,18 @@ def write_junit(reading: Reading, path: Path) -> None:
     """
     from xml.etree import ElementTree as Xml
 
-    from vlafuzz.failures.corpus.junit import clean, counts
+    from vlafuzz.failures.corpus.ci import junit, junit_case, suite
 
     compared = reading.against
     worse = {one.suite for one in compared.worse} if compared else set()
+    unclear = "error" if compared and not compared.tells else ""
     cases = []
     for name, rate in reading.suites.items():
-        case = Xml.Element("testcase", classname=clean(reading.name), name=clean(name), time="0")
-        Xml.SubElement(case, "system-out").text = f"{rate.success} of {rate.success.of} episodes succeed"
-        if name in worse and compared:
-            Xml.SubElement(case, "failure", message=clean(compared.verdict))
-        elif compared and not compared.tells:
-            Xml.SubElement(case, "error", message=clean(compared.verdict))
+        said = Xml.Element("system-out")
+        said.text = f"{rate.success} of {rate.success.of} episodes succeed"
+        element = "failure" if name in worse else unclear
+        case = junit_case(reading.name, name, element, compared.verdict if compared else "")
+        case.insert(0, said)
         cases.append(case)
-    report = Xml.Element("testsuites", counts(cases), name="vlafuzz read")
-    Xml.SubElement(report, "testsuite", counts(cases), name=clean(reading.name)).extend(cases)
-    Xml.indent(report)
     with writing(path, "give --junit another place"):
-        write_whole(path, Xml.tostring(report, encoding="utf-8", xml_declaration=True))
+        write_whole(path, junit("vlafuzz read", [suite(reading.name, cases)]))

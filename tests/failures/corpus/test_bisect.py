@@ -11,7 +11,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.bisect import bisect, most_comparisons
 from vlafuzz.failures.corpus.breaking import first_broken, likeliest
-from vlafuzz.failures.corpus.regress import Recorded
+from vlafuzz.failures.corpus.sides import Recorded
 from vlafuzz.model.outcome import Verdict
 
 NAMES = [f"step {number}" for number in range(16)]

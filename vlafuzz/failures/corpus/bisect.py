@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import percent
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.failures.corpus.answers import Answers
 from vlafuzz.failures.corpus.breaking import first_broken, likeliest
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.regress import Comparison, Progress, Recorded, Side, compare
+from vlafuzz.failures.corpus.regress import Comparison, Progress, compare
+from vlafuzz.failures.corpus.sides import Answers, Recorded, Side
 from vlafuzz.model.label import Model
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
@@ -49,7 +49,6 @@ class Bisection:
     """The result.
 
     Attributes:
-        alpha: bound on the probability of a false alarm.
         error: a checkpoint is named with certainty if the probability of another one is at most this.
         last: the comparison of the last checkpoint with the baseline.
         steps: all comparisons, this one first.
@@ -60,7 +59,6 @@ class Bisection:
 
     checkpoints: tuple[str, ...]
     baseline: str
-    alpha: float
     error: float
     last: Comparison
     steps: tuple[Step, ...]
@@ -69,14 +67,9 @@ class Bisection:
     in_time: bool = True
 
     @property
-    def p_value(self) -> float:
-        """That the last checkpoint is no worse; see ``_p_value``."""
-        return _p_value(self.last)
-
-    @property
     def alarm(self) -> bool:
         """Whether the last checkpoint is worse than the baseline; else there is nothing to be found."""
-        return self.p_value <= self.alpha
+        return self.last.alarm
 
     @property
     def named(self) -> str | None:
@@ -97,9 +90,7 @@ class Bisection:
     def verdict(self) -> str:
         """The result in one sentence."""
         if not self.alarm:
-            counts, p = self.last.controls, f"p = {self.p_value:.2g}, alpha = {self.alpha:g}"
-            shown = f"{counts.worse} worse and {counts.better} better of {counts.policy.of} controls ({p})"
-            return f"{self.last.policy} is not shown to be worse than {self.baseline}: {shown}"
+            return self.last.verdict
         first, *others = (
             f"{self.checkpoints[at]} ({_in_words(self.probabilities[at])})" for at in self.likely
         )
@@ -111,24 +102,6 @@ class Bisection:
 def _in_words(probability: float) -> str:
     """Never 100 %."""
     return percent(probability) if probability < 0.999 else "over 99.9%"
-
-
-def _p_value(last: Comparison, more: int = 0) -> float:
-    """Of a sequential test, which may end early, and of the exact sign test where all controls were run.
-
-    Each gets half of alpha. Together they find 97 % or more of losses of 20 points in 200 controls, the first
-    one alone 95 %.
-
-    Args:
-        more: controls that are counted as worse in the exact test.
-    """
-    from scipy.stats import binom
-
-    exact = 1.0
-    if last.stopped == "done":
-        worse, better = last.controls.worse + more, last.controls.better
-        exact = float(binom.sf(worse - 1, worse + better, 0.5))
-    return min(2 * last.p_value, 2 * exact, 1.0)
 
 
 def check_checkpoints(checkpoints: Sequence[str]) -> None:
@@ -178,7 +151,7 @@ def bisect(
     with open_side(checkpoints[-1]) as side:
         last = search.begin(side, alpha)
     in_time = last.stopped != "time"
-    while _p_value(last) <= alpha and len(search.steps) < (comparisons or most_comparisons(len(checkpoints))):
+    while last.alarm and len(search.steps) < (comparisons or most_comparisons(len(checkpoints))):
         index = search.next()
         if index is None:
             break
@@ -190,7 +163,6 @@ def bisect(
     return Bisection(
         checkpoints=tuple(checkpoints),
         baseline=baseline.name,
-        alpha=alpha,
         error=error,
         last=last,
         steps=tuple(search.steps),
@@ -234,12 +206,11 @@ class _Search:
             self._probes,
             side,
             self._baseline,
-            alpha=alpha / 2,
+            alpha=alpha,
             deadline=self._deadline,
             watch=self._progress(last),
         )
-        found, hidden = (_p_value(compared, more) <= alpha for more in (0, compared.lacking))
-        if not found and (hidden or not compared.tells):
+        if not compared.tells:
             raise unjudged(side, compared)
         self._see(last, compared)
         self._end(last, [compared])

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Literal
 
 from vlafuzz.errors import StoreError, UsageError
-from vlafuzz.failures.corpus.changes import Change
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
-from vlafuzz.failures.corpus.pairs import Compared, Probe
+from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
-from vlafuzz.failures.corpus.regress import Comparison, Recorded, Side, compare
+from vlafuzz.failures.corpus.regress import Comparison, compare
+from vlafuzz.failures.corpus.sides import Recorded, Side
 from vlafuzz.model.label import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene

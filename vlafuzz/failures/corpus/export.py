@@ -13,10 +13,9 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus.check import PictureRunner, check
-from vlafuzz.failures.corpus.controls import CONTROLS, record
+from vlafuzz.failures.corpus.controls import CONTROLS, record, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
-from vlafuzz.failures.corpus.milder import suggest_ranges
-from vlafuzz.failures.corpus.power import power_of
+from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.pipeline import SOON, pace
 from vlafuzz.failures.triage.pool import PooledRunner, process_pool, side_by_side
 from vlafuzz.failures.triage.summary import summarise

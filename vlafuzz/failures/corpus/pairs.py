@@ -1,13 +1,17 @@
-"""Probes, the scenes of a corpus that are run again, and the outcomes of two policies in them."""
+"""Probes, the scenes of a corpus that are run again, outcomes of two policies in them, and what changed."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+import numpy as np
+
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 
@@ -180,3 +184,66 @@ class Tally:
             sum(scene.standing == "worse" for scene in compared),
             sum(scene.standing == "better" for scene in compared),
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What became of scenes in which the baseline mostly fails, or mostly passes.
+
+    These were selected by what the corpus's own policy does there, so nothing follows for scenes that nobody
+    selected. But the rollouts of another policy had no part in it, and what they say about these is valid.
+
+    Attributes:
+        changed: scenes in which the policy mostly does the other; ``of`` so many that were judged.
+        p_value: that it does so nowhere; see ``change``.
+        alpha: bound on the probability that a change is shown where there is none.
+    """
+
+    changed: int
+    of: int
+    p_value: float
+    alpha: float
+
+    @property
+    def shown(self) -> bool:
+        """Whether at least one scene has really changed."""
+        return self.p_value <= self.alpha
+
+    def __str__(self) -> str:
+        return f"p = {self.p_value:.2g}"
+
+
+def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_better: bool) -> Change:
+    """The failing scenes that pass now; or the passing ones beside them that fail now.
+
+    Where the baseline's outcomes are recorded, it is certified to do what it did in half of the rollouts or
+    more. If the policy did so too in every scene, all r rollouts of one would end otherwise with probability
+    2**-r at most; the p-value is that of as many such scenes. Where the baseline was rolled out as well, each
+    scene in which only one of them mostly passes would be as likely one of the policy's (sign test).
+    """
+    judged = [scene for scene in compared if scene.judged and _selected(scene.probe, failing=for_better)]
+    standings = Counter[str](scene.standing for scene in judged)
+    ours, back, same = ("better", "worse", "fails") if for_better else ("worse", "better", "passes")
+    changed, of = standings[ours], len(judged)
+    if recorded:
+        outright = sum(scene.policy_passed == len(scene.judged) * for_better for scene in judged)
+        p_value = _tail(outright, [0.5 ** len(scene.judged) for scene in judged])
+    else:
+        of = changed + standings[same]
+        p_value = float(sign_p(changed, standings[back]))
+    return Change(changed=changed, of=of, p_value=p_value, alpha=alpha)
+
+
+def _selected(probe: Probe, *, failing: bool) -> bool:
+    """Whether the corpus's own policy fails in a scene, or passes beside one where it does."""
+    if failing:
+        return probe.group == "failing"
+    return probe.group in ("counterpart", "nominal") and bool(probe.passed)
+
+
+def _tail(least: int, probabilities: Sequence[float]) -> float:
+    """The probability of at least so many of independent events."""
+    counts = np.ones(1)
+    for probability in probabilities:
+        counts = np.convolve(counts, [1 - probability, probability])
+    return min(float(counts[least:].sum()), 1.0)

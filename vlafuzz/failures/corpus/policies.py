@@ -1,6 +1,7 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -8,24 +9,26 @@ from pathlib import Path
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import check_trusted
+from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus import bisect, diff, regress
-from vlafuzz.failures.corpus.answers import Answers
 from vlafuzz.failures.corpus.bisect import Bisection
-from vlafuzz.failures.corpus.controls import CONTROLS, draw
+from vlafuzz.failures.corpus.controls import CONTROLS, draw, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import Difference, Known
-from vlafuzz.failures.corpus.milder import suggest_ranges
-from vlafuzz.failures.corpus.pace import Pace
 from vlafuzz.failures.corpus.pairs import Probe, probes
-from vlafuzz.failures.corpus.power import power_of
-from vlafuzz.failures.corpus.regress import Comparison, Recorded, Rerun, Side
+from vlafuzz.failures.corpus.regress import Comparison, rollouts_of
+from vlafuzz.failures.corpus.sides import Answers, Recorded, Rerun, Side
+from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage import scene_runner
 from vlafuzz.model.label import Model
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import no_pictures
+
+FIRST, SOON = 5, 20.0  # rollouts, or seconds of at least one, after which the time of one is known
+NOBODY_WAITS = 10.0  # seconds for which nothing is said
 
 
 def compare_policies(
@@ -36,6 +39,7 @@ def compare_policies(
     *,
     label: str = "",
     alpha: float = 0.05,
+    nights: int = 1,
     max_rollouts: int | None = None,
     whole: bool = False,
     deadline: Deadline | None = None,
@@ -44,23 +48,33 @@ def compare_policies(
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
 
     Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
-    controls some are drawn, and that policy is rolled out, too. ``folder`` is the corpus's, for messages.
-    ``label`` says which model the policy is.
+    controls some are drawn, and that policy is rolled out, too.
+
+    Args:
+        folder: of the corpus, for messages.
+        label: which model the policy is.
+        alpha: bound on the probability of a false alarm in as many ``nights``, each of which has a comparison
+            in the controls of this corpus.
     """
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
-    model = Model(policy, label)
+    model, alpha = Model(policy, label), alpha / nights
     _check_baseline(baseline, model)
     _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
-    pace = Pace(watch.note, regress.most_rollouts(scenes, max_rollouts))
+    most = rollouts_of(scenes, max_rollouts)
+    step = _pace(watch.note, most)
 
     def progress(now: regress.Progress) -> None:
         watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
-        pace.step()
+        step()
 
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
         old = _baseline(folder, corpus, baseline, stack, watch)
-        watch.note(_most(scenes, old, max_rollouts))
+        controls = sum(probe.group == "control" for probe in scenes)
+        watch.note(
+            f"{controls} controls and {len(scenes) - controls} other scenes, "
+            f"at most {most if baseline is None else 2 * most} rollouts"
+        )
         return regress.compare(
             scenes,
             new,
@@ -108,7 +122,7 @@ def diff_policies(
         )
     one, other = _two_models(first, second, policy_a, policy_b)
     absent = _absent([one, other], label, answers)
-    rollouts = sum(regress.most_rollouts(tested.probes, None) for tested in (first, second))
+    rollouts = sum(rollouts_of(tested.probes) for tested in (first, second))
     watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
     known = Answers(answers)
 
@@ -182,8 +196,8 @@ def bisect_checkpoints(
         _check_baseline(baseline, checkpoint)
     controls = [probe for probe in scenes if probe.group == "control"]
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
-    _check_power(folder, corpus, controls, baseline, alpha / 2, watch)
-    pace = Pace(watch.note, most * len(controls))
+    _check_power(folder, corpus, controls, baseline, alpha, watch)
+    step = _pace(watch.note, most * len(controls))
     watch.note(
         f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
         f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
@@ -191,7 +205,7 @@ def bisect_checkpoints(
 
     def progress(checkpoint: str, done: int, most: int) -> None:
         watch.progress(f"rollouts of {checkpoint}", done, most)
-        pace.step()
+        step()
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
@@ -199,20 +213,18 @@ def bisect_checkpoints(
         if model in absent:
             yield known.without(model, label)
             return
-        noting = (
-            watch if model == checkpoints[-1] else SILENT
-        )  # the first one: the others' notes are the same
+        # The last one is opened first; the others' notes are the same.
+        noting = watch if model == checkpoints[-1] else SILENT
         with closing(_rerun(folder, corpus, model, noting)) as side:
             yield known.of(side, model)
 
     with ExitStack() as stack:
+        old = _baseline(folder, corpus, baseline, stack, watch)
         return bisect.bisect(
             controls,
             list(models),
             opened,
-            known.of(_baseline(folder, corpus, baseline, stack, watch), Model(baseline))
-            if baseline
-            else _recorded(corpus),
+            known.of(old, Model(baseline)) if baseline else old,
             alpha=alpha,
             error=error,
             comparisons=most,
@@ -270,7 +282,10 @@ def _scenes(
         f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
         "`vlafuzz export` writes corpora with controls"
     )
-    return [*_controls(folder, corpus.runs[0]), *scenes], baseline
+    run = corpus.runs[0]
+    space = stored_space(folder, run)
+    drawn = (draw(space, run.seed, number) for number in range(CONTROLS))
+    return [*(Probe(scene, "control", "random", 0, passed=None) for scene in drawn), *scenes], baseline
 
 
 def _check_power(
@@ -301,19 +316,8 @@ def _check_power(
 def _baseline(folder: Path, corpus: Corpus, name: str | None, stack: ExitStack, watch: Watch) -> Side:
     """A policy that is rolled out, or the recorded outcomes of the corpus's own."""
     if name is None:
-        return _recorded(corpus)
+        return Recorded(f"{corpus.tested.short} as recorded")
     return stack.enter_context(closing(_rerun(folder, corpus, Model(name), watch)))
-
-
-def _recorded(corpus: Corpus) -> Recorded:
-    return Recorded(f"{corpus.tested.short} as recorded")
-
-
-def _controls(folder: Path, run: Manifest) -> list[Probe]:
-    """Controls without recorded outcomes."""
-    space = stored_space(folder, run)
-    scenes = [draw(space, run.seed, number) for number in range(CONTROLS)]
-    return [Probe(scene, "control", "random", 0, passed=None) for scene in scenes]
 
 
 def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
@@ -343,10 +347,23 @@ def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
     return rerun
 
 
-def _most(scenes: Sequence[Probe], old: Side, most: int | None) -> str:
-    """How many scenes and rollouts there are; the first of them tell how long that takes."""
-    sides = 1 if isinstance(old, Recorded) else 2
-    rollouts = sides * regress.most_rollouts(scenes, most)
-    controls = sum(probe.group == "control" for probe in scenes)
-    others = len(scenes) - controls
-    return f"{controls} controls and {others} other scenes, at most {rollouts} rollouts"
+def _pace(note: Callable[[str], None], steps: int) -> Callable[[], None]:
+    """A function to be called after each of so many rollouts, which says once how long the others take.
+
+    The first one is not counted: the simulator starts in it.
+    """
+    done, began, said = 0, 0.0, False
+
+    def step() -> None:
+        nonlocal done, began, said
+        now, done = time.monotonic(), done + 1
+        if done == 1:
+            began = now
+        if said or done == 1 or (done <= FIRST and now - began < SOON):
+            return
+        said, left = True, (now - began) / (done - 1) * (steps - done)
+        if left > NOBODY_WAITS:
+            basis = f"at the speed of the first {plural(done, 'rollout')}"
+            note(f"about {duration(left)} for the other {steps - done}, {basis}")
+
+    return step

@@ -10,74 +10,19 @@ passed in their counterparts. There any other policy regresses to its mean: of e
 the former and fails some of the latter. They say what is fixed and broken there, but never raise an alarm.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import islice
-from typing import Literal, NamedTuple, Protocol
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.statistics import Interval, newcombe
-from vlafuzz.failures.corpus.changes import Change, broken, fixed
-from vlafuzz.failures.corpus.controls import REGRESS, number_of
-from vlafuzz.failures.corpus.e_process import SignTest
-from vlafuzz.failures.corpus.pairs import Answer, Compared, Group, Pair, Probe, Tally
-from vlafuzz.failures.triage.runner import PolicyRunner
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.store.records import Manifest
+from vlafuzz.failures.corpus.pairs import Change, Compared, Group, Pair, Probe, Tally, change
+from vlafuzz.failures.corpus.sides import Recorded, Side
+from vlafuzz.failures.corpus.sign_test import SignTest
 
 REPEATS = 3  # of each scene that is no control
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "unjudged", "time", "done"]
-
-
-class Side(Protocol):
-    """One of the two policies that are compared."""
-
-    @property
-    def name(self) -> str: ...
-
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        """The result of the n-th rollout in a scene."""
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """A baseline without rollouts: the corpus's records of its own policy."""
-
-    name: str
-
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        """The recorded verdict."""
-        if probe.passed is None:
-            return Answer(Verdict.ERROR, detail="no outcome is recorded")
-        return Answer(Verdict.PASSED if probe.passed else Verdict.FAILED)
-
-
-class Rerun:
-    """A policy that is rolled out now, with one runner for all runs under the same conditions.
-
-    Args:
-        runs: of the corpus.
-        make: makes the runner for the conditions of a run; called with the run's manifest at seed 0.
-    """
-
-    def __init__(self, name: str, runs: Sequence[Manifest], make: Callable[[Manifest], PolicyRunner]) -> None:
-        self.name, self._runs = name, runs
-        distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
-        self._runners = {key: make(run) for key, run in distinct.items()}
-
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        """One rollout: in a control as it is, in another scene with a jitter and seed of no other use."""
-        run, scene, number = self._runs[probe.run], probe.scene, number_of(probe.scene)
-        runner = self._runners[run.key(seeded=False)]
-        if probe.group != "control":
-            number = number_of(scene, REGRESS, repeat)
-            scene = runner.space.jittered(scene, number)
-        return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
-
-    def close(self) -> None:
-        for runner in self._runners.values():
-            runner.close()
 
 
 class Progress(NamedTuple):
@@ -97,7 +42,7 @@ class Comparison:
         alpha: bound on the probability of a false alarm.
         fewest: number of controls that an alarm takes at least; ``needed``: further broken ones that would
             raise an alarm.
-        p_value: valid at any stopping time.
+        p_value: of the bets at any stopping time, and of the exact test where all controls were run.
         stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; ``time``: the deadline
             passed; or ``done``.
         recorded: whether the baseline's outcomes are those of the corpus, instead of rollouts of now.
@@ -165,12 +110,12 @@ class Comparison:
     @property
     def fixed(self) -> Change:
         """Failing scenes that pass now."""
-        return fixed(self.compared, self.alpha, recorded=self.recorded)
+        return change(self.compared, self.alpha, recorded=self.recorded, for_better=True)
 
     @property
     def broken(self) -> Change:
         """Passing scenes beside them that fail now."""
-        return broken(self.compared, self.alpha, recorded=self.recorded)
+        return change(self.compared, self.alpha, recorded=self.recorded, for_better=False)
 
     @property
     def changes(self) -> str:
@@ -222,6 +167,7 @@ def compare(
     baseline: Side,
     *,
     alpha: float = 0.05,
+    repeats: Sequence[int] | None = None,
     max_rollouts: int | None = None,
     whole: bool = False,
     deadline: Deadline | None = None,
@@ -232,17 +178,18 @@ def compare(
     Repeats in one control would not be independent evidence, so there are none.
 
     Args:
+        repeats: of each scene that is no control, ``REPEATS`` by default.
         max_rollouts: of the policy; None for all of these.
         whole: do not stop at an alarm.
         deadline: after which no rollout is begun.
         watch: called after every pair.
     """
-    most = most_rollouts(probes, max_rollouts)
+    order = _order(probes, repeats)[:max_rollouts]
+    controls = sum(probes[index].group == "control" for index, _ in order)
     pairs: list[list[Pair]] = [[] for _ in probes]
-    test, judged = SignTest(alpha), 0
-    fewest, deadline = test.needed, deadline or Deadline()
+    test, judged, deadline = SignTest(alpha), 0, deadline or Deadline()
     stopped: Stopped = "done"
-    for done, (index, repeat) in enumerate(islice(_order(probes), most), start=1):
+    for done, (index, repeat) in enumerate(order, start=1):
         if deadline.passed:
             stopped = "time"
             break
@@ -251,7 +198,8 @@ def compare(
         judged += pair.judged
         if pair.discordant and probes[index].group == "control":
             test.see(worse=pair.worse)
-        watch(Progress(done, most, test.worse, test.better))
+        test.whole = done >= controls
+        watch(Progress(done, len(order), test.worse, test.better))
         if (test.alarm and not whole) or (done >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break
@@ -259,7 +207,7 @@ def compare(
         policy=policy.name,
         baseline=baseline.name,
         alpha=alpha,
-        fewest=fewest,
+        fewest=SignTest(alpha, whole=test.whole).needed,
         needed=test.needed,
         p_value=test.p_value,
         stopped=stopped,
@@ -268,15 +216,18 @@ def compare(
     )
 
 
-def most_rollouts(probes: Sequence[Probe], bound: int | None) -> int:
-    """How many rollouts of each policy there are, at most ``bound``."""
-    rollouts = sum(1 if probe.group == "control" else REPEATS for probe in probes)
-    return min(rollouts, bound or rollouts)
+def _order(probes: Sequence[Probe], repeats: Sequence[int] | None) -> list[tuple[int, int]]:
+    """Indices of scenes with the number of the repeat: controls, then the others round by round."""
+    of = {
+        index: repeats[index] if repeats else REPEATS
+        for index, probe in enumerate(probes)
+        if probe.group != "control"
+    }
+    rounds = range(max(of.values(), default=0))
+    others = [(index, repeat) for repeat in rounds for index in of if repeat < of[index]]
+    return [(index, 0) for index in range(len(probes)) if index not in of] + others
 
 
-def _order(probes: Sequence[Probe]) -> Iterator[tuple[int, int]]:
-    """Indices of scenes with the number of the repeat."""
-    controls = [index for index, probe in enumerate(probes) if probe.group == "control"]
-    others = [index for index, probe in enumerate(probes) if probe.group != "control"]
-    yield from ((index, 0) for index in controls)
-    yield from ((index, repeat) for repeat in range(REPEATS) for index in others)
+def rollouts_of(probes: Sequence[Probe], most: int | None = None) -> int:
+    """How many rollouts of each policy a comparison has, at most ``most``."""
+    return len(_order(probes, None)[:most])

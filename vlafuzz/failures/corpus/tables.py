@@ -3,13 +3,11 @@
 from dataclasses import asdict
 from typing import Any
 
-from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, points
 from vlafuzz.failures.corpus.bisect import Bisection
-from vlafuzz.failures.corpus.changes import Change
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import ORDER, Difference
-from vlafuzz.failures.corpus.pairs import Compared, Group
+from vlafuzz.failures.corpus.pairs import Change, Compared, Group
 from vlafuzz.failures.corpus.regress import Comparison
 
 _GROUPS: dict[Group, str] = {
@@ -51,26 +49,27 @@ def difference(compared: Comparison) -> str:
         return ""
     span = f"{points(between.low)} to {points(between.high)}"
     biased = "; biased upward, because the test stopped at the alarm: see --whole"
-    early = biased if compared.stopped == "worse" else ""
+    all_run = compared.tried == len(compared.of("control"))
+    early = biased if compared.stopped == "worse" and not all_run else ""
     return f"failure rate over controls: {points(compared.lost)} points ({span}){early}"
 
 
 def _row(compared: Comparison, group: Group) -> Row:
     """A group in numbers; only controls are random, so that the interval of a rate is theirs alone."""
-    scenes, tally = compared.of(group), compared.tally(group)
+    tally = compared.tally(group)
+    baseline, policy = (
+        str(share) if group == "control" else f"{share.count} of {share.of}"
+        for share in (tally.baseline, tally.policy)
+    )
     return {
         "group": _GROUPS[group],
-        "scenes": len(scenes),
+        "scenes": len(compared.of(group)),
         "rollouts": tally.policy.of,
-        "baseline passes": _passes(tally.baseline, group),
-        "policy passes": _passes(tally.policy, group),
+        "baseline passes": baseline,
+        "policy passes": policy,
         "broken": tally.worse,
         "fixed": tally.better,
     }
-
-
-def _passes(share: Share, group: Group) -> str:
-    return str(share) if group == "control" else f"{share.count} of {share.of}"
 
 
 def _count(scenes: list[Compared], standing: str) -> int:
@@ -102,19 +101,20 @@ def document(compared: Comparison, corpus: Corpus) -> dict[str, Any]:
         "broken": _change(compared.broken),
         "changes": compared.changes,
         "difference": between and {"of_failure_rates": compared.lost, **between._asdict()},
-        "groups": {group: _group(compared, group) for group in _GROUPS},
+        "groups": {
+            group: {
+                "scenes": len(scenes := compared.of(group)),
+                **asdict(compared.tally(group)),
+                "standings": {name: _count(scenes, name) for name in _STANDINGS},
+            }
+            for group in _GROUPS
+        },
         "scenes": [_scene(scene) | {"standing": scene.standing} for scene in compared.compared],
     }
 
 
 def _change(change: Change) -> dict[str, Any]:
     return {**asdict(change), "shown": change.shown}
-
-
-def _group(compared: Comparison, group: Group) -> dict[str, Any]:
-    scenes = compared.of(group)
-    standings = {name: _count(scenes, name) for name in _STANDINGS}
-    return {"scenes": len(scenes), **asdict(compared.tally(group)), "standings": standings}
 
 
 def difference_rows(result: Difference) -> list[Row]:
@@ -141,9 +141,11 @@ def difference_document(result: Difference) -> dict[str, Any]:
 
 def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
     """The JSON of ``bisect --json``."""
-    names = ("baseline", "alarm", "p_value", "alpha", "named", "certain", "error", "verdict", "rollouts")
+    names = ("baseline", "alarm", "named", "certain", "error", "verdict", "rollouts")
     return {
         "corpus": corpus.name,
+        "p_value": result.last.p_value,
+        "alpha": result.last.alpha,
         **{name: getattr(result, name) for name in names},
         "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True))
         if result.alarm
