@@ -3,7 +3,7 @@
 import pytest
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.cli.run import note_defaults
+from vlafuzz.cli.one_run import note_defaults
 from vlafuzz.worlds.tabletop.renderer import Renderer
 
 

@@ -61,9 +61,9 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
         (
             Outcome.error("policy: connect: no answer", unanswered=True),
             3,
-            "error: 3 findings could not be judged: policy or simulator broke",
+            "error: 3 failures could not be judged: policy or simulator broke",
         ),
-        (Outcome.invalid("static", "unfair"), 0, "3 findings could not be judged: no longer fair"),
+        (Outcome.invalid("static", "unfair"), 0, "3 failures could not be judged: no longer fair"),
     ],
 )
 def test_findings_that_could_not_be_judged_say_why(
@@ -94,7 +94,7 @@ def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys: pytest.C
     assert main(["triage", "a.db", "--rollouts", "1", "--json"]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["triaged"] == 1
-    assert "2 findings are left: --rollouts are used up\nhint: continue with" in printed.err
+    assert "2 failures are left: --rollouts are used up\nhint: continue with" in printed.err
 
 
 def test_with_a_time_it_says_how_many_findings_that_is(
@@ -102,7 +102,7 @@ def test_with_a_time_it_says_how_many_findings_that_is(
 ):
     monkeypatch.setattr("vlafuzz.failures.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
     assert main(["triage", "a.db", "--time", "2m"]) == 0
-    said = "in 120 s (--time): about 1 of 3 findings, which take about 60 s each"
+    said = "in 120 s (--time): about 1 of 3 failures, which take about 60 s each"
     assert said in capsys.readouterr().err
 
 

@@ -25,37 +25,34 @@ def print_findings(source: Path, view: View, evidence: str | None, limit: int, *
     from vlafuzz.failures.corpus.export import forecast
     from vlafuzz.store.store import Store
 
-    cards = [card for card in view.cards if evidence in (None, card.bucket)]
     if json:
         print_json(_rows(source, view, evidence))
         return
+    cards = [card for card in view.cards if evidence in (None, card.bucket)]
     shown = cards[: limit or None]
-    if shown:
-        mixed = len({(run.model, run.task) for run in view.runs}) > 1
-        print_list([_lines(card, mixed) for card in shown], title=_title(cards, view))
-    else:
-        stdout().print("no findings" + (f" with evidence {evidence}" if evidence else ""))
+    mixed = len({(run.model, run.task) for run in view.runs}) > 1
+    said = [] if shown else ["no failures" + (f" with evidence {evidence}" if evidence else "")]
+    print_list([_lines(card, mixed) for card in shown], title=_title(cards, view))
     if len(shown) < len(cards):
-        stdout().print(f"{len(cards) - len(shown)} more: --limit 0 shows all of them")
+        said.append(f"{len(cards) - len(shown)} more: --limit 0 shows all of them")
     if shown:
-        stdout().print(f"see number 1: {shown[0].replay}", soft_wrap=True)
-    for text, line in view.todo:
-        stdout().print(f"{text} {line}", soft_wrap=True)
-    if not view.todo and any(card.bucket == "minimal" for card in cards) and source.is_file():
+        said.append(f"see number 1: {shown[0].replay}")
+    said += [f"{text} {line}" for text, line in view.todo]
+    minimal = sum(card.bucket == "minimal" for card in cards)
+    if minimal and not view.todo and source.is_file():
         needs = trust_flag(*(run.policy for run in view.runs))
         keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *needs])
-        minimal = sum(card.bucket == "minimal" for card in cards)
         with Store.open(source) as store:
             takes = forecast(store, minimal, CONTROLS, workers=1)
-        stdout().print(
-            f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}", soft_wrap=True
-        )
+        said.append(f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}")
+    for text in said:
+        stdout().print(text, soft_wrap=True)
 
 
 def _title(cards: Sequence[Card], view: View) -> str:
-    findings = sum(len(card.findings) + len(card.alike) for card in cards)
-    apart = f", {findings - len(cards)} of them like another" if len(cards) < findings else ""
-    return f"{plural(findings, 'finding')}{apart}, the strongest causes first: {view.title}"
+    failures = sum(len(card.findings) + len(card.alike) for card in cards)
+    apart = f", {failures - len(cards)} of them like another" if len(cards) < failures else ""
+    return f"{plural(failures, 'failure')}{apart}, the strongest causes first: {view.title}"
 
 
 def _lines(card: Card, mixed: bool) -> list[str]:
@@ -63,7 +60,7 @@ def _lines(card: Card, mixed: bool) -> list[str]:
     values = [f"{part.operator}: {part.range}" for part in card.deviations]
     if card.bucket == "observed" and len(values) > FEW:
         values = [f"{len(card.operators)} operators not nominal"]
-    several = f" · {len(card.findings)} findings" if len(card.findings) > 1 else ""
+    several = f" · {len(card.findings)} failures" if len(card.findings) > 1 else ""
     several += f" · {len(card.alike)} more alike" if card.alike else ""
     whose = f"{card.run.short} on {card.scene.task} · " if mixed else ""
     evidence = f"{whose}loses {card.lost_stage} · {card.bucket}: {card.detail}{several}"

@@ -4,7 +4,7 @@ import json as json_format
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import typer
 from rich.console import Console
@@ -15,10 +15,12 @@ from rich.text import Text
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.cli.ending import Checked, heard
 from vlafuzz.cli.heartbeat import Heartbeat
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import csv_table
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError, printable
 
+T = TypeVar("T")
 _data: list[Checked] = []  # the stdout of the command that runs
 
 
@@ -117,34 +119,38 @@ def stderr() -> Console:
     return _SafeConsole(stderr=True, highlight=False, markup=False)
 
 
-def progress() -> Progress:
-    """A transient progress bar on stderr; hidden where there is no terminal."""
-    words = TextColumn("{task.description}", markup=False)
-    columns = (words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = stderr()
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-
-
 class Bar(Watch):
-    """Progress of long work on stderr: one bar at a time, and notes above it; without a terminal lines."""
+    """Progress of long work on stderr: one bar at a time, and notes above it; without a terminal lines.
 
-    def __init__(self) -> None:
-        self._bar = progress()
-        self._heartbeat = Heartbeat(self.note) if self._bar.disable else None
-        self._task: TaskID | None = None
-        self._stage: object = None
+    Args:
+        until: when the work ends at the latest.
+    """
 
-    def progress(self, description: str, done: int, total: int | None) -> None:
-        """Move the bar; another total begins a new one."""
+    def __init__(self, until: Deadline | None = None) -> None:
+        words = TextColumn("{task.description}", markup=False)
+        columns = (words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        console = stderr()
+        self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._heartbeat = None if console.is_terminal else Heartbeat(self.note, until=until)
+        self._stage: tuple[TaskID, int | None] | None = None
+
+    def progress(self, description: str, done: int, total: int | None, more: str = "") -> None:
+        """Move the bar; another total begins a new one. ``more`` stands behind the description."""
         if self._heartbeat:
-            self._heartbeat.tell(description, done, total)
+            self._heartbeat.tell(description, done, total, more)
             return
-        description = printable(description)
-        if self._task is None or total != self._stage:
+        description = printable(description + more)
+        if self._stage is None or total != self._stage[1]:
             self.clear()
-            self._task, self._stage = self._bar.add_task(description, total=total), total
+            self._stage = self._bar.add_task(description, total=total), total
             self._bar.start()
-        self._bar.update(self._task, completed=done, description=description)
+        self._bar.update(self._stage[0], completed=done, description=description)
+
+    def track(self, items: Sequence[T], description: str) -> Iterator[T]:
+        """The items, with the bar moving as they are taken."""
+        for done, item in enumerate(items):
+            self.progress(description, done, len(items))
+            yield item
 
     @staticmethod
     def note(text: str) -> None:
@@ -153,9 +159,9 @@ class Bar(Watch):
 
     def clear(self) -> None:
         """Take the bar away."""
-        if self._task is not None:
-            self._bar.remove_task(self._task)
-            self._task = None
+        if self._stage:
+            self._bar.remove_task(self._stage[0])
+            self._stage = None
         self._bar.stop()
 
     def __enter__(self) -> Self:
@@ -168,13 +174,14 @@ class Bar(Watch):
 
 
 @contextmanager
-def interruptible(note: str | Callable[[], str]) -> Iterator[Bar]:
+def interruptible(note: str | Callable[[], str], until: Deadline | None = None) -> Iterator[Bar]:
     """A bar; on Ctrl-C the note says what is stored and how to continue, and the exit code is 130.
 
     Args:
         note: the text, or what makes it where it depends on what is stored by then.
+        until: when the work ends at the latest.
     """
-    with Bar() as bar:
+    with Bar(until) as bar:
         try:
             yield bar
         except KeyboardInterrupt:

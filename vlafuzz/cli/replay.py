@@ -26,7 +26,7 @@ def command(
         typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
     first_failure: Annotated[
-        bool, typer.Option("--first-failure", help="The store's first finding.")
+        bool, typer.Option("--first-failure", help="The store's first failure.")
     ] = False,
     policy: Annotated[str | None, typer.Option(help="Another policy than the store's.")] = None,
     label: Annotated[
@@ -50,7 +50,7 @@ def command(
     trust: TrustFlag = False,
     json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
 ) -> None:
-    """Run one scene or finding again, and show it: what is unusual in it, and a film of what goes wrong."""
+    """Run one scene or failure again, and show it: what is unusual in it, and a film of what goes wrong."""
     if digest and first_failure:
         raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
     if first_failure and source.is_file() and not is_store(source):

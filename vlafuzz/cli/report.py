@@ -14,7 +14,7 @@ import typer
 
 from vlafuzz.cli.flags import TrustFlag, label_option
 from vlafuzz.cli.output import Bar, data, interruptible
-from vlafuzz.cli.standings import TABLES, write_table
+from vlafuzz.common.files import write_whole
 from vlafuzz.common.text import size
 from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vlafuzz.report.view import View
 
 
+TABLES = (".csv", ".md")  # endings of files
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
 
 
@@ -71,24 +72,23 @@ def command(
     With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the
     newest failure. Only this machine can open it; its address is printed. The store is read, never written.
     """
-    _check(
-        follow, {"--out": out, "--evidence": evidence, "--limit": limit, "--json": json or None}, "--follow"
-    )
-    _check(bool(out), {"--evidence": evidence, "--json": json or None}, "--out")
-    _check(not follow, {"--label": label, "--port": port}, "the terminal and --out")
+    table = out.suffix if out and out.suffix in TABLES else ""
+    listing: dict[str, object] = {"--evidence": evidence, "--json": json or None}
+    _refuse(follow, {"--out": out, "--limit": limit} | listing, "--follow")
+    _refuse(bool(out), listing, "--out")
+    _refuse(bool(table), {"--limit": limit, "--no-videos": None if videos else True}, f"a {table} file")
+    _refuse(not follow, {"--label": label, "--port": port}, "the terminal and --out")
     if follow:
         _follow(source, label, port or 0, films=videos)
     elif out is None:
         _list(source, evidence, limit, json=json)
-    elif out.suffix in TABLES:
-        _check(True, {"--limit": limit, "--no-videos": None if videos else True}, f"a {out.suffix} file")
-        write_table(out, source)
-        Bar.note(f"written: {out}")
+    elif table:
+        _write_table(source, out)
     else:
         _write(source, out, limit, videos=videos)
 
 
-def _check(applies: bool, flags: Mapping[str, object], to: str) -> None:
+def _refuse(applies: bool, flags: Mapping[str, object], to: str) -> None:
     """Refuse flags that say nothing to this form of a report."""
     for flag, value in flags.items():
         if applies and value is not None:
@@ -101,18 +101,28 @@ def _list(source: Path, evidence: str | None, limit: int | None, *, json: bool) 
 
     if evidence is not None and evidence not in BUCKETS:
         raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
-    if limit is not None and limit < 0:
-        raise UsageError(f"--limit: expected at least 0, got {limit}", hint="0 shows all of them")
+    check_number("--limit", limit, 0)
     print_findings(source, view_of(source), evidence, FEW if limit is None else limit, json=json)
+
+
+def _write_table(source: Path, out: Path) -> None:
+    from vlafuzz.common.text import csv_table, markdown_table
+    from vlafuzz.report.standings import standings_of
+    from vlafuzz.store.store import Store
+
+    with Store.open(source) as store:
+        rows = standings_of(store)
+    if out.suffix == ".csv":
+        write_whole(out, csv_table([row.document() for row in rows]))
+    else:
+        write_whole(out, markdown_table([row.row() for row in rows]) + "\n")
+    Bar.note(f"written: {out}")
 
 
 def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     if limit is not None and not videos:
         raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
-    if limit is not None and limit < 1:
-        raise UsageError(
-            f"--limit: expected at least 1, got {limit}", hint="leave videos out with --no-videos"
-        )
+    check_number("--limit", limit, 1)
     from vlafuzz.report.page import check_place, render, write_page
 
     view = view_of(source)
@@ -161,15 +171,13 @@ def _with_films(source: Path, view: View, limit: int) -> View:
 
     problems = [no_pictures(task) for task in dict.fromkeys(run.task for run in view.runs)]
     if problems and all(problems):
-        return _without_films(view, problems[0])
-    with interruptible("interrupted: nothing is written\nhint: --no-videos takes no time") as bar:
-        try:
-            with closing(RunFilms(source)) as films:
-                return filmed(view, films, limit, partial(bar.progress, "films"))
-        except VlafuzzError as error:
-            return _without_films(view, error.message)
-
-
-def _without_films(view: View, reason: str) -> View:
+        reason = problems[0]
+    else:
+        with interruptible("interrupted: nothing is written\nhint: --no-videos takes no time") as bar:
+            try:
+                with closing(RunFilms(source)) as films:
+                    return filmed(view, films, limit, partial(bar.progress, "films"))
+            except VlafuzzError as error:
+                reason = error.message
     Bar.note(f"note: no videos: {reason}.")
     return replace(view, notes=(*view.notes, f"No videos: {reason}."))

@@ -9,10 +9,9 @@ from typing import Annotated, Any
 import typer
 
 from vlafuzz.cli.config_file import ConfigFlag
-from vlafuzz.cli.early import begin_early
 from vlafuzz.cli.flags import TimeFlag, TrustFlag, configured, with_run_options
-from vlafuzz.cli.one_run import Asked, end, note_defaults, run_plan
-from vlafuzz.cli.output import Bar, print_json
+from vlafuzz.cli.one_run import Asked, checked, end, run_plan
+from vlafuzz.cli.output import print_json
 
 
 @with_run_options
@@ -68,13 +67,11 @@ def command(
     from vlafuzz.common.deadline import deadline
 
     until = deadline("--time", time)
-    begin_early(given["policy"], given["workers"], given["executor"])
+    _begin_early(given["policy"], given["workers"], given["executor"])
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli.several import run_tasks
-    from vlafuzz.cli.standings import print_several
-    from vlafuzz.doctor.before_run import checked_plan
+    from vlafuzz.cli.several import print_several, run_tasks
     from vlafuzz.worlds import task_of, tasks_named
 
     named = task_of(world, given["task"])
@@ -90,10 +87,20 @@ def command(
         plan = resume_run(flags)
     else:
         plan = plan_of(RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
-        note_defaults(plan, flags)
-    with Bar() as bar:
-        plan, speed = checked_plan(plan, unchecked=unchecked, watch=bar)
+    plan, speed = checked(plan, flags, unchecked=unchecked)
     done = run_plan(plan, speed, until, asked)
     if json:
         print_json(done.document)
     end([done], fail_on_finding=fail_on_finding)
+
+
+def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
+    """Begin what takes seconds and is most likely needed: the usual world, and the simulator for workers."""
+    from vlafuzz.rollouts import forks
+    from vlafuzz.rollouts.capacity import most_workers
+    from vlafuzz.worlds import known_worlds
+
+    next(iter(known_worlds().values())).begin_early(policy)
+    own = ":" in (policy or "")  # has one worker by default
+    if executor in (None, "processes") and (workers or (1 if own else most_workers())) > 1:
+        forks.load_early()

@@ -11,8 +11,8 @@ from typing import Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import Frame, PackFlag, PlacementFlag, opened
-from vlafuzz.cli.output import Bar, data, print_json, print_rows, progress, stderr, table
-from vlafuzz.cli.suites import lint_suites, named_suites, refuse
+from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr, table
+from vlafuzz.cli.suites import is_suite, lint_suites
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import percent
 from vlafuzz.errors import UsageError, check_number, sentence
@@ -20,8 +20,7 @@ from vlafuzz.lab.studies.coverage import SIZES, covered, tracks_of_files
 from vlafuzz.model.conditions import PLACEMENTS, check_choice
 from vlafuzz.model.scene_lines import is_document, is_store, write_scenes
 from vlafuzz.worlds import world_with
-from vlafuzz.worlds.audit import Scope
-from vlafuzz.worlds.capabilities import FileVerdicts, Imported, SceneFormats
+from vlafuzz.worlds.capabilities import FileVerdicts, SceneFormats
 
 
 def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
@@ -33,16 +32,19 @@ def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool)
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
     world = world_with(SceneFormats)
-    with progress() as bar:
-        tracked = bar.track(files, description="reading")
-        imported = [world.import_scenes(path, frame.value) for path in tracked]
+    with Bar() as bar:
+        imported = [world.import_scenes(path, frame.value) for path in bar.track(files, "reading")]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
     if frame is Frame.KEEP:
-        Bar.note(
-            "note: `export --format vlatest` would move these scenes: it stretches them, as --frame fit does"
-        )
-    _print_missing(imported)
+        moved = "`export --format vlatest` would move these scenes: it stretches them, as --frame fit does"
+        Bar.note(f"note: {moved}")
+    if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):
+        left_out = sum(file.left_out for file in imported)
+        counterpart = "they have objects without a counterpart in our catalogue"
+        stderr().print(f"{left_out} scenes are left out: {counterpart}")
+        lacking = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
+        stderr().print(table(lacking))
     rows = [
         {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}
         for file in imported
@@ -51,18 +53,6 @@ def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool)
         print_json([row | {"missing": file.missing} for row, file in zip(rows, imported, strict=True)])
     else:
         print_rows(rows, title=str(out))
-
-
-def _print_missing(imported: list[Imported]) -> None:
-    missing = sum((Counter(file.missing) for file in imported), Counter[str]())
-    if not missing:
-        return
-    left_out = sum(file.left_out for file in imported)
-    rows = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
-    stderr().print(
-        f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue"
-    )
-    stderr().print(table(rows))
 
 
 _FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
@@ -122,25 +112,28 @@ def lint(
         "--frame": frame,
         "--min-distance": min_distance,
         "--placement": placement,
+        "--pack": pack,
     }
-    if suites := named_suites(files, of_files | {"--pack": pack}):
-        lint_suites(suites, Scope(states=states, pictures=pictures), json=json, verbose=verbose)
+    suites = [str(name) for name in files if is_suite(name)]
+    if suites and len(suites) < len(files):
+        raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
+    if suites:
+        _refuse(of_files, "a suite's initial states are checked as they are")
+        lint_suites(suites, states, pictures, json=json, verbose=verbose)
         return
-    refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
+    _refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
     if static and placement:
         raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
     _check_frame(frame, files)
-    linter = world_with(SceneFormats).linter(opened(pack))
+    linter, judged = world_with(SceneFormats).linter(opened(pack)), []
     with Bar() as bar:
-        judged = []
         for path in files:
             quick = is_document(path) and not placement if static is None else static
-            judged.append(
-                linter.lint(path, (frame or Frame.FIT).value, min_distance, None if quick else put, bar)
-            )
+            drop = None if quick else put
+            judged.append(linter.lint(path, (frame or Frame.FIT).value, min_distance, drop, bar))
     _print(judged, linter.means, json=json, verbose=verbose)
     stderr().print(f"a target counts as visible with at least {linter.visibility}")
     if missing := sum(bool(PACKED.match(problem.reason)) for file in judged for problem in file.problems):
@@ -149,31 +142,35 @@ def lint(
         raise typer.Exit(1)
 
 
+def _refuse(flags: Mapping[str, object], reason: str) -> None:
+    for flag, value in flags.items():
+        if value is not None:
+            raise UsageError(f"{flag}: {reason}", hint="leave it out")
+
+
 def _check_frame(frame: Frame | None, files: list[Path]) -> None:
     if frame and not any(map(is_document, files)):
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
 
 
 def _print(judged: list[FileVerdicts], means: Mapping[str, str], *, json: bool, verbose: bool) -> None:
-    rows = [file.row() for file in judged]
     if json:
-        rejections = [[asdict(problem) for problem in file.problems] for file in judged]
-        print_json([row | {"rejections": lines} for row, lines in zip(rows, rejections, strict=True)])
+        print_json(
+            [file.row() | {"rejections": [asdict(problem) for problem in file.problems]} for file in judged]
+        )
         return
-    if verbose:
-        for file in judged:
-            for problem in file.problems:
-                line = sentence(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
-                data().write(f"{line}\n")
+    for file in judged if verbose else ():
+        for problem in file.problems:
+            line = sentence(f"{file.path}:{problem.line}: {problem.check}: {problem.reason}")
+            data().write(f"{line}\n")
     common = os.path.commonpath([file.path.absolute().parent for file in judged])
-    names = [os.path.relpath(file.path.absolute(), common) for file in judged]  # full paths leave no room
-    for row, name in zip(rows, names, strict=True):
-        shown = [
+    for file in judged:
+        rows = [
             {"": key, "scenes": _count(value), "are": means.get(key, "")}
-            for key, value in row.items()
+            for key, value in file.row().items()
             if key != "file"
         ]
-        print_rows(shown, title=name)
+        print_rows(rows, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
 
 
 def _count(value: object) -> str:
@@ -215,9 +212,9 @@ def coverage(
         problem = f"--operators {operators}: the files are stores, whose runs have ranges of their own"
         raise UsageError(problem, hint="leave it out")
     rows: list[dict[str, Any]] = []
-    with progress() as bar:
-        tracked = bar.track(files, description="reading")
-        for path, tracks in tracks_of_files(tracked, operators, (frame or Frame.ORIGINAL).value, Bar.note):
+    with Bar() as bar:
+        tracked = bar.track(files, "reading")
+        for path, tracks in tracks_of_files(tracked, operators, (frame or Frame.ORIGINAL).value, bar.note):
             for track in tracks:
                 origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
                 rows += [origin | asdict(row) for row in covered(track, sizes)]

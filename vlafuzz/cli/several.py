@@ -10,14 +10,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vlafuzz.cli.one_run import Asked, Done, note_defaults, run_plan
-from vlafuzz.cli.output import Bar
+from vlafuzz.cli.one_run import Asked, Done, checked, run_plan
+from vlafuzz.cli.output import Bar, print_json, print_rows
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.common.deadline import Deadline
-    from vlafuzz.doctor.before_run import Checked
 
 
 def run_tasks(
@@ -29,7 +28,7 @@ def run_tasks(
     resume: bool,
     unchecked: bool,
 ) -> tuple[list[Done], Path, str]:
-    """Run each task with the same flags, up to the first interruption.
+    """Run each task with the same flags, up to the first interruption; the policy is checked once.
 
     Args:
         until: the tasks share the time that is left.
@@ -38,25 +37,25 @@ def run_tasks(
     Returns:
         The runs, their store, and in a sentence which tasks were not begun as the time was over.
     """
-    config, runs, checked = _config(tasks, flags), list[Done](), None
+    config, runs, first = _config(tasks, flags), list[Done](), None
     again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
     assert config.store
     for number, task in enumerate(tasks):
         if until.passed:
-            return (
-                runs,
-                config.store,
-                f"--time was over before these tasks began: {', '.join(tasks[number:])}",
-            )
+            left = f"--time was over before these tasks began: {', '.join(tasks[number:])}"
+            return runs, config.store, left
         Bar.note(f"task {number + 1} of {len(tasks)}: {task}")
         plan, over = _plan(replace(config, task=task), again=resume)
-        first = checked is None and over is None
+        speed, foreseen, remaining = None, 0, len(tasks) - number
         if over is None:
-            plan, speed = checked = _checked(plan, checked, flags, unchecked=unchecked)
-        else:
-            speed = None
-        left = len(tasks) - number
-        done = run_plan(plan, speed, until.after(1 / left), asked, tasks=left * first, again=again, over=over)
+            if first is None:
+                first, foreseen = checked(plan, flags, unchecked=unchecked), remaining
+                plan = first.plan
+            elif plan.resume is None:
+                plan = replace(plan, manifest=replace(plan.manifest, checkup=first.plan.manifest.checkup))
+            speed = first.speed
+        share = until.after(1 / remaining)
+        done = run_plan(plan, speed, share, asked, tasks=foreseen, again=again, over=over)
         runs.append(done)
         if done.interrupted:
             Bar.note(f"hint: `{again}` does the other tasks")
@@ -94,14 +93,15 @@ def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
         return planned, summary_of(store, run)
 
 
-def _checked(plan: Plan, before: Checked | None, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
-    """The plan after the check of its policy, which is made once for all tasks."""
-    from vlafuzz.doctor.before_run import checked_plan
+def print_several(runs: Sequence[Done], path: Path, *, json: bool) -> None:
+    """Print how each policy of a store does in each task, as JSON also the runs."""
+    from vlafuzz.report.standings import standings_of
+    from vlafuzz.store.store import Store
 
-    if before is None:
-        note_defaults(plan, flags)
-        with Bar() as bar:
-            return checked_plan(plan, unchecked=unchecked, watch=bar)
-    if plan.resume is None:
-        plan = replace(plan, manifest=replace(plan.manifest, checkup=before.plan.manifest.checkup))
-    return before._replace(plan=plan)
+    with Store.open(path) as store:
+        rows = standings_of(store)
+    if json:
+        documents = [done.document for done in runs]
+        print_json({"tasks": documents, "standings": [one.document() for one in rows]})
+    else:
+        print_rows([one.row() for one in rows], title=f"policies and tasks of {path}")

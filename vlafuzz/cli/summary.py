@@ -1,26 +1,15 @@
-"""How ``vlafuzz run`` shows a run: a bar on stderr while it goes on, a table at the end."""
+"""How ``vlafuzz run`` shows a run: its progress while it goes on, a table at the end."""
 
 import shlex
 import time
-from typing import Self
+from collections.abc import Mapping
 
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
 from vlafuzz.campaign.forecast import FIRST, Forecast
 from vlafuzz.campaign.results import Beside
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.cli.heartbeat import Heartbeat
-from vlafuzz.cli.output import Bar, stderr, stdout
-from vlafuzz.common.deadline import Deadline
+from vlafuzz.cli.output import Bar, stdout
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, interval, percent, plural, points
 from vlafuzz.failures.triage.pipeline import SOON
@@ -29,62 +18,25 @@ from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.search.probability import Probability
 
 
-class RunBar:
-    """A progress bar: rollouts of the budget, rollouts per second, failures and causes so far, time left.
+class RunProgress:
+    """Shows rollouts, failures and causes so far on a bar, and corrects a forecast that does not hold."""
 
-    A forecast that does not hold is corrected, once that can be said.
-    """
-
-    def __init__(self, budget: int, forecast: Forecast | None = None, until: Deadline | None = None) -> None:
-        self.rollouts, self._forecast = 0, forecast
+    def __init__(self, bar: Bar, budget: int, forecast: Forecast | None = None) -> None:
+        self._bar, self._budget, self._forecast = bar, budget, forecast
         self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
-        console = stderr()
-        self._progress = Progress(
-            SpinnerColumn(),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[rate]} · {task.fields[failed]} failed{task.fields[causes]}"),
-            TimeElapsedColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=not console.is_terminal,
-        )
-        self._task = self._progress.add_task("rollouts", total=budget, rate="starting", failed=0, causes="")
-        self._heartbeat = None if console.is_terminal else Heartbeat(Bar.note, until=until)
+        bar.progress("rollouts", 0, budget)
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
-        self.rollouts = tally.rollouts
-        self._correct(tally.rollouts)
-        speed = self._progress.tasks[0].speed
-        rate = f"{speed:.2f} rollouts/s" if speed else "…"
-        failed = tally.verdicts[Verdict.FAILED]
-        causes = "" if tally.causes is None else f" · {plural(tally.causes, 'cause')}"
-        self._progress.update(self._task, completed=tally.rollouts, rate=rate, failed=failed, causes=causes)
-        if self._heartbeat:
-            total = self._progress.tasks[0].total
-            more = f", {failed} failed{causes.replace(' · ', ', ')}"
-            self._heartbeat.tell("rollouts", tally.rollouts, int(total or 0), more)
-
-    def _correct(self, rollouts: int) -> None:
+        causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
+        more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
+        self._bar.progress("rollouts", tally.rollouts, self._budget, more)
         now = time.monotonic()
-        began, before = self._first = self._first or (now, rollouts)
-        if self._forecast and rollouts - before >= FIRST:
-            if corrected := self._forecast.after((now - began) / (rollouts - before), rollouts):
-                self._progress.console.print(corrected, soft_wrap=True)
+        began, before = self._first = self._first or (now, tally.rollouts)
+        if self._forecast and (done := tally.rollouts - before) >= FIRST:
+            if corrected := self._forecast.after((now - began) / done, tally.rollouts):
+                self._bar.note(corrected)
             self._forecast = None
-
-    def __enter__(self) -> Self:
-        self._progress.start()
-        if self._heartbeat:
-            self._heartbeat.tell("rollouts", self.rollouts, int(self._progress.tasks[0].total or 0))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-        if self._heartbeat:
-            self._heartbeat.stop()
 
 
 def print_summary(
@@ -97,59 +49,54 @@ def print_summary(
     """
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
+    judged = summary.verdicts["passed"] + summary.verdicts["failed"]
+    again = summary.earlier if ":" in summary.policy else 0  # the user's own model, which may have changed
+    lines = {
+        "strategy": about,
+        "policy": summary.checkup if summary.checkup != "ok" else "",
+        "rollouts": f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s",
+        "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
+        "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
+        "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
+        "invalid": _counts(summary.invalid),
+        "stages reached": _counts(summary.stages) if judged else "",
+        **(_failures(summary, judged, probability) if judged else {}),
+        "last error": summary.last_error,
+        "mean progress": "" if summary.progress_mean is None else f"{summary.progress_mean:.3f}",
+        "store": summary.store,
+    }
     table = Table(show_header=False, title=title, title_justify="left")
     table.add_column(style="bold")
     table.add_column()
-    for name, value in [("strategy", about)] * bool(about) + _lines(summary, probability):
-        table.add_row(name, value)
-    console = stdout()
-    console.print(table)
+    for name, line in lines.items():
+        if line:
+            table.add_row(name, line)
+    stdout().print(table)
     if beside is not None:
-        console.print(_beside(summary, beside), soft_wrap=True)
+        stdout().print(_beside(summary, beside), soft_wrap=True)
 
 
-def _lines(summary: Summary, probability: Probability | None) -> list[tuple[str, str]]:
-    verdicts = summary.verdicts
-    judged = verdicts["passed"] + verdicts["failed"]
-    lines = [("policy", summary.checkup)] if summary.checkup not in ("", "ok") else []
-    lines += [
-        ("rollouts", f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s"),
-        ("proposals", f"{summary.proposals}, {summary.duplicates} of them answered from the store"),
-        ("scenes", ", ".join(f"{count} {name}" for name, count in verdicts.items())),
-    ]
-    if summary.earlier and ":" in summary.policy:  # the user's own model, which may have changed
-        note = f"{summary.earlier} scenes: if the model has changed, give another --store"
-        lines.append(("by earlier runs", note))
-    if summary.invalid:
-        lines.append(("invalid", ", ".join(f"{check} {count}" for check, count in summary.invalid.items())))
-    if judged:
-        lines += [
-            ("stages reached", ", ".join(f"{stage} {count}" for stage, count in summary.stages.items())),
-            *_failures(summary, judged, probability),
-        ]
-    if summary.last_error is not None:
-        lines.append(("last error", summary.last_error))
-    if summary.progress_mean is not None:
-        lines.append(("mean progress", f"{summary.progress_mean:.3f}"))
-    return [*lines, ("store", summary.store)]
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())
 
 
-def _failures(summary: Summary, judged: int, probability: Probability | None) -> list[tuple[str, str]]:
+def _failures(summary: Summary, judged: int, probability: Probability | None) -> dict[str, str]:
     """How often the policy fails; the scenes of a guided run do not say so."""
     failed = summary.verdicts["failed"]
     if summary.strategy == RANDOM:
         share = Share.of_counts(failed, judged)
-        return [("failure share", f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}")]
+        return {"failure share": _share(share.share, share.low, share.high, "")}
     if summary.strategy == POOL:
-        return [
-            ("failures", f"{failed} of {judged} scenes, a failure rate only where they are a random sample")
-        ]
-    lines = [("failures", f"{failed} among {judged} guided scenes, which is not the policy's failure rate")]
+        where = "a failure rate only where they are a random sample"
+        return {"failures": f"{failed} of {judged} scenes, {where}"}
+    lines = {"failures": f"{failed} among {judged} guided scenes, which is not the policy's failure rate"}
     if probability:
-        bounds = interval(probability.low, probability.high)
-        estimate = f"{percent(probability.value)} of random scenes, 95% interval {bounds}"
-        lines.append(("failure probability", estimate))
+        lines["failure probability"] = _share(*probability, " of random scenes")
     return lines
+
+
+def _share(share: float, low: float, high: float, of: str) -> str:
+    return f"{percent(share)}{of}, 95% interval {interval(low, high)}"
 
 
 def _beside(summary: Summary, beside: Beside) -> str:

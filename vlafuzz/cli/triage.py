@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import shlex
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 from functools import partial
@@ -22,7 +21,6 @@ from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 if TYPE_CHECKING:
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.summary import TriageSummary
-    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.report.causes import CauseList
     from vlafuzz.store.store import Store
 
@@ -34,17 +32,17 @@ def command(
     max_rollouts: Annotated[
         int | None,
         typer.Option(
-            help="Most policy rollouts to shrink, certify and attribute one finding.",
+            help="Most policy rollouts to shrink, certify and attribute one failure.",
             show_default="200, of a stochastic policy 1000",
         ),
     ] = None,
     limit: Annotated[
-        int | None, typer.Option(help="Most findings to work on.", show_default="all that are left")
+        int | None, typer.Option(help="Most failures to work on.", show_default="all that are left")
     ] = None,
     rollouts: Annotated[
         int | None,
         typer.Option(
-            help="Policy rollouts of all findings together, after which no further one is begun.",
+            help="Policy rollouts of all failures together, after which no further one is begun.",
             show_default="no limit",
         ),
     ] = None,
@@ -53,7 +51,7 @@ def command(
         bool,
         typer.Option(
             "--thorough",
-            help="Shrink every finding to its smallest values, also those of a cause certified before.",
+            help="Shrink every failure to its smallest values, also those of a cause certified before.",
         ),
     ] = False,
     workers: WorkersFlag = None,
@@ -62,10 +60,10 @@ def command(
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
 
-    Every finding is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
-    them. Findings that were triaged before are left as they are. Those that show the commonest causes come
+    Every failure is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
+    them. Failures that were triaged before are left as they are. Those that show the commonest causes come
     first, so that --limit, --rollouts and --time leave out what matters least; the next triage goes on.
-    A finding that a cause certified before explains is certified with the values that it was found with.
+    A failure that a cause certified before explains is certified with the values that it was found with.
     """
     from vlafuzz.common.deadline import deadline
 
@@ -80,10 +78,8 @@ def command(
     from vlafuzz.store.store import Store
 
     note_alone(store)
-    allowance = Allowance(rollouts, until)
-    result = triage_store(
-        store, max_rollouts, limit, workers, allowance=allowance, thorough=thorough, show=not json
-    )
+    options = {"max_rollouts": max_rollouts, "limit": limit, "thorough": thorough}
+    result = triage_store(store, Allowance(rollouts, until), workers, show=not json, **options)
     with Store.open(store) as opened:
         found = all_causes(opened)
     if json:
@@ -96,9 +92,9 @@ def command(
 
 
 def broken(result: Mapping[str, Any]) -> str:
-    """How many findings could not be judged as policy or simulator broke; empty where none."""
+    """How many failures could not be judged as policy or simulator broke; empty where none."""
     number = result.get("broken", 0)
-    return f"{plural(number, 'finding')} could not be judged: policy or simulator broke" if number else ""
+    return f"{plural(number, 'failure')} could not be judged: policy or simulator broke" if number else ""
 
 
 def note_alone(store: Path) -> None:
@@ -113,124 +109,99 @@ def note_alone(store: Path) -> None:
 
 def triage_store(
     store: Path,
-    max_rollouts: int | None = None,
-    limit: int | None = None,
+    allowance: Allowance,
     workers: int | None = None,
     *,
-    allowance: Allowance | None = None,
     causes_of: int | None = None,
-    thorough: bool = False,
     show: bool,
+    **options: Any,
 ) -> dict[str, Any]:
-    """Triage what is left to triage in a store; its findings then as JSON and, with ``show``, printed.
+    """Triage what is left to triage in a store; its failures then as JSON and, with ``show``, printed.
 
     Args:
-        causes_of: a run: only the findings that show its commonest causes.
-        thorough: see ``pipeline.triage``.
+        causes_of: a run: only the failures that show its commonest causes.
+        options: ``max_rollouts``, ``limit`` and ``thorough`` of ``pipeline.triage``.
     """
-    from vlafuzz.failures.triage.pipeline import hours
-    from vlafuzz.failures.triage.triager import Unjudged
-    from vlafuzz.store.store import Store
-
-    with Store.open(store) as opened:
-        trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
-    again = shlex.join(["vlafuzz", "triage", str(store), *trust])
-    note = "interrupted: all finished causes are stored"
-    if causes_of is None:
-        note = f"interrupted: all finished findings are stored\nhint: continue with `{again}`"
-    with interruptible(note) as bar:
-        summary, unjudged = _triage(store, max_rollouts, limit, workers, allowance, causes_of, thorough, bar)
-    if show:
-        _print(summary)
-    if unfair := unjudged[Unjudged.UNFAIR]:
-        Bar.note(f"{plural(unfair, 'finding')} could not be judged: no longer fair")
-    left = summary.findings - summary.triaged
-    if left and causes_of is None and allowance and allowance.used_up:
-        verb = "is" if left == 1 else "are"
-        over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
-        with Store.open(store) as opened:
-            takes = hours(opened, left)
-        Bar.note(f"{plural(left, 'finding')} {verb} left: {over}\nhint: continue with `{again}`{takes}")
-    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
-
-
-def _triage(
-    store: Path,
-    max_rollouts: int | None,
-    limit: int | None,
-    workers: int | None,
-    allowance: Allowance | None,
-    causes_of: int | None,
-    thorough: bool,
-    bar: Bar,
-) -> tuple[TriageSummary, Counter[Unjudged]]:
-    """The summary of the store after triage, and how many findings could not be judged, by the reason."""
     from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage, usual_workers
     from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
+    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.store.store import Store
 
-    noun = "findings" if causes_of is None else "causes"
+    with Store.open(store) as opened:  # to write, an empty file would be made a store
+        trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
+    again = shlex.join(["vlafuzz", "triage", str(store), *trust])
+    kind, hint = ("failures", f"\nhint: continue with `{again}`") if causes_of is None else ("causes", "")
 
     def watch(now: Progress) -> None:
         took = f", {plural(now.rollouts, 'rollout')}" if now.rollouts else ""  # of those that are done
-        bar.progress(f"{noun}{took}", now.done, now.findings)
+        bar.progress(f"{kind}{took}", now.done, now.findings)
 
-    Store.open(store).close()  # to write, an empty file would be made a store
-    with Store.open(store, "write") as opened:
+    note = f"interrupted: all finished {kind} are stored{hint}"
+    with interruptible(note) as bar, Store.open(store, "write") as opened:
         runner = partial(runner_of_run, store, note=Bar.note)
         workers = workers or usual_workers(opened)
+        within: dict[str, Any] = {"allowance": allowance, "workers": workers, "watch": watch}
         if causes_of is None:
-            _forecast(opened, limit, workers, allowance)
-        if causes_of is None:
-            unjudged = triage(
-                opened,
-                runner,
-                max_rollouts=max_rollouts,
-                limit=limit,
-                allowance=allowance,
-                workers=workers,
-                thorough=thorough,
-                watch=watch,
-            )
+            _forecast(opened, options.get("limit"), workers, allowance)
+            unjudged = triage(opened, runner, **within, **options)
         else:
-            unjudged = certify_causes(
-                opened, runner, causes_of, allowance=allowance, workers=workers, watch=watch
-            )
-        return summarise(opened), unjudged
+            unjudged = certify_causes(opened, runner, causes_of, **within)
+        summary = summarise(opened)
+    if show:
+        _print(summary)
+    if unfair := unjudged[Unjudged.UNFAIR]:
+        Bar.note(f"{plural(unfair, 'failure')} could not be judged: no longer fair")
+    if causes_of is None and allowance.used_up:
+        _note_rest(store, summary.findings - summary.triaged, allowance, again)
+    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
 
 
-def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance | None) -> None:
+def _note_rest(store: Path, left: int, allowance: Allowance, again: str) -> None:
+    """Say how many failures the allowance has left over, and how to go on."""
+    from vlafuzz.failures.triage.pipeline import hours
+    from vlafuzz.store.store import Store
+
+    if left:
+        over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
+        with Store.open(store) as opened:
+            takes = hours(opened, left)
+        verb = "is" if left == 1 else "are"
+        Bar.note(f"{plural(left, 'failure')} {verb} left: {over}\nhint: continue with `{again}`{takes}")
+
+
+def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
     """Say how long triage will take, unless nobody will have to wait."""
     from vlafuzz.campaign.forecast import NOBODY_WAITS
     from vlafuzz.failures.triage.pipeline import PER_FINDING, expected
 
     done = {triaged.key for triaged in store.triaged()}
-    left = [finding for finding in store.findings() if finding.key not in done][:limit]
-    seconds = expected(store, len(left), workers)
-    if allowance and allowance.rollouts:
-        seconds *= min(allowance.rollouts / (PER_FINDING * max(len(left), 1)), 1.0)
-    one = expected(store, 1, workers)
-    within = allowance.deadline.left if allowance else math.inf
+    left = len([finding for finding in store.findings() if finding.key not in done][:limit])
+    one, within, failures = expected(store, 1, workers), allowance.deadline.left, plural(left, "failure")
+    seconds = left * one
+    if allowance.rollouts:
+        seconds *= min(allowance.rollouts / (PER_FINDING * max(left, 1)), 1.0)
     if left and within < one:
-        Bar.note(f"a finding takes about {duration(one)}: --time may end before the first one is done")
+        Bar.note(f"a failure takes about {duration(one)}: --time may end before the first one is done")
     elif seconds > within:
-        done_in_time = f"about {int(within / one)} of {plural(len(left), 'finding')}"
+        done_in_time = f"about {math.floor(within / one)} of {failures}"
         Bar.note(f"in {duration(within)} (--time): {done_in_time}, which take about {duration(one)} each")
     elif seconds > NOBODY_WAITS:
         basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
-        Bar.note(f"about {duration(seconds)}: {plural(len(left), 'finding')}, {basis}")
+        Bar.note(f"about {duration(seconds)}: {failures}, {basis}")
 
 
 def _print(summary: TriageSummary) -> None:
-    shares = {name: _share(count, summary.triaged) for name, count in summary.buckets.items()}
+    def share(count: int, of: int) -> str:
+        return f"{count} ({count / of:.0%})" if of else "0"
+
     rows = {
-        "findings": summary.findings,
+        "failures": summary.findings,
         "triaged": summary.triaged,
-        "confirmed": _share(summary.confirmed, summary.triaged),
-        "witnessed": _share(summary.witnessed, summary.triaged),
-        "of these, by sight": _share(summary.by_sight, summary.witnessed),
-        **{f"in bucket {name}": share for name, share in shares.items()},
+        "confirmed": share(summary.confirmed, summary.triaged),
+        "witnessed": share(summary.witnessed, summary.triaged),
+        "of these, by sight": share(summary.by_sight, summary.witnessed),
+        **{name: share(count, summary.triaged) for name, count in summary.buckets.items()},
         "distinct causes": summary.distinct_signatures,
         "operators not nominal before, median": summary.deviating_before,
         "operators left, median": summary.deviating_after,
@@ -241,8 +212,8 @@ def _print(summary: TriageSummary) -> None:
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
     if summary.signatures:
-        causes = [{"cause": name, "findings": count} for name, count in summary.signatures.items()]
-        print_rows(causes, title="findings by cause")
+        causes = [{"cause": name, "failures": count} for name, count in summary.signatures.items()]
+        print_rows(causes, title="failures by cause")
 
 
 def print_causes(found: CauseList) -> None:
@@ -251,7 +222,3 @@ def print_causes(found: CauseList) -> None:
     print_list(causes, title=found.table.title)
     for sentence in found.sentences:
         stdout().print(sentence, soft_wrap=True)
-
-
-def _share(count: int, of: int) -> str:
-    return f"{count} ({count / of:.0%})" if of else "0"
