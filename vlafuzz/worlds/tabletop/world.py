@@ -215,7 +215,7 @@ class Tabletop(TableWorld):
         return TableLinter(load_catalogue(packs=packs))
 
     def stepped(self, runs: Sequence[Conditions], robot: str, size: int, hz: int) -> Stepped:
-        from vlafuzz.worlds.tabletop.sim.stepped import SteppedTable
+        from vlafuzz.worlds.tabletop.sim.evaluator import SteppedTable
 
         return SteppedTable(runs[0], stored_catalogue(*runs), robot, size, hz)
 

@@ -42,18 +42,6 @@ def fresh() -> str:
     env.close()
 
 
-def test_the_trajectory_has_the_objects_in_motion(env):
-    start = env.begin(CROWD)
-    end = play(env, pushes())
-    assert (np.linalg.norm(end.positions - start.positions, axis=1) > 0.01).sum() >= 3
-
-
-def test_another_action_another_hash(env, fresh):
-    env.begin(CROWD)
-    play(env, [*pushes()[:-1], STILL])
-    assert env.world.states_hash != fresh
-
-
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_used_environment_repeats_what_a_fresh_one_does(env, fresh, seed):
     rng = np.random.default_rng(seed)
@@ -69,7 +57,11 @@ def test_a_full_rebuild_repeats_it_and_so_does_what_comes_after_it(env, fresh):
     assert env.world.states_hash == states_hash(env) == fresh
 
 
-def test_a_scene_cut_short_leaves_no_trace(env, fresh):
+def test_a_scene_cut_short_leaves_no_trace_and_another_action_another_hash(env, fresh):
+    start = env.begin(CROWD)
+    end = play(env, [*pushes()[:-1], STILL])
+    assert (np.linalg.norm(end.positions - start.positions, axis=1) > 0.01).sum() >= 3
+    assert env.world.states_hash != fresh
     env.begin(CROWD)
     play(env, [[0, 0, -0.14, 0, 0, 0, 1], [0, 0, 0, 0, 0, 0, -1]])
     assert states_hash(env) == fresh

@@ -17,7 +17,7 @@ from tests.worlds.tabletop.sim.meddling import (
     lets_go_at,
 )
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, pick_up, put
-from vlafuzz.errors import Cause, PolicyError, UsageError
+from vlafuzz.errors import Cause, PolicyError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Placement, Scene
@@ -69,6 +69,9 @@ def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_
     assert [outcome.rollouts[0].states_hash for outcome in outcomes] == [known[1], known[0], known[1]]
 
 
+LEANING = put("coke_can", 0.0, 0.0, quaternion=(0.95, 0.0, 0.312, 0.0))
+
+
 @pytest.mark.parametrize(
     ("scene", "check", "says"),
     [
@@ -76,11 +79,7 @@ def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_
         (nominal("put-on"), "semantic", "its task is 'put-on', not 'pick-up'"),
         (replace(NOMINAL, targets=(put("coke_can", 0.3, 0.0),)), "geometry", "the workspace ends at"),
         (replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),)), "geometry", "less than 0.15 m"),
-        (
-            replace(NOMINAL, targets=(put("coke_can", 0.0, 0.0, quaternion=(0.95, 0.0, 0.312, 0.0)),)),
-            "settling",
-            "while settling",
-        ),
+        (replace(NOMINAL, targets=(LEANING,)), "settling", "while settling"),
     ],
     ids=["unknown object", "another task", "off the workspace", "too close", "leaning"],
 )
@@ -106,11 +105,6 @@ def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
     assert outcome.detail.startswith("spoon: only 0/255 apart from the table under light × 6; at least 4/255")
     assert evaluate(Frozen(), bright, visible=visible)[0].verdict is Verdict.FAILED
     assert evaluate(Pinhole(), bright)[0].verdict is not Verdict.INVALID
-
-
-def test_unchecked_scenes_are_run_as_they_are():
-    close = replace(NOMINAL, confounders=(put("apple", -0.05, 0.1),))
-    assert evaluate(Frozen(), close, checked=False)[0].verdict is Verdict.FAILED
 
 
 @pytest.mark.parametrize(("stop_early", "after"), [(False, 10), (True, 0)])
@@ -160,12 +154,6 @@ def test_a_rollout_ends_by_the_criteria_by_which_it_is_judged():
     assert (usual.success_at_end, early.success_at_end) == (False, True)  # the object falls meanwhile
 
 
-def test_other_criteria_are_refused():
-    with pytest.raises(UsageError, match="unknown criteria 'lenient'") as caught:
-        evaluate(Frozen(), NOMINAL, criteria="lenient")
-    assert caught.value.hint == "known: published, strict"
-
-
 def test_repeats_have_seeds_of_their_own_and_are_repeatable():
     (outcome,) = evaluate(Random(), NOMINAL, repeats=3, seed=5)
     hashes = [rollout.states_hash for rollout in outcome.rollouts]
@@ -186,9 +174,8 @@ def test_every_rollout_has_an_episode_name_of_its_own_and_hears_the_instruction(
     evaluate(policy, NOMINAL, ANOTHER, repeats=2, seed=3)
     assert len({start.episode for start in policy.started}) == 4
     assert [start.seed for start in policy.started] == [3, 4, 3, 4]
-    assert [start.instruction for start in policy.started] == [NOMINAL.instruction] * 2 + [
-        "pick up sponge"
-    ] * 2
+    said = [start.instruction for start in policy.started]
+    assert said == [NOMINAL.instruction, NOMINAL.instruction, "pick up sponge", "pick up sponge"]
 
 
 def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
@@ -202,19 +189,8 @@ def test_the_recorded_actions_are_what_was_executed(env, known, expert_on):
 
 def test_a_scaled_object_is_judged_at_its_own_size():
     placed = (put("sponge", -0.05, -0.1, scale=0.6), put("orange", -0.05, 0.12))
-    assert (
-        evaluate(Expert(), Scene("move-near", placed, "move sponge near orange"))[0].verdict is Verdict.PASSED
-    )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("task", TASKS)
-def test_crashes_of_many_rollouts_never_reach_the_others(task):
-    rng = np.random.default_rng(0)
-    policy = Meddled(lambda _, a: [ActionChunk(a * (np.nan if rng.random() < 0.05 else 1.0))], episodes=20)
-    outcomes = evaluate(policy, *[nominal(task)] * 30)
-    assert {outcome.verdict for outcome in outcomes[20:]} == {Verdict.PASSED}
-    assert len({outcome.rollouts[0].states_hash for outcome in outcomes if outcome.rollouts}) == 1
+    (outcome,) = evaluate(Expert(), Scene("move-near", placed, "move sponge near orange"))
+    assert outcome.verdict is Verdict.PASSED
 
 
 @pytest.fixture(scope="module")
@@ -242,33 +218,19 @@ def failing(cause: Cause) -> Meddle:
     return refuse
 
 
-BROKEN = {
-    "nan": (lambda _, a: [ActionChunk(a * np.nan)], "bad_action: expert: an action is not finite"),
-    "infinite": (
-        lambda _, a: [ActionChunk(a + np.inf)],
-        "bad_action: expert: an action is not finite",
-    ),
-    "six numbers": (
-        lambda _, a: [ActionChunk(a[:, :6])],
-        "bad_action: expert: actions of shape (1, 6)",
-    ),
-    "no chunk axis": (lambda _, a: [ActionChunk(a[0])], "bad_action: expert: actions of shape (7,)"),
-    "empty chunk": (
-        lambda _, a: [ActionChunk(a[:0])],
-        "bad_action: expert: actions of shape (0, 7)",
-    ),
-    "two chunks": (
-        lambda _, a: [ActionChunk(a)] * 2,
-        "bad_action: expert: 1 observations, 2 chunks",
-    ),
-    "none": (lambda *_: None, ""),
-    "words": (lambda *_: [ActionChunk(np.array([["up"] * 7]))], ""),
-    "raises": (raising, "remote: expert raised RuntimeError: out of memory"),
-    "refuses": (failing("protocol"), "protocol: no answer within 10 s"),
-}
-
-
-@pytest.mark.parametrize(("meddle", "says"), BROKEN.values(), ids=BROKEN)
+@pytest.mark.parametrize(
+    ("meddle", "says"),
+    [
+        (lambda _, a: [ActionChunk(a * np.nan)], "bad_action: expert: an action is not finite"),
+        (lambda _, a: [ActionChunk(a[:, :6])], "bad_action: expert: actions of shape (1, 6)"),
+        (lambda _, a: [ActionChunk(a[:0])], "bad_action: expert: actions of shape (0, 7)"),
+        (lambda _, a: [ActionChunk(a)] * 2, "bad_action: expert: 1 observations, 2 chunks"),
+        (lambda *_: None, ""),
+        (raising, "remote: expert raised RuntimeError: out of memory"),
+        (failing("protocol"), "protocol: no answer within 10 s"),
+    ],
+    ids=["nan", "six numbers", "empty chunk", "two chunks", "none", "raises", "refuses"],
+)
 def test_a_policy_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_first, known, meddle, says):
     broken, sound = broken_first(meddle)
     assert (broken.verdict, broken.rollouts, broken.lost_stage) == (Verdict.ERROR, (), None)
@@ -288,10 +250,8 @@ def test_a_rollout_whose_server_is_lost_is_begun_again_twice_at_most(known, monk
     if lost < 3:
         assert [rollout.states_hash for rollout in outcome.rollouts] == known[:1]
     else:
-        assert (outcome.verdict, outcome.detail) == (
-            Verdict.ERROR,
-            f"policy: {cause}: no answer within 10 s",
-        )
+        assert outcome.verdict is Verdict.ERROR
+        assert outcome.detail == f"policy: {cause}: no answer within 10 s"
 
 
 def test_of_a_rollout_that_is_begun_again_nothing_stays_recorded(monkeypatch):
@@ -327,10 +287,8 @@ def test_a_crash_of_the_simulator_is_an_error_and_the_next_scene_is_as_ever(know
 
     monkeypatch.setattr(World, "step", crashes_once)
     broken, sound = evaluate(Expert(), NOMINAL, ANOTHER)
-    assert (broken.verdict, broken.detail) == (
-        Verdict.ERROR,
-        "simulator: RuntimeError: PhysX: out of contact memory",
-    )
+    assert broken.verdict is Verdict.ERROR
+    assert broken.detail == "simulator: RuntimeError: PhysX: out of contact memory"
     assert sound.rollouts[0].states_hash == known[1]
 
 

@@ -1,6 +1,5 @@
 """The simplified robot: another look, and nothing else."""
 
-from multiprocessing import get_context
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -36,33 +35,24 @@ def files(urdf: Path, kind: str) -> list[Path]:
     return [(urdf.parent / mesh.attrib["filename"]).resolve() for mesh in meshes]
 
 
-def without_looks(urdf: Path) -> str:
+def described(urdf: Path) -> str:
+    """Everything in the file, without the folders of meshes."""
     robot = root(urdf)
-    for link in robot.iterfind("link"):
-        for visual in link.findall("visual"):
-            link.remove(visual)
     for mesh in robot.iterfind(".//mesh"):
         mesh.set("filename", Path(mesh.attrib["filename"]).name)
     return ElementTree.canonicalize(ElementTree.tostring(robot, "unicode"), strip_text=True)
 
 
-def placed_visuals(urdf: Path) -> list[tuple[dict[str, str], str]]:
-    """Where each visual sits on its link, and its mesh's name."""
-    return [
-        (getattr(visual.find("origin"), "attrib", {}), Path(visual.find(".//mesh").attrib["filename"]).name)
-        for visual in root(urdf).iterfind(".//visual")
-    ]
-
-
-def test_joints_links_masses_and_collision_shapes_are_stocks(light):
-    assert without_looks(light) == without_looks(STOCK)
+def test_only_the_visual_meshes_are_others_than_stocks(light):
+    assert described(light) == described(STOCK)
     assert files(light, "collision") == files(STOCK, "collision")
-    assert all(file.is_file() for file in files(light, "collision"))
-
-
-def test_every_visual_is_where_it_was(light):
-    assert placed_visuals(light) == placed_visuals(STOCK)
     assert not set(files(light, "visual")) & set(files(STOCK, "visual"))
+    assert light.with_suffix(".srdf").read_bytes() == STOCK.with_suffix(".srdf").read_bytes()
+
+
+def test_it_is_made_once(light, monkeypatch):
+    monkeypatch.setattr(meshes, "_simplify", lambda *_: pytest.fail("made again"))
+    assert light_robot(STOCK) == light
 
 
 def test_it_has_few_vertices(light):
@@ -73,37 +63,15 @@ def test_it_has_few_vertices(light):
     assert vertices(light) < MOST_VERTICES < vertices(STOCK) / 20
 
 
-@pytest.mark.parametrize("number", range(len(files(STOCK, "visual"))))
-def test_a_part_keeps_its_size_to_a_pixel(light, number):
-    ours, stock = (trimesh.load_scene(files(urdf, "visual")[number]).bounds for urdf in (light, STOCK))
-    assert np.abs(ours - stock).max() < PIXEL
-
-
-def test_a_part_keeps_its_colours(light):
-    def colours(file: Path) -> list[list[int]]:
-        return [
-            mesh.visual.material.main_color.tolist() for mesh in trimesh.load_scene(file).geometry.values()
+def test_every_part_keeps_its_colours_and_to_a_pixel_its_size(light):
+    for pair in zip(files(light, "visual"), files(STOCK, "visual"), strict=True):
+        ours, stock = map(trimesh.load_scene, pair)
+        assert np.abs(ours.bounds - stock.bounds).max() < PIXEL
+        colours = [
+            [mesh.visual.material.main_color.tolist() for mesh in part.geometry.values()]
+            for part in (ours, stock)
         ]
-
-    for ours, stock in zip(files(light, "visual"), files(STOCK, "visual"), strict=True):
-        assert colours(ours) == colours(stock)
-
-
-def test_which_links_may_touch_is_kept(light):
-    ours, stock = light.with_suffix(".srdf"), STOCK.with_suffix(".srdf")
-    assert ours.read_bytes() == stock.read_bytes()
-
-
-@pytest.fixture
-def no_work(light, monkeypatch):
-    """Fails whoever makes a mesh: all must come from the cache."""
-    monkeypatch.setattr(meshes, "_simplify", lambda *_: pytest.fail("made again"))
-
-
-def test_it_is_made_once(light, no_work):
-    before = light.stat().st_mtime_ns
-    assert light_robot(STOCK) == light
-    assert light.stat().st_mtime_ns == before
+        assert colours[0] == colours[1]
 
 
 def shapes(urdf: Path) -> list[np.ndarray]:
@@ -134,15 +102,6 @@ def test_other_meshes_are_another_robot(light, tmp_path):
         urdfs.append(light_robot(urdf))
     sizes = [trimesh.load_scene(files(path, "visual")[0]).extents.max() for path in urdfs]
     assert sizes == pytest.approx([0.2, 0.4], abs=0.01)
-
-
-def test_processes_may_make_it_at_the_same_time(light, tmp_path, monkeypatch):
-    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
-    with get_context("spawn").Pool(2) as pool:
-        first, second = pool.map(light_robot, [STOCK, STOCK], chunksize=1)
-    assert first == second
-    assert all(map(np.array_equal, shapes(first), shapes(light)))
-    assert [path.name for path in first.parent.parent.iterdir()] == [first.parent.name]
 
 
 @pytest.mark.parametrize(

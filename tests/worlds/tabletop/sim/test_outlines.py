@@ -49,9 +49,8 @@ def test_a_turned_camera_shifts_everything_the_other_way(env):
         see(env, put("orange", 0.0, 0.1), camera=Camera(yaw=yaw)).things[0].pixels.mean(axis=0)
         for yaw in (0.0, 5.0)
     )
-    assert turned[0] - level[0] == pytest.approx(
-        np.tan(np.radians(5)) / (2 * np.tan(np.radians(30))), abs=0.02
-    )
+    shift = np.tan(np.radians(5)) / (2 * np.tan(np.radians(30)))
+    assert turned[0] - level[0] == pytest.approx(shift, abs=0.02)
 
 
 def test_an_object_cut_by_the_border_is_not_whole(env):
@@ -62,6 +61,5 @@ def test_an_object_cut_by_the_border_is_not_whole(env):
 def test_the_order_of_things_tells_nothing_of_the_scene(env):
     view = see(env, put("orange", 0.0, 0.1), put("apple", 0.0, -0.1))
     other = see(env, put("apple", 0.0, -0.1), put("orange", 0.0, 0.1))
-    assert [thing.colour.tolist() for thing in view.things] == [
-        thing.colour.tolist() for thing in other.things
-    ]
+    colours = [[thing.colour.tolist() for thing in seen.things] for seen in (view, other)]
+    assert colours[0] == colours[1]

@@ -60,23 +60,11 @@ def projected(x: float, y: float, camera: Camera = NOT_MOVED) -> np.ndarray:
     return camera_pose(PANDA.view, camera).project(middle)[0][0]
 
 
-@pytest.mark.parametrize("spot", [(0.02, -0.15), (-0.18, -0.22), (0.10, 0.20), (-0.15, 0.22), (0.12, 0.0)])
-def test_an_object_appears_where_the_rig_projects_it(seeing, spot):
-    seen = centroid(picture(seeing, pick_up(put("orange", *spot))))
-    assert seen == pytest.approx(projected(*spot), abs=1.5 * PIXEL)
-
-
 def test_brightness_grows_with_the_light(seeing):
     alphas = [0.05, 0.2, 1.0, 4.0, 20.0]
     means = [float(picture(seeing, replace(ORANGE, light=Light(alpha))).mean()) for alpha in alphas]
     assert means == sorted(set(means))
     assert (means[0] < 60, 90 < means[2] < 200, means[-1] > 230) == (True, True, True)
-
-
-def test_no_part_of_the_picture_is_spared_by_the_dark(seeing):
-    bright, dark = (picture(seeing, replace(ORANGE, light=Light(alpha))).astype(int) for alpha in (1.0, 0.05))
-    lit = bright.max(axis=2) > 60
-    assert (dark.max(axis=2)[lit] < bright.max(axis=2)[lit]).all()
 
 
 def test_the_same_scene_is_the_same_picture_after_others(seeing):
@@ -101,11 +89,6 @@ def test_picture_and_outlines_have_the_object_where_the_rig_projects_it(seeing, 
     assert thing.pixels.mean(axis=0) == pytest.approx(seen, abs=1.5 * PIXEL)
     if name != "nominal":  # every deviation of the camera can be seen
         assert np.abs(projected(*SPOT, scene.camera) - projected(*SPOT)).max() > 2 * PIXEL
-
-
-def test_a_camera_that_turns_left_sees_everything_shifted_to_the_right():
-    moved = projected(*SPOT, Camera(yaw=5)) - projected(*SPOT)
-    assert moved[0] == pytest.approx(5 / PANDA.view.fov, rel=0.15)
 
 
 def test_a_light_that_is_not_applied_is_an_error(seeing, monkeypatch):

@@ -51,12 +51,6 @@ def test_the_nominal_scene_of_every_rig_is_fair(robot, task):
     assert check_static(scene, CATALOGUE, load_operators(rig(robot).operators).min_distance) is None
 
 
-@pytest.mark.parametrize("robot", EXTERNAL)
-def test_the_original_frame_has_the_robot_at_the_same_height_over_the_table(robot):
-    there = rig(robot).original
-    assert there.base[2] - there.table == pytest.approx(rig(robot).base[2])
-
-
 def test_a_camera_that_moved_does_not_fit_a_photo():
     scene = replace(nominal("widowx-photo"), camera=Camera(yaw=2.0))
     assert "a photo" in check_static(scene, CATALOGUE, 0.1).reason
@@ -129,10 +123,3 @@ class TestExternalRobots:
         apart = np.abs(shown[robot] - shown[f"{robot}-photo"]).max(axis=2)
         assert shown[robot].shape[1] == rig(robot).view.width(64)
         assert 0.005 < (apart == 0).mean() < 0.5
-
-
-def test_the_panda_needs_no_folder(monkeypatch):
-    monkeypatch.delenv(assets.FOLDERS)
-    env = make_env()
-    env.begin(nominal(PANDA.robot))
-    env.close()

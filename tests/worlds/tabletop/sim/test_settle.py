@@ -30,57 +30,42 @@ def test_nominal_scenes_are_fair(name):
     assert rejected(*nominal(name).placements, task=task(name)) is None
 
 
-def test_a_crowded_table_is_fair():
-    assert rejected(*CROWD.placements) is None
+@pytest.mark.parametrize(
+    "placements",
+    [
+        CROWD.placements,
+        (put("green_cube", 0.0, 0.1, quaternion=tilted(90)),),  # as imported
+        (put("coke_can", 0.0, 0.1, scale=0.4),),
+        (put("coke_can", 0.0, 0.1, scale=2.5),),
+    ],
+)
+def test_what_stays_where_it_is_put_is_fair(placements):
+    assert rejected(*placements) is None
 
 
-def test_a_can_whose_middle_is_over_the_tables_edge_does_not_stay():
-    rejection = rejected(put("coke_can", 0.36, 0.1))  # the table ends at x = 0.35
+@pytest.mark.parametrize(
+    ("placements", "starts", "says"),
+    [
+        ([put("coke_can", 0.36, 0.1)], "coke_can at (0.360, 0.100) ", ""),  # the table ends at x = 0.35
+        ([put("orange", 0.5, 0.0)], "orange", "fell to z = -"),
+        ([put("coke_can", 0.0, 0.1, quaternion=tilted(35))], "coke_can", "cm while settling, more than 1 cm"),
+        ([put("green_cube", 0.0, 0.1, quaternion=tilted(20))], "green_cube", "tipped by 20 degrees"),
+        ([put("coke_can", 0.0, 0.1), put("apple", 0.02, 0.1)], "", ""),  # one inside the other
+        ([put("sponge", 0.0, 0.0), put("orange", 0.37, 0.2)], "orange", ""),
+    ],
+)
+def test_what_does_not_stay_is_named_with_what_it_does(placements, starts, says):
+    rejection = rejected(*placements)
     assert rejection.check == "settling"
-    assert rejection.reason.startswith("coke_can at (0.360, 0.100) ")
-
-
-def test_what_is_put_beside_the_table_falls():
-    assert "fell to z = -" in rejected(put("orange", 0.5, 0.0)).reason
-
-
-def test_a_can_that_leans_moves():
-    rejection = rejected(put("coke_can", 0.0, 0.1, quaternion=tilted(35)))
-    assert rejection.check == "settling"
-    assert "cm while settling, more than 1 cm" in rejection.reason
-
-
-def test_a_cube_that_stands_on_its_edge_tips():
-    rejection = rejected(put("green_cube", 0.0, 0.1, quaternion=tilted(20)))
-    assert (rejection.check, "tipped by 20 degrees" in rejection.reason) == ("settling", True)
-
-
-def test_an_imported_quaternion_that_rests_is_fair():
-    assert rejected(put("green_cube", 0.0, 0.1, quaternion=tilted(90))) is None
-
-
-@pytest.mark.parametrize("scale", [0.4, 2.5])
-def test_a_scaled_object_stands_on_its_own_size(scale):
-    assert rejected(put("coke_can", 0.0, 0.1, scale=scale)) is None
-
-
-def test_an_object_inside_another_is_pushed_out():
-    assert rejected(put("coke_can", 0.0, 0.1), put("apple", 0.02, 0.1)).check == "settling"
-
-
-def test_the_object_that_moves_is_named():
-    assert rejected(put("sponge", 0.0, 0.0), put("orange", 0.37, 0.2)).reason.startswith("orange")
+    assert rejection.reason.startswith(starts)
+    assert says in rejection.reason
 
 
 @pytest.mark.parametrize(("distance", "check"), [(0.06, "solved"), (0.09, None)])
 def test_two_that_are_near_already_are_solved_before_anybody_acts(distance, check):
     rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, distance), task=MOVE_NEAR)
     assert (rejection and rejection.check) == check
-
-
-def test_a_solved_scene_says_which_task_and_when():
-    rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, 0.06), task=MOVE_NEAR)
-    assert rejection.reason == "move-near is solved at the start, before the policy acts"
+    assert not rejection or rejection.reason == "move-near is solved at the start, before the policy acts"
 
 
 LEANING = pick_up(put("coke_can", -0.05, 0.0, quaternion=(0.9537, 0.3007, 0.0, 0.0)))  # by 35 degrees
@@ -141,9 +126,8 @@ def test_a_can_that_leans_is_fair_where_it_may_fall():
 
 
 def test_what_falls_off_the_table_is_no_fair_scene():
-    assert (
-        "fell to z = -" in settled(pick_up(put("orange", 0.37, 0.0)), CATALOGUE, "published").rejection.reason
-    )
+    rejection = settled(pick_up(put("orange", 0.37, 0.0)), CATALOGUE, "published").rejection
+    assert "fell to z = -" in rejection.reason
 
 
 def test_there_are_two_placements():

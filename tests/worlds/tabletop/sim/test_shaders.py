@@ -140,8 +140,7 @@ def test_nominal_light_is_neither_dark_nor_glaring(task):
 
 
 def test_the_tables_texture_has_its_average_colour_and_detail():
-    texture = (table.shaded(table.COLOUR, table.planks()) / 255.0) ** 2.2
+    texture = table._shaded(table.COLOUR, table.planks()).download()[..., :3] / 255.0
     assert texture.mean(axis=(0, 1)) == pytest.approx(table.COLOUR, abs=0.02)
     assert texture.std(axis=(0, 1)).min() > 0.01
     assert np.abs(np.diff(texture, axis=0)).mean() > 0.003
-    assert np.array_equal(table.planks(), table.planks())

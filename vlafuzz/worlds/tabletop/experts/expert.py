@@ -3,8 +3,12 @@
 Here is also what experts are told beside pictures: the ground truth, or how to read a picture.
 """
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
@@ -13,9 +17,12 @@ from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.state import State
 from vlafuzz.worlds.tabletop.tasks import task
+
+Acting = Callable[[Observation], NDArray[np.float64]]  # gives actions (7,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,45 +44,75 @@ class Calibration:
     targets: tuple[ObjectModel, ...]
 
 
+class Scripted(ABC):
+    """A policy that is a script, which acts in each rollout by itself."""
+
+    def __init__(self, spec: PolicySpec) -> None:
+        self.spec = spec
+        self._acting: dict[str, Acting] = {}
+        self._catalogue: Catalogue | None = None
+
+    @abstractmethod
+    def begin(self, start: EpisodeStart) -> Acting:
+        """What acts in a rollout that begins."""
+
+    @property
+    def catalogue(self) -> Catalogue:
+        if self._catalogue is None:
+            self._catalogue = load_catalogue()
+        return self._catalogue
+
+    def know(self, catalogue: Catalogue) -> None:
+        """See ``Knowing``."""
+        self._catalogue = catalogue
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        for start in episodes:
+            self._acting[start.episode] = self.begin(start)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(self._acting[seen.episode](seen)[None]) for seen in observations]
+
+    def close(self) -> None:
+        self._acting.clear()
+
+
 GRASPS = 4
 LEANS = (0.0, 0.3, -0.3)  # radians
 ATTEMPTS = GRASPS * len(LEANS)
 
 
-class Expert:
+def controller(start: EpisodeStart, attempt: int, *, fluent: bool = False) -> PickPlaceController:
+    """A controller whose first grasp is that of an attempt.
+
+    The attempts are the ``GRASPS`` best grasps from straight above, then the same with the hand leaning one
+    way, then the other way.
+    """
+    lean = LEANS[attempt // GRASPS]
+    return PickPlaceController(
+        start.task, rig(start.robot), fluent=fluent, attempt=attempt % GRASPS, lean=lean
+    )
+
+
+class Expert(Scripted):
     """A scripted controller that reads the simulator's state: it plans grasps, avoids obstacles and retries.
 
-    ``attempt``: index of the first grasp of a rollout: the ``GRASPS`` best grasps from straight above, then
-    the same grasps with the hand leaning one way, then the other way. ``fluent``: see
-    ``PickPlaceController``; for demonstrations.
+    ``attempt``: of the next rollouts, see ``controller``. ``fluent``: see ``PickPlaceController``; for
+    demonstrations.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:
+        super().__init__(PolicySpec("expert", action=ActionSpec(relative_to="current"), privileged=True))
         self._fluent, self.attempt = fluent, 0
-        self.spec = PolicySpec("expert", action=ActionSpec(relative_to="current"), privileged=True)
-        self._controllers: dict[str, PickPlaceController] = {}
 
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        for start in episodes:
-            attempt, lean = self.attempt % GRASPS, LEANS[self.attempt // GRASPS]
-            self._controllers[start.episode] = PickPlaceController(
-                start.task, rig(start.robot), fluent=self._fluent, attempt=attempt, lean=lean
-            )
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [self._act(observation) for observation in observations]
-
-    def close(self) -> None:
-        self._controllers.clear()
-
-    def _act(self, observation: Observation) -> ActionChunk:
-        known = observation.privileged
-        if not isinstance(known, Privileged):
-            raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
-        return ActionChunk(self._controllers[observation.episode].act(_belief(known))[None])
+    def begin(self, start: EpisodeStart) -> Acting:
+        chosen = controller(start, self.attempt, fluent=self._fluent)
+        return lambda seen: chosen.act(_belief(seen.privileged))
 
 
-def _belief(known: Privileged) -> Belief:
+def _belief(known: object) -> Belief:
+    if not isinstance(known, Privileged):
+        raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
     state = known.state
     things = list(map(Thing, known.models, state.positions, state.rotations))
     targets = task(known.scene.task).targets

@@ -15,53 +15,6 @@ Array = NDArray[np.float64]
 STEP = 0.10  # metres in a control step
 TURN = 0.6  # radians in a control step
 TILT = 0.1  # radians: the largest tilt error of a hand that counts as upright
-
-
-class Steering:
-    """Keeps the hand pointing down, ``lean`` radians off the vertical; positive leans towards the robot."""
-
-    def __init__(self, rig: Rig, lean: float) -> None:
-        self._rig, self._lean = rig, lean
-
-    def behind(self, place: Array, height: float) -> Array:
-        """``(2,)`` horizontal offset, metres, of a leaning hand ``height`` metres above ``place``."""
-        return np.asarray(-math.tan(self._lean) * height * self._outward(place))
-
-    def toward(self, tcp: Array, rotation: Array, target: Array, yaw: float, gripper: float) -> Array:
-        """``(7,)`` the action that moves the TCP from ``tcp`` towards ``target``."""
-        shift, lead = target - tcp, self._rig.hand.lead
-        length = math.hypot(*shift)
-        shift = shift * (STEP / length if length * lead > STEP else lead)
-        return np.array([*shift, *(self._turn(tcp, rotation, yaw) * lead), gripper])
-
-    def hand_yaw(self, tcp: Array, rotation: Array) -> float:
-        """Direction of the closing axis, within half a turn of the neutral one: the last joint has limits."""
-        yaw = math.atan2(rotation[1, 1], rotation[0, 1])
-        neutral = self._rig.neutral_yaw(*tcp[:2])
-        return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
-
-    def upright(self, tcp: Array, rotation: Array) -> bool:
-        """Whether the hand has its intended tilt; with a lean model, the tilt lags behind while it moves."""
-        return self._rig.hand.lean_model is None or math.hypot(*self._tilt(tcp, rotation)[:2]) < TILT
-
-    def _turn(self, tcp: Array, rotation: Array, yaw: float) -> Array:
-        """Rotation vector that restores the intended tilt and turns the closing axis towards ``yaw``."""
-        x, y, z = self._tilt(tcp, rotation)
-        return np.array([x, y, z + min(max(yaw - self.hand_yaw(tcp, rotation), -TURN), TURN)])
-
-    def _tilt(self, tcp: Array, rotation: Array) -> Array:
-        """``(3,)`` rotation vector from the hand's direction to the intended one."""
-        distance = math.dist(tcp[:2], self._rig.base[:2])
-        lean = self._lean + self._rig.hand.lean(distance, float(tcp[2]))
-        wanted = np.array([*(math.sin(lean) * self._outward(tcp)), -math.cos(lean)])
-        return np.cross(rotation[:, 2], wanted)
-
-    def _outward(self, place: Array) -> Array:
-        """``(2,)`` unit vector from the robot to a place."""
-        shift = place[:2] - np.asarray(self._rig.base[:2])
-        return np.asarray(shift / np.linalg.norm(shift))
-
-
 OPEN, CLOSE = 1.0, -1.0
 HOVER = 0.06  # metres above the grasp, and at least with the fingertips above the object's top
 LEVEL = 0.004  # metres of horizontal error below which the hand descends
@@ -96,6 +49,49 @@ class Belief:
         return (*self.others, *((self.b,) if self.b else ()))
 
 
+class Steering:
+    """Keeps the hand pointing down, ``lean`` radians off the vertical; positive leans towards the robot."""
+
+    def __init__(self, rig: Rig, lean: float) -> None:
+        self._rig, self._lean = rig, lean
+
+    def behind(self, place: Array, height: float) -> Array:
+        """``(2,)`` horizontal offset, metres, of a leaning hand ``height`` metres above ``place``."""
+        return np.asarray(-math.tan(self._lean) * height * self._outward(place))
+
+    def toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
+        """``(7,)`` the action that moves the TCP towards ``target`` and turns the closing axis to ``yaw``."""
+        shift, lead = target - belief.tcp, self._rig.hand.lead
+        length = math.hypot(*shift)
+        shift = shift * (STEP / length if length * lead > STEP else lead)
+        x, y, z = self._tilt(belief)
+        turn = np.array([x, y, z + min(max(yaw - self.yaw(belief), -TURN), TURN)])
+        return np.array([*shift, *(turn * lead), gripper])
+
+    def yaw(self, belief: Belief) -> float:
+        """Direction of the closing axis, within half a turn of the neutral one: the last joint has limits."""
+        yaw = math.atan2(belief.tcp_rotation[1, 1], belief.tcp_rotation[0, 1])
+        neutral = self._rig.neutral_yaw(*belief.tcp[:2])
+        return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
+
+    def upright(self, belief: Belief) -> bool:
+        """Whether the hand has its intended tilt; with a lean model, the tilt lags behind while it moves."""
+        return self._rig.hand.lean_model is None or math.hypot(*self._tilt(belief)[:2]) < TILT
+
+    def _tilt(self, belief: Belief) -> Array:
+        """``(3,)`` rotation vector from the hand's direction to the intended one."""
+        tcp = belief.tcp
+        distance = math.dist(tcp[:2], self._rig.base[:2])
+        lean = self._lean + self._rig.hand.lean(distance, float(tcp[2]))
+        wanted = np.array([*(math.sin(lean) * self._outward(tcp)), -math.cos(lean)])
+        return np.cross(belief.tcp_rotation[:, 2], wanted)
+
+    def _outward(self, place: Array) -> Array:
+        """``(2,)`` unit vector from the robot to a place."""
+        shift = place[:2] - np.asarray(self._rig.base[:2])
+        return np.asarray(shift / np.linalg.norm(shift))
+
+
 class PickPlaceController:
     """Grasps and places in one rollout. Actions are metric, relative to the hand's current pose.
 
@@ -110,7 +106,7 @@ class PickPlaceController:
         self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0
     ) -> None:
         self._task, self._rig, self._fluent = task, rig, fluent
-        self._steering = Steering(rig, lean)
+        self._hand = Steering(rig, lean)
         self._phase: Callable[[Belief], Array] = self._approach
         self.attempt = attempt
         self._waited = 0
@@ -133,24 +129,24 @@ class PickPlaceController:
             return self._lift(belief)
         reach = self._choose(belief)
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
-        over[:2] += self._steering.behind(over, over[2] - reach.z)
+        over[:2] += self._hand.behind(over, over[2] - reach.z)
         self._keep_clear(belief, over)
         if self._is_over(belief, over, reach.yaw):
             self._enter(self._descend)
             return self._descend(belief)
         if self._fluent:
             over[2] -= HOVER * self._in_place(belief, over, reach.yaw)
-        return self._toward(belief, over, reach.yaw, OPEN)
+        return self._hand.toward(belief, over, reach.yaw, OPEN)
 
     def _descend(self, belief: Belief) -> Array:
         reach = self._choose(belief)
         down = np.array([reach.x, reach.y, reach.z])
         self._waited += 1
-        upright = self._steering.upright(belief.tcp, belief.tcp_rotation)
+        upright = self._hand.upright(belief)
         if (upright and abs(belief.tcp[2] - reach.z) < 0.006) or self._waited > PATIENCE:
             self._enter(self._close)
             return self._close(belief)
-        return self._toward(belief, down, reach.yaw, OPEN)
+        return self._hand.toward(belief, down, reach.yaw, OPEN)
 
     def _close(self, belief: Belief) -> Array:
         self._waited += 1
@@ -161,7 +157,7 @@ class PickPlaceController:
             return self._retry(belief)
         assert self._plan is not None
         hold = np.array([*belief.tcp[:2], self._plan.z])
-        return self._toward(belief, hold, self._plan.yaw, CLOSE)
+        return self._hand.toward(belief, hold, self._plan.yaw, CLOSE)
 
     def _lift(self, belief: Belief) -> Array:
         if not belief.held:
@@ -170,12 +166,12 @@ class PickPlaceController:
             self._aim(belief)
         if self._goal is None:
             up = np.array([*self._taken_at[:2], self._taken_at[2] + 0.12])
-            return self._toward(belief, up, self._yaw, CLOSE)
+            return self._hand.toward(belief, up, self._yaw, CLOSE)
         height = self._carry_height(belief)
         if belief.tcp[2] > height - 0.015:
             self._enter(self._carry)
             return self._carry(belief)
-        return self._toward(belief, np.array([*self._taken_at[:2], height]), self._yaw, CLOSE)
+        return self._hand.toward(belief, np.array([*self._taken_at[:2], height]), self._yaw, CLOSE)
 
     def _carry(self, belief: Belief) -> Array:
         if not belief.held:
@@ -194,7 +190,7 @@ class PickPlaceController:
         if self._fluent:
             air = max(float(over[2]) - self._goal.floor - self._hang - 0.03, 0.0)
             over[2] -= air * self._in_place(belief, over, self._goal_yaw)
-        return self._toward(belief, over, self._goal_yaw, CLOSE)
+        return self._hand.toward(belief, over, self._goal_yaw, CLOSE)
 
     def _lower(self, belief: Belief) -> Array:
         if not belief.held:
@@ -209,7 +205,7 @@ class PickPlaceController:
             return self._release(belief)
         down = min(air, STEP) if air > 0.05 else min(air + 0.004, GENTLE)
         below = np.array([*self._target_xy(belief), belief.tcp[2] - (air - 0.03 if air > 0.05 else down)])
-        return self._toward(belief, below, self._goal_yaw, CLOSE)
+        return self._hand.toward(belief, below, self._goal_yaw, CLOSE)
 
     def _release(self, belief: Belief) -> Array:
         self._waited += 1
@@ -217,7 +213,7 @@ class PickPlaceController:
             self._enter(self._retreat)
             return self._retreat(belief)
         assert self._goal is not None
-        return self._toward(belief, belief.tcp, self._goal_yaw, OPEN)
+        return self._hand.toward(belief, belief.tcp, self._goal_yaw, OPEN)
 
     def _retreat(self, belief: Belief) -> Array:
         assert self._goal is not None
@@ -227,7 +223,7 @@ class PickPlaceController:
         height = self._goal.floor + self._hang + 0.12
         if self._waited <= 3:  # a fast start swings the fingers sideways, and a can rolls away
             height = min(height, belief.tcp[2] + GENTLE)
-        return self._toward(belief, np.array([*belief.tcp[:2], height]), self._goal_yaw, OPEN)
+        return self._hand.toward(belief, np.array([*belief.tcp[:2], height]), self._goal_yaw, OPEN)
 
     # what the phases share
 
@@ -239,11 +235,11 @@ class PickPlaceController:
         self._plan = None
         self._enter(self._approach)
         up = np.array([*belief.tcp[:2], belief.tcp[2] + 0.08])
-        return self._toward(belief, up, self._hand_yaw(belief), OPEN)
+        return self._hand.toward(belief, up, self._hand.yaw(belief), OPEN)
 
     def _choose(self, belief: Belief) -> Reach:
         if self._plan is None or math.dist(belief.a.position, self._planned_for) > 0.004:
-            grasps = planning.reaches(belief.a, belief.around, self._hand_yaw(belief), self._rig)
+            grasps = planning.reaches(belief.a, belief.around, self._hand.yaw(belief), self._rig)
             if self._plan is not None and grasps:  # it moved a little: keep to the same kind of grasp
                 yaw, nearest = self._plan.yaw, planning.nearest_yaw
                 self._plan = min(
@@ -257,7 +253,7 @@ class PickPlaceController:
     def _blind(self, belief: Belief) -> Reach:
         """A grasp of the centre when none fits the object's pose: the attempt may turn it over."""
         x, y, z = belief.a.position
-        height, yaw = max(float(z), 0.015), self._hand_yaw(belief)
+        height, yaw = max(float(z), 0.015), self._hand.yaw(belief)
         return Reach(x=float(x), y=float(y), z=height, yaw=yaw, width=0.07, cost=9.0)
 
     def _is_over(self, belief: Belief, over: Array, yaw: float) -> bool:
@@ -268,20 +264,16 @@ class PickPlaceController:
     def _in_place(self, belief: Belief, over: Array, yaw: float) -> float:
         """Share of the descent that is allowed already, in [0, 1]; 0 at errors above 12 mm or 0.15 rad."""
         aside = max(_level(over, belief.tcp) - LEVEL, 0.0) / 0.008
-        turn = max(abs(yaw - self._hand_yaw(belief)) - ALIGNED, 0.0) / 0.09
+        turn = max(abs(yaw - self._hand.yaw(belief)) - ALIGNED, 0.0) / 0.09
         return 1.0 - min(max(aside, turn), 1.0)
 
     def _aim_again(self, belief: Belief) -> None:
         """Update the goal of move-near, the only one that depends on where a is now."""
         if self._task == "move-near" and belief.b is not None:
-            self._goal, self._b_was = self._find_place(belief, belief.b), belief.b.position[:2].copy()
-
-    def _find_place(self, belief: Belief, b: Thing) -> Goal:
-        a, others = belief.a, belief.others
-        return planning.goal_near(a, b, others, self._yaw, self._rig, in_view=self._fluent)
+            self._goal, self._b_was = self._find_goal(belief), belief.b.position[:2].copy()
 
     def _turned(self, belief: Belief, yaw: float) -> bool:
-        return abs(yaw - self._hand_yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE
+        return abs(yaw - self._hand.yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE
 
     def _keep_clear(self, belief: Belief, over: Array) -> None:
         """While ``over`` is far, raise it above the obstacles on the path."""
@@ -295,7 +287,7 @@ class PickPlaceController:
 
     def _take(self, belief: Belief) -> None:
         a = belief.a
-        self._yaw = self._hand_yaw(belief)
+        self._yaw = self._hand.yaw(belief)
         self._taken_at = belief.tcp.copy()
         self._offset = a.position[:2] - belief.tcp[:2]
         self._hang = float(belief.tcp[2] - a.corners[:, 2].min())
@@ -315,7 +307,8 @@ class PickPlaceController:
         if self._task == "pick-up" or belief.b is None:
             return None
         if self._task == "move-near":
-            return self._find_place(belief, belief.b)
+            a, b, others = belief.a, belief.b, belief.others
+            return planning.goal_near(a, b, others, self._yaw, self._rig, in_view=self._fluent)
         goal = planning.goal_in if self._task == "put-in" else planning.goal_on
         return goal(belief.a, belief.b)
 
@@ -332,12 +325,6 @@ class PickPlaceController:
         start, end, radius = self._taken_at[:2], self._goal.place, self._radius + 0.02
         clear = planning.travel_height(start, end, belief.around, radius)
         return max(clear, self._goal.floor + 0.04) + self._hang
-
-    def _toward(self, belief: Belief, target: Array, yaw: float, gripper: float) -> Array:
-        return self._steering.toward(belief.tcp, belief.tcp_rotation, target, yaw, gripper)
-
-    def _hand_yaw(self, belief: Belief) -> float:
-        return self._steering.hand_yaw(belief.tcp, belief.tcp_rotation)
 
 
 def _level(a: Array, b: Array) -> float:

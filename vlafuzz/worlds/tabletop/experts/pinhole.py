@@ -10,21 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import (
-    ActionChunk,
-    ActionSpec,
-    EpisodeStart,
-    Observation,
-    Outlines,
-    PolicySpec,
-    Silhouette,
-)
+from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec, Silhouette
 from vlafuzz.worlds.manipulation.rigs.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.tabletop.experts.expert import Acting, Scripted
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose, rotation_matrix
 
 Array = NDArray[np.float64]
@@ -41,7 +33,7 @@ _TICKS = np.linspace(0.04, 0.96, 24)
 _GRID = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
 
 
-class Pinhole:
+class Pinhole(Scripted):
     """A scripted controller that sees outlines through a camera which it assumes to be at its nominal pose.
 
     It is given no positions. It knows the shapes and colours of the catalogue, picks the outline whose colour
@@ -56,27 +48,18 @@ class Pinhole:
 
     def __init__(self) -> None:
         action = ActionSpec(relative_to="current")
-        self.spec = PolicySpec("pinhole", action=action, silhouettes=True, state=True)
-        self._models: tuple[ObjectModel, ...] | None = None
-        self._episodes: dict[str, _Episode] = {}
+        super().__init__(PolicySpec("pinhole", action=action, silhouettes=True, state=True))
 
-    def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``. Of objects with the same spoken name, those of packs come first."""
-        first = catalogue.preferred(catalogue.names())
-        names = dict.fromkeys([*first, *catalogue.names()])
-        self._models = tuple(catalogue[name] for name in names)
+    def begin(self, start: EpisodeStart) -> Acting:
+        # Of objects with the same spoken name, those of packs come first
+        names = self.catalogue.names()
+        models = [self.catalogue[name] for name in dict.fromkeys([*self.catalogue.preferred(names), *names])]
+        return _Episode(start.task, models, rig(start.robot)).act
 
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        if self._models is None:
-            self.know(load_catalogue())
-        for start in episodes:
-            self._episodes[start.episode] = _Episode(start.task, self._models or (), rig(start.robot))
 
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._episodes[seen.episode].act(seen)[None]) for seen in observations]
-
-    def close(self) -> None:
-        self._episodes.clear()
+def raised(tcp: Array) -> Array:
+    """The action that raises the hand, out of the camera's view of the table."""
+    return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
 
 
 class _Episode:
@@ -98,11 +81,20 @@ class _Episode:
             self._attempt, self._seen = self._controller.attempt, {}
         targets = self._look(observation.instruction, outlines)
         if not targets:
-            return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
+            return raised(tcp)
         hand = self._localizer.hand(outlines, float(tcp[2]))
         if hand is not None:
             tcp[:2] += CORRECTED * (hand - tcp[:2])
-        return self._controller.act(self._belief(targets, tcp, state))
+        belief = Belief(
+            a=targets[0],
+            b=targets[1] if len(targets) > 1 else None,
+            others=(),
+            tcp=tcp,
+            tcp_rotation=Rotation.from_rotvec(state[3:6].astype(np.float64)).as_matrix(),
+            held=float(state[6]) * self._rig.opening > GRIPPED,
+            done=True,
+        )
+        return self._controller.act(belief)
 
     def _look(self, instruction: str, outlines: Outlines) -> list[Thing]:
         """The named objects where they were first seen in this attempt; those not seen yet are left out."""
@@ -113,18 +105,6 @@ class _Episode:
         if all(things.values()):
             self._seen = {name: thing for name, thing in things.items() if thing}
         return [self._seen[model.name] for model in named if model.name in self._seen]
-
-    def _belief(self, targets: Sequence[Thing], tcp: Array, state: NDArray[np.float32]) -> Belief:
-        angle = state[3:6].astype(np.float64)
-        return Belief(
-            a=targets[0],
-            b=targets[1] if len(targets) > 1 else None,
-            others=(),
-            tcp=tcp,
-            tcp_rotation=np.asarray(Rotation.from_rotvec(angle).as_matrix()),
-            held=float(state[6]) * self._rig.opening > GRIPPED,
-            done=True,
-        )
 
 
 def _named(instruction: str, models: Sequence[ObjectModel]) -> list[ObjectModel]:
@@ -150,12 +130,15 @@ class OutlineLocalizer:
 
     def find(self, model: ObjectModel, outlines: Outlines) -> Thing | None:
         """The object at its apparent pose, matched to the most similar outline; None when none is visible."""
-        visible = [thing for thing in outlines.things if self._sees(thing, outlines.table)]
-        if not visible:
-            return None
-        guesses = [(thing, *self._pose(model, thing.pixels)) for thing in visible]
-        _, placed, _ = min(guesses, key=lambda guess: self._unlikeness(model, guess[0], guess[2]))
-        return placed
+        best, least = None, np.inf
+        for seen in outlines.things:
+            if self._sees(seen, outlines.table):
+                thing, size_ratio = self._pose(model, seen.pixels)
+                colour = float(np.linalg.norm(camera_values(seen.colour) - model.colour))
+                unlike = colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
+                if unlike < least:
+                    best, least = thing, unlike
+        return best
 
     def hand(self, outlines: Outlines, height: float) -> Array | None:
         """``(2,)`` apparent position of the hand, metres, at its known height; None when out of view."""
@@ -166,10 +149,6 @@ class OutlineLocalizer:
     def _sees(self, thing: Silhouette, table: Array) -> bool:
         contrast = np.abs(camera_values(thing.colour) - camera_values(table)).max()
         return thing.whole >= VISIBLE and bool(contrast > NOISE)
-
-    def _unlikeness(self, model: ObjectModel, thing: Silhouette, size_ratio: float) -> float:
-        colour = float(np.linalg.norm(camera_values(thing.colour) - model.colour))
-        return colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
 
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
         """The object's pose if these are its pixels, and the ratio of their extent to the expected one.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import product
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -11,22 +12,15 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import (
-    ActionChunk,
-    ActionSpec,
-    EpisodeStart,
-    Observation,
-    Outlines,
-    PolicySpec,
-)
+from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
 from vlafuzz.worlds.manipulation.rigs.labels import SUBPIXEL, blank, fill, paint, polygons
+from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.tabletop.experts.expert import GRASPS, LEANS, Calibration
+from vlafuzz.worlds.tabletop.experts.expert import Acting, Calibration, Scripted, controller
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
-from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, RAISED, camera_values, standing
+from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, camera_values, raised, standing
 from vlafuzz.worlds.tabletop.experts.planning import Thing
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose
 
 Array = NDArray[np.float64]
@@ -61,6 +55,9 @@ class Fit(NamedTuple):
 
     agreement: float
     guess: Guess
+
+
+agreement = attrgetter("agreement")
 
 
 class Look:
@@ -175,14 +172,10 @@ class Look:
         return under
 
 
-def agreement(fit: Fit) -> float:
-    return fit.agreement
-
-
 GONE = 0.07  # share of an object's outline in which the table is seen, above which the object has moved
 
 
-class SeeingExpert:
+class SeeingExpert(Scripted):
     """A scripted controller that sees outlines through the true camera and knows the light, but no positions.
 
     It shows that a scene can be solved by what the camera shows. It knows which objects are the targets and
@@ -193,36 +186,20 @@ class SeeingExpert:
     """
 
     def __init__(self) -> None:
-        self.attempt = 0
         action = ActionSpec(relative_to="current")
-        self.spec = PolicySpec("seeing", action=action, silhouettes=True, state=True, calibrated=True)
-        self._models: tuple[ObjectModel, ...] | None = None
-        self._episodes: dict[str, _Episode] = {}
+        super().__init__(PolicySpec("seeing", action=action, silhouettes=True, state=True, calibrated=True))
+        self.attempt = 0
 
-    def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``."""
-        self._models = tuple(catalogue[name] for name in catalogue.names())
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        if self._models is None:
-            self.know(load_catalogue())
-        for start in episodes:
-            self._episodes[start.episode] = _Episode(start, self._models or (), self.attempt)
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._episodes[seen.episode].act(seen)[None]) for seen in observations]
-
-    def close(self) -> None:
-        self._episodes.clear()
+    def begin(self, start: EpisodeStart) -> Acting:
+        models = [self.catalogue[name] for name in self.catalogue]
+        return _Episode(models, rig(start.robot), controller(start, self.attempt)).act
 
 
 class _Episode:
     """One rollout: act on where things were last seen, and look for what is no longer there."""
 
-    def __init__(self, start: EpisodeStart, models: Sequence[ObjectModel], attempt: int) -> None:
-        self._models, self._rig = models, rig(start.robot)
-        lean = LEANS[attempt // GRASPS]
-        self._controller = PickPlaceController(start.task, self._rig, attempt=attempt % GRASPS, lean=lean)
+    def __init__(self, models: Sequence[ObjectModel], rig: Rig, controller: PickPlaceController) -> None:
+        self._models, self._rig, self._controller = models, rig, controller
         self._targets: dict[int, Thing] = {}  # by their number in the instruction
         self._others: tuple[Thing, ...] = ()
         self._surveyed = (-1, 0)
@@ -239,7 +216,7 @@ class _Episode:
         self._track(look, calibration.targets)
         self._survey(look)
         if len(self._targets) < len(calibration.targets):
-            return np.array([0.0, 0.0, min(RAISED - tcp[2], 0.1), 0.0, 0.0, 0.0, 1.0])
+            return raised(tcp)
         belief = Belief(
             a=self._targets[0],
             b=self._targets.get(1),

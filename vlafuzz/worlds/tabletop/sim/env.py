@@ -133,7 +133,7 @@ class TabletopEnv(BaseEnv):
         cameras: of the observations; without a renderer there are none.
         control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
         robot: the name of a rig.
-        placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``Drop``.
+        placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``settle``.
     """
 
     SUPPORTED_ROBOTS = tuple(agent.uid for agent in AGENTS.values())

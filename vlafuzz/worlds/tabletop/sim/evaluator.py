@@ -1,6 +1,7 @@
-"""ManiSkillEvaluator runs a policy in scenes on the tabletop."""
+"""What runs scenes on the tabletop: a policy's evaluator, one's own loop, and still pictures."""
 
 from dataclasses import replace
+from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
@@ -23,7 +24,7 @@ from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.sim.settle import Settled, settle, start_poses
-from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.state import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
@@ -78,6 +79,32 @@ def proprioception(state: State, opening: float) -> NDArray[np.float32]:
     return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
 
 
+class _Environment:
+    """The environment of one task for one robot at a time, made where it is needed first."""
+
+    def __init__(self, task: str, catalogue: Catalogue, placement: str) -> None:
+        self._task, self._catalogue, self._placement = task, catalogue, placement
+        self._env: TabletopEnv | None = None
+
+    def of(self, robot: str, cameras: tuple[CameraRequest, ...], hz: int = 5) -> TabletopEnv:
+        """For a robot; the last of the ``cameras`` may be as wide as its view."""
+        if self._env is not None and self._env.rig.robot != robot:
+            self.close()
+        if self._env is None:
+            self._env = make_env(self._task, self._catalogue, cameras, hz, robot, self._placement)
+        return self._env
+
+    def close(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+def _as_wide(camera: CameraRequest, robot: str) -> CameraRequest:
+    """A camera with the sides of a robot's view."""
+    return replace(camera, width=rig(robot).view.width(camera.height))
+
+
 class ManiSkillEvaluator(SceneEvaluator):
     """Runs a policy in scenes of one task; ``catalogue`` has their objects."""
 
@@ -93,7 +120,7 @@ class ManiSkillEvaluator(SceneEvaluator):
         self._task, self._catalogue = task_named(conditions.task), catalogue
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
         self._visible = stored_visible(conditions)
-        self._env: TabletopEnv | None = None
+        self._environment = _Environment(self._task.name, catalogue, conditions.placement)
         if isinstance(policy, Knowing):
             policy.know(catalogue)
 
@@ -106,26 +133,13 @@ class ManiSkillEvaluator(SceneEvaluator):
         return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
-        env, spec = self._environment(scene.robot), self._policy.spec
+        spec = self._policy.spec
+        cameras = spec.cameras + ((_as_wide(self.recorded, scene.robot),) if self.recorded else ())
+        env = self._environment.of(scene.robot, cameras, spec.action.hz)
         return TabletopEpisode(env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
-
-    def _environment(self, robot: str) -> TabletopEnv:
-        if self._env is not None and self._env.rig.robot != robot:
-            self.renew()
-        if self._env is None:
-            spec = self._policy.spec
-            cameras = spec.cameras
-            if extra := self.recorded:
-                cameras += (replace(extra, width=rig(robot).view.width(extra.height)),)
-            self._env = make_env(
-                self._task.name, self._catalogue, cameras, spec.action.hz, robot, self._conditions.placement
-            )
-        return self._env
+        self._environment.close()
 
 
 def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:
@@ -139,27 +153,45 @@ class Stills:
     """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
 
     def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
-        self._task, self._catalogue, self._placement = task, catalogue, placement
+        self._environment = _Environment(task, catalogue, placement)
         self._camera = CameraRequest("still", size, size)
-        self._env: TabletopEnv | None = None
 
     def png(self, scene: Scene) -> bytes:
-        """A picture of a valid scene by the third-person camera.
-
-        Raises:
-            PrerequisiteError: nothing here can render.
-        """
-        if self._env is not None and self._env.rig.robot != scene.robot:
-            self.close()
-        if self._env is None:
-            camera = replace(self._camera, width=rig(scene.robot).view.width(self._camera.height))
-            self._env = make_env(
-                self._task, self._catalogue, (camera,), robot=scene.robot, placement=self._placement
-            )
-        self._env.begin(scene)
-        return imageio.imwrite("<bytes>", self._env.picture(self._camera.name), extension=".png")
+        """A picture of a valid scene by the third-person camera; PrerequisiteError without a renderer."""
+        env = self._environment.of(scene.robot, (_as_wide(self._camera, scene.robot),))
+        env.begin(scene)
+        return imageio.imwrite("<bytes>", env.picture(self._camera.name), extension=".png")
 
     def close(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
+        self._environment.close()
+
+
+class SteppedTable:
+    """A table with a robot under the conditions of a run, for one's own loop; see ``Stepped``."""
+
+    def __init__(self, run: Conditions, catalogue: Catalogue, robot: str, size: int, hz: int) -> None:
+        cameras = (CameraRequest("image", size, size),) if size else ()
+        self._env = make_env(run.task, catalogue, cameras, hz, robot, run.placement)
+        self.most_steps = self._env.rig.seconds * self._env.control_hz
+
+    @property
+    def monitor(self) -> StateMonitor:
+        return self._env.monitor
+
+    def begin(self, scene: Scene) -> None:
+        self._state = self._env.begin(scene)
+
+    def advance(self, action: NDArray[Any]) -> None:
+        self._state = self._env.advance(action, "current")
+
+    def proprioception(self) -> NDArray[np.float32]:
+        return proprioception(self._state, self._env.rig.opening)
+
+    def seen(self) -> NDArray[np.uint8]:
+        return self._env.seen("image")
+
+    def picture(self) -> NDArray[np.uint8]:
+        return self._env.picture("image")
+
+    def close(self) -> None:
+        self._env.close()

@@ -1,10 +1,9 @@
 """Where a scene's objects come to rest, without a robot.
 
-``settle`` simulates one second, in which the objects of a fair scene stay in place. ``Drop`` is the published
-placement: as in VLATest, objects are dropped and stay where they come to rest. They fall from half a metre
-over the table and cannot tip at first. In pick-up the target falls first and then the others, one by one and
-straight down; in the other tasks all fall at once. Source: ``_initialize_actors`` of
-``grasp_single_in_scene_customizable.py`` and ``move_near_in_scene_customizable.py``.
+``settle`` simulates one second, in which the objects of a fair scene stay in place. In the published
+placement, they are dropped from half a metre, cannot tip at first, and stay where they come to rest: in
+pick-up first the target and then the others, one by one and straight down; in the other tasks all at once.
+Source: VLATest's ``_initialize_actors`` of ``{grasp_single,move_near}_in_scene_customizable.py``.
 """
 
 from collections.abc import Sequence
@@ -96,8 +95,7 @@ def _restless(
     placements: Sequence[Placement], before: State, after: State, *, dropped: bool
 ) -> Rejection | None:
     for index, placement in enumerate(placements):
-        reason = _fell(after, index) or (None if dropped else _moved(before, after, index))
-        if reason:
+        if reason := _fell(after, index) or (None if dropped else _moved(before, after, index)):
             where = f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f})"
             return Rejection("settling", f"{where} {reason}")
     return None
@@ -135,7 +133,27 @@ def _moved(before: State, after: State, index: int) -> str | None:
     return None
 
 
-class Drop:
+def start_poses(scene: Scene, models: Sequence[ObjectModel], rig: Rig, *, dropped: bool) -> list[sapien.Pose]:
+    """Start poses of a scene's objects: at rest where the scene places them, or where they have fallen."""
+    things = list(zip(models, scene.placements, strict=True))
+    if not dropped:
+        return [place(*thing) for thing in things]
+    drop = _Drop(rig)
+    if scene.task != "pick-up":
+        return [body.entity_pose for body in drop.together(things)]
+    first, others = drop.together(things[:1]), []
+    for thing in things[1:]:
+        others.append(drop.hang(*thing))
+        _lock(others[-1:], STRAIGHT)
+        drop.run(LOCKED)
+    for body in others:
+        _let_go([body])
+        drop.run(FREE)
+    drop.wait_for(others)
+    return [body.entity_pose for body in first + others]
+
+
+class _Drop:
     """A table onto which objects are dropped."""
 
     def __init__(self, rig: Rig) -> None:
@@ -144,31 +162,17 @@ class Drop:
         self._scene.physx_system.timestep = 1 / self._hz
         add_table(self._scene, rig.table)
 
-    def all_at_once(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> list[Body]:
-        """Drop all objects together; their bodies once they have come to rest."""
-        bodies = [self._hang(*pair) for pair in zip(models, placements, strict=True)]
+    def together(self, things: Sequence[tuple[ObjectModel, Placement]]) -> list[Body]:
+        """Drop objects together; their bodies once they have come to rest."""
+        bodies = [self.hang(*thing) for thing in things]
         _lock(bodies, UPRIGHT)
-        self._run(LOCKED)
+        self.run(LOCKED)
         _let_go(bodies)
-        self._run(FREE)
-        self._wait_for(bodies)
+        self.run(FREE)
+        self.wait_for(bodies)
         return bodies
 
-    def one_by_one(self, models: Sequence[ObjectModel], placements: Sequence[Placement]) -> list[Body]:
-        """Drop the first object, then the others straight down, which are unlocked once all are there."""
-        first = self.all_at_once(models[:1], placements[:1])
-        others = []
-        for model, placement in zip(models[1:], placements[1:], strict=True):
-            others.append(self._hang(model, placement))
-            _lock(others[-1:], STRAIGHT)
-            self._run(LOCKED)
-        for body in others:
-            _let_go([body])
-            self._run(FREE)
-        self._wait_for(others)
-        return first + others
-
-    def _hang(self, model: ObjectModel, placement: Placement) -> Body:
+    def hang(self, model: ObjectModel, placement: Placement) -> Body:
         body = add_object(self._scene, model, placement, placement.object)
         body.linear_damping = body.angular_damping = DAMPING
         body.sleep_threshold, body.solver_position_iterations = SLEEP_THRESHOLD, ITERATIONS
@@ -177,24 +181,15 @@ class Drop:
         body.entity.pose = sapien.Pose([*over.p[:2], HEIGHT + above], over.q)
         return body
 
-    def _wait_for(self, bodies: Sequence[Body]) -> None:
+    def wait_for(self, bodies: Sequence[Body]) -> None:
         speed = sum(float(np.linalg.norm(body.linear_velocity)) for body in bodies)
         turning = sum(float(np.linalg.norm(body.angular_velocity)) for body in bodies)
         if speed > SPEED or turning > TURN_RATE:
-            self._run(EXTRA)
+            self.run(EXTRA)
 
-    def _run(self, seconds: float) -> None:
+    def run(self, seconds: float) -> None:
         for _ in range(int(seconds * self._hz)):
             self._scene.physx_system.step()
-
-
-def start_poses(scene: Scene, models: Sequence[ObjectModel], rig: Rig, *, dropped: bool) -> list[sapien.Pose]:
-    """Start poses of a scene's objects: at rest where the scene places them, or where they have fallen."""
-    if not dropped:
-        return [place(*pair) for pair in zip(models, scene.placements, strict=True)]
-    drop = Drop(rig)
-    fall = drop.one_by_one if scene.task == "pick-up" else drop.all_at_once
-    return [body.entity_pose for body in fall(models, scene.placements)]
 
 
 def _system() -> physx.PhysxCpuSystem:
