@@ -136,9 +136,9 @@ class TestWrongAnswers:
 
     def test_a_server_that_stops_reading_runs_out_of_time(self):
         with scripted(HANG) as name:
-            policy = make_policy(f"{name}?camera=1600&timeout=0.5")
-            policy.reset([start("one")])
-            flood = [seen("one", images=black(policy.spec))] * 4
+            policy = make_policy(f"{name}?camera=3200&timeout=0.5")
+            policy.reset([start("one"), start("two")])
+            flood = [seen(rollout, images=black(policy.spec)) for rollout in ("one", "two")]
             with pytest.raises(PolicyError, match="no reply within") as caught:
                 policy.act(flood)
             assert caught.value.cause == "timeout"

@@ -112,7 +112,7 @@ class Groot:
         reply = self._ask("get_action", {"observation": self._message(observations), "options": None})
         if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
             raise wire.failure(self._url, f"no actions, but {wire.short(reply)}", "protocol")
-        with wire.bad_action(self._name):
+        with wire.read(self._name, "bad_action"):
             pairs = zip(self._joined(reply[0], len(observations)), observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
         check_chunks(chunks, len(observations), self._name)
@@ -198,5 +198,5 @@ class Groot:
             if self._connection is None:
                 self._connection = self._connect(self._url, self._options.timeout)
             frame = self._connection.ask(self._msgpack.pack_groot(message))
-            with wire.expected(self._url, "a GR00T message"):
+            with wire.read(f"{self._url}: not a GR00T message"):
                 return self._msgpack.unpack_groot(frame)

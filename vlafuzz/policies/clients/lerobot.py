@@ -18,7 +18,7 @@ from vlafuzz.policies.clients.conventions import ROTATIONS, layout_width
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
-from vlafuzz.policies.clients.wire import bad_action, numbers, short
+from vlafuzz.policies.clients.wire import numbers, read, short
 from vlafuzz.policies.harness import check_chunks
 
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
@@ -129,7 +129,7 @@ class LeRobot:
             choose = self._policy.select_action if self._card.stepwise else self._policy.predict_action_chunk
             actions = self._after(choose(batch))
         memory.update({key: vars(self._policy)[key] for key in memory})
-        with bad_action(self._name):
+        with read(self._name, "bad_action"):
             return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
 
 

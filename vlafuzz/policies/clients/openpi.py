@@ -71,7 +71,7 @@ class OpenPiSession(Session):
         """The next message; PolicyError when it is late, malformed, or the text of an error."""
         url, frame = self._connection.url, self._connection.receive(wait)
         if not isinstance(frame, str):
-            with wire.expected(url, "an openpi message"):
+            with wire.read(f"{url}: not an openpi message"):
                 message: dict[object, object] = self._msgpack.unpack_openpi(frame)
             return message
         last = wire.short(frame.strip().rpartition("\n")[2] or frame)  # of a traceback

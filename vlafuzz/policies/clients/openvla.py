@@ -76,7 +76,7 @@ class ActSession(Session):
             raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
         if text.strip().strip('"') == "error":  # both servers send this with status 200
             raise wire.failure(url, 'it answers "error"', "remote", "the server's log says why")
-        with wire.expected(url, "a reply of /act"):
+        with wire.read(f"{url}: not a reply of /act"):
             reply: Any = decode(body)
         if not isinstance(reply, dict):
             return wire.numbers(reply)

@@ -71,8 +71,7 @@ def address_of(name: str) -> Address | None:
 
 def options_of(name: str) -> CommonOptions | None:
     """The options in the name of a policy behind a server or from a folder."""
-    address = address_of(name)
-    return None if address is None else cast(CommonOptions, address.options)
+    return getattr(address_of(name), "options", None)
 
 
 def names_its_model(name: str) -> bool:

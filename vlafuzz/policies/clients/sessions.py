@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,17 +83,16 @@ class Sessions(ABC):
         When one of several fails, this raises and keeps the answers: to the same observations one by one, it
         gives those, since the servers have advanced the rollouts.
         """
-        kept = [self._kept.pop((seen.episode, seen.step), None) for seen in observations]
-        pairs = zip(observations, kept, strict=True)
-        received = iter(self._exchange([seen for seen, answer in pairs if answer is None]))
-        answers = [answer or next(received) for answer in kept]
+        keys = [(seen.episode, seen.step) for seen in observations]
+        new = [seen for seen, key in zip(observations, keys, strict=True) if key not in self._kept]
+        self._kept |= {(seen.episode, seen.step): answer for seen, answer in self._exchange(new)}
+        answers = [self._kept[key] for key in keys]
         errors = [answer for answer in answers if isinstance(answer, PolicyError)]
-        if errors and len(answers) > 1:
-            keys = [(seen.episode, seen.step) for seen in observations]
-            self._kept |= dict(zip(keys, answers, strict=True))
+        if not errors or len(keys) == 1:
+            self._kept = {key: answer for key, answer in self._kept.items() if key not in keys}
         if errors:
             raise errors[0]
-        return [answer for answer in answers if not isinstance(answer, PolicyError)]
+        return cast(list[ActionChunk], answers)
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         """Tell the server, and close the connections of these rollouts."""
@@ -107,13 +106,14 @@ class Sessions(ABC):
     def close(self) -> None:
         self.finish([start for start, _ in self._live.values()])
 
-    def _exchange(self, observations: Sequence[Observation]) -> list[ActionChunk | PolicyError]:
+    def _exchange(
+        self, observations: Sequence[Observation]
+    ) -> list[tuple[Observation, ActionChunk | PolicyError]]:
         """Each answer, or why there is none: then the session is closed."""
         try:
-            asked = [self._ask(seen) for seen in observations]
+            asked = [(seen, self._ask(seen)) for seen in observations]
             until = time.monotonic() + self._options.timeout * len(asked)
-            pairs = zip(observations, asked, strict=True)
-            return [self._receive(seen, session, until) for seen, session in pairs]
+            return [(seen, self._receive(seen, session, until)) for seen, session in asked]
         except BaseException:  # the sessions may hold replies that nobody will read
             self._drop([seen.episode for seen in observations])
             raise
@@ -135,7 +135,7 @@ class Sessions(ABC):
         if isinstance(session, PolicyError):
             return session
         try:
-            with wire.bad_action(self._name):
+            with wire.read(self._name, "bad_action"):
                 chunk = ActionChunk(session.answer(until - time.monotonic()))
             check_chunks([chunk], 1, self._name)
         except PolicyError as error:

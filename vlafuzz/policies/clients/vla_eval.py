@@ -94,7 +94,7 @@ class VlaEvalSession(Session):
     def _receive(self, kind: str, number: int, wait: float | None = None) -> Mapping[str, Any]:
         """The reply to message ``number``; PolicyError when it is late, an error, or another message."""
         url, frame = self._connection.url, self._connection.receive(wait)
-        with wire.expected(url, "a vla-eval message"):
+        with wire.read(f"{url}: not a vla-eval message"):
             received, payload, echoed = self._msgpack.unpack_vla_eval(frame)
         if received == "error":
             raise wire.failure(url, wire.short(payload.get("error")), "remote")

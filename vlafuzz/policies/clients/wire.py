@@ -64,21 +64,12 @@ def blamed(url: str, wait: float) -> Iterator[None]:
 
 
 @contextmanager
-def expected(url: str, what: str) -> Iterator[None]:
-    """Convert a ValueError in the block, which reads a message, to a PolicyError."""
+def read(what: str, cause: Cause = "protocol") -> Iterator[None]:
+    """Convert a ValueError in the block, which reads a message or actions, to a PolicyError."""
     try:
         yield
     except ValueError as error:
-        raise failure(url, f"not {what}: {error}", "protocol") from None
-
-
-@contextmanager
-def bad_action(name: str) -> Iterator[None]:
-    """Convert a ValueError in the block, which reads a model's actions, to a PolicyError."""
-    try:
-        yield
-    except ValueError as error:
-        raise PolicyError(f"{name}: {error}", cause="bad_action") from None
+        raise PolicyError(f"{what}: {error}", cause=cause) from None
 
 
 @contextmanager

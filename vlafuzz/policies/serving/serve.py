@@ -13,7 +13,6 @@ from vlafuzz.policies.clients.servers import needed
 from vlafuzz.policies.clients.vla_eval_spec import UNDECLARED, declared_actions
 from vlafuzz.policies.serving.sessions import ServedPolicy
 
-Listening = Callable[[ServedPolicy, str, int], AbstractContextManager[int]]
 # Prefix and suffix of the name for every protocol, around host and port.
 PROTOCOLS = {"vla-eval": ("vla-eval:ws", ""), "openpi": ("openpi:ws", ""), "http": ("http", "/act")}
 
@@ -71,7 +70,7 @@ def says_of(spec: PolicySpec) -> str:
     return f"it answers {batch} {once}, and {of_chunk} (max_batch and execute of its PolicySpec)"
 
 
-def _listening(protocol: str) -> Listening:
+def _listening(protocol: str) -> Callable[[ServedPolicy, str, int], AbstractContextManager[int]]:
     if protocol not in PROTOCOLS:
         raise UsageError(f"unknown protocol {protocol!r}", hint=suggestion(protocol, PROTOCOLS))
     if protocol == "http":
