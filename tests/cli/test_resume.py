@@ -65,9 +65,9 @@ def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 def test_a_run_is_gone_on_with_by_its_store_alone(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], strategy: str
 ):
-    flags = ("--strategy", strategy, "--budget", "90", "--seed", "3", "--vary", "light,target-position")
+    flags = ("--strategy", strategy, "--budget", "48", "--seed", "3", "--vary", "light,target-position")
     run(*flags, "--store", "whole.db", "--json")
-    cut(monkeypatch, *flags, "--store", "a.db", after=61)
+    cut(monkeypatch, *flags, "--store", "a.db", after=33)
     expected = json.loads(capsys.readouterr().out)
     assert main(["run", "--resume", "--trust", "--store", "a.db", "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)

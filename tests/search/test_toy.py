@@ -52,11 +52,11 @@ def test_a_region_is_where_all_conditions_hold():
     assert judge(replace(lit(1 / 8), camera=Camera(yaw=4.0)), region).verdict is Verdict.FAILED
 
 
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.5])
-def test_a_calibrated_region_holds_that_share_of_other_scenes_too(share: float):
-    region = EASY.calibrated(sampled(1000), share)
-    failing = [region.distance(scene) <= region.width for scene in sampled(2500)[1000:]]
-    assert np.mean(failing) == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 600))
+def test_a_calibrated_region_holds_that_share_of_other_scenes_too():
+    scenes, share = sampled(1000), 0.1
+    region = EASY.calibrated(scenes[:500], share)
+    failing = [region.distance(scene) <= region.width for scene in scenes[500:]]
+    assert np.mean(failing) == pytest.approx(share, abs=4 * np.sqrt(share * (1 - share) / 250))
 
 
 def test_smooth_success_comes_the_later_the_nearer_the_region_is():
@@ -80,13 +80,6 @@ def test_flat_outcomes_tell_nothing_but_the_verdict():
         for outcome in (judge(lit(x), signal="flat") for x in (16, 1, 0.1, 0.2))
     }
     assert len(signals) == 2
-
-
-def test_noise_has_nothing_to_do_with_the_region():
-    passes = [scene for scene in sampled(600) if judge(scene).verdict is Verdict.PASSED]
-    steps = [judge(scene, signal="noise").rollouts[0].steps for scene in passes]
-    outside = [DARK.outside(scene) for scene in passes]
-    assert abs(np.corrcoef(steps, outside)[0, 1]) < 0.15
 
 
 def test_scenes_that_are_not_fair_are_invalid():
