@@ -59,14 +59,11 @@ def fuzz(
 
     Args:
         policy: an object, which stays open and works in this process, or a name as on the command line.
-        certify: whether to triage the scenes that show the commonest causes, with about as many rollouts as
-            the budget; by default if the strategy looks for causes.
+        certify: whether to certify the commonest causes, for about as many rollouts as the budget; by default
+            if the strategy looks for causes.
         time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow.
         watch: called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
-
-    Returns:
-        What the run came to; ``store`` is the path of its store, which ``open_store`` reads.
 
     Raises:
         UsageError: a name, number or file is wrong.
@@ -88,11 +85,7 @@ def fuzz(
 
 
 def open_store(path: Path | str) -> StoredResults:
-    """The runs, trials, findings and causes of a store, as rows and data frames.
-
-    Raises:
-        StoreError: it is missing, no store, or damaged.
-    """
+    """The runs, trials, failures and causes of a store, as rows and data frames; StoreError if it is none."""
     return StoredResults(path)
 
 
@@ -104,18 +97,15 @@ def film(
     witness: bool = False,
     trust: bool = False,
 ) -> Film:
-    """What the policy does in the scene of a finding, or with ``witness`` the actions that solve it.
+    """What the policy does in the scene of a failure, or with ``witness`` the actions that solve it.
 
     Args:
         policy: the object that the store's runs are of; None for runs of named policies.
         trust: load a ``python:`` policy that the store names, as ``--trust`` does.
 
-    Returns:
-        The film, 224 pixels wide and high: ``video`` is MP4, ``still`` JPEG, and ``failed`` says how it ends.
-
     Raises:
         PrerequisiteError: nothing can be rendered here.
-        UsageError: the finding has no witness, or cannot be rolled out.
+        UsageError: the failure has no witness, or cannot be rolled out.
     """
     path = Path(store)
     with Store.open(path) as opened:
@@ -133,10 +123,7 @@ def film(
 
 
 def causes(store: Path | str, run: int | None = None) -> CauseList | None:
-    """The causes that a run has found, by default the last one whose strategy looked for causes.
-
-    None if there is no such run.
-    """
+    """The causes of a run, by default of the last one that looked for causes; None if there is none."""
     with Store.open(Path(store)) as opened:
         lists = [one for one in all_causes(opened) if run in (None, one.run)]
     return lists[-1] if lists else None
@@ -153,20 +140,16 @@ def triage(
     trust: bool = False,
     watch: Callable[[pipeline.Progress], None] = lambda progress: None,
 ) -> TriageSummary:
-    """Confirm, witness, shrink and attribute the findings of a store that were not triaged yet.
+    """Confirm, witness, shrink and attribute the failures of a store that were not triaged yet.
 
     Args:
         policy: the object that the store's runs are of; None for runs of named policies.
-        limit: the most findings to triage.
-        max_rollouts: of the policy, to shrink and attribute one finding.
-        rollouts: of the policy, after which no further finding is begun.
+        limit: the most failures to triage.
+        max_rollouts: of the policy, to shrink and attribute one failure.
+        rollouts: of the policy, after which no further failure is begun.
         time: wall clock that it takes at most, such as "30m".
         trust: load the code of a ``python:`` policy that the store names.
-        watch: called after every finding.
-
-    Raises:
-        StoreError: the store cannot be read or written.
-        UsageError: a run is of an object, and none is given; or of a ``python:`` policy, without ``trust``.
+        watch: called after every failure.
     """
     Store.open(Path(store)).close()  # to write, a missing file would be made a store
     with Store.open(Path(store), "write") as opened, trusting(*[EVERYTHING] * trust):
@@ -185,12 +168,8 @@ def regress(corpus: Path | str, policy: str, baseline: str | None = None, **opti
     """Compare a policy with a baseline in the scenes of a corpus, until it is shown to be worse.
 
     Args:
-        corpus: the folder; the baseline is what it recorded, unless one is named.
-        options: ``label``, ``alpha``, ``max_rollouts``, ``whole`` and ``watch``, see ``regression.policies``.
-
-    Raises:
-        CorpusError: the corpus cannot be read.
-        UsageError: a name is wrong.
+        baseline: what the corpus recorded, unless one is named.
+        options: ``label``, ``alpha``, ``max_rollouts``, ``whole`` and ``watch`` of ``compare_policies``.
     """
     folder = Path(corpus)
     return compare_policies(folder, read_corpus(folder), policy, baseline, **options)
@@ -204,11 +183,7 @@ def demonstrate(
     Args:
         store: a store, or the folder of a corpus.
         out: a new folder; scenes that are held out are written beside it.
-        options: ``run``, ``which``, ``number``, ``per_scene``, ``hold_out``: see ``integrations.training``.
-
-    Raises:
-        PrerequisiteError: LeRobot is not installed, or nothing renders here.
-        UsageError: the failures are of several kinds of policies, or cannot be held out.
+        options: ``run``, ``which``, ``number``, ``per_scene``, ``hold_out`` of ``write_demonstrations``.
     """
     return write_demonstrations(Path(store), Path(out), workers=workers, watch=watch, **options)
 
@@ -228,11 +203,7 @@ def diff(
         policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
         trust: load the code of a ``python:`` policy that a store names.
         options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and
-            ``watch``, see ``regression.policies``.
-
-    Raises:
-        StoreError: none of them has a certified cause.
-        UsageError: both are of the same policy, or of different tasks.
+            ``watch`` of ``diff_policies``.
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
@@ -244,13 +215,8 @@ def bisect(
     """Find out which of several policies, in the order of their training, broke first.
 
     Args:
-        corpus: the folder; the baseline is what it recorded, unless one is named.
-        options: ``alpha``, ``error``, ``comparisons`` and ``watch``, see ``regression.policies``.
-
-    Raises:
-        CorpusError: the corpus cannot be read.
-        UsageError: a name is wrong, or there are fewer than two.
-        PrerequisiteError: rollouts of a checkpoint cannot be judged.
+        baseline: what the corpus recorded, unless one is named.
+        options: ``alpha``, ``error``, ``comparisons`` and ``watch`` of ``bisect_checkpoints``.
     """
     folder = Path(corpus)
     return bisect_checkpoints(folder, read_corpus(folder), list(map(Model, checkpoints)), baseline, **options)

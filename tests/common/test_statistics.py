@@ -11,7 +11,6 @@ from scipy import stats
 from vlafuzz.common.statistics import (
     SignedRank,
     a12,
-    fisher,
     holm,
     mann_whitney,
     mean_difference,
@@ -246,13 +245,6 @@ def test_a_sequential_interval_holds_the_share_and_mirrors_that_of_the_other_out
 def test_the_sign_test_is_scipys_binomial_one(worse: int, better: int):
     expected = stats.binomtest(worse, worse + better).pvalue if worse + better else 1.0
     assert sign_test(worse, better) == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("counts", [(8, 8, 2, 8), (5, 30, 40, 50), (0, 9, 9, 9), (97, 100, 430, 470)])
-def test_fishers_exact_test_is_scipys(counts: tuple[int, int, int, int]):
-    k, n, other_k, other_n = counts
-    expected = stats.fisher_exact([[k, n - k], [other_k, other_n - other_k]]).pvalue
-    assert fisher(*counts) == pytest.approx(expected, rel=1e-9)
 
 
 def test_the_interval_of_a_paired_difference_by_hand():

@@ -1,6 +1,5 @@
 """Start the run of a plan, or all runs that a store lacks."""
 
-import time
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -9,7 +8,7 @@ from itertools import groupby
 
 from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
-from vlafuzz.campaign.forecast import FIRST, Forecast, Speed, usual_speed
+from vlafuzz.campaign.forecast import Forecast, Speed, usual_speed
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import Deadline
@@ -181,7 +180,7 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
 class _Pace:
     """Reports the progress over several runs, and how long all of them will take.
 
-    Finished runs in ``stored`` tell how long a rollout takes, else the policy's speed and the first rollouts.
+    Finished runs in ``stored`` tell how long a rollout takes, else the policy's speed.
     """
 
     def __init__(
@@ -190,17 +189,18 @@ class _Pace:
         self._watch, self._runs, self._speed_of = watch, runs, speed_of
         self._budgets, self._begun, self._description = [run.budget for run in runs], 0, ""
         self._foreseen = set[str | None]()
-        self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
         finished = [run for run in stored if run.status not in UNFINISHED and run.seconds]
-        self._estimated = bool(finished)
         if finished:
+            self._foreseen = {run.policy for run in runs}
+            total = sum(self._budgets)
             seconds = sum(run.seconds or 0.0 for run in finished)
-            rollouts = sum(run.manifest.budget for run in finished)
-            self._estimate(seconds / rollouts, "at the speed of the runs in the store")
+            took = duration(seconds / sum(run.manifest.budget for run in finished) * total)
+            basis = "at the speed of the runs in the store"
+            watch.note(f"{plural(len(runs), 'run')}, {total} rollouts: about {took} {basis}")
 
     def foresee(self, run: WantedRun, plan: Plan) -> None:
         """Say how long the runs of a policy will take, before the first of them."""
-        if self._estimated or run.policy in self._foreseen:
+        if run.policy in self._foreseen:
             return
         self._foreseen.add(run.policy)
         if speed := self._speed_of(plan):
@@ -217,20 +217,8 @@ class _Pace:
         self._report(0)
 
     def __call__(self, tally: Tally) -> None:
-        now, done = time.monotonic(), self._report(tally.rollouts)
-        if self._first is None:
-            self._first = (now, done)
-        elif not self._estimated and done - self._first[1] >= FIRST:
-            self._estimated = True
-            seconds, rollouts = now - self._first[0], done - self._first[1]
-            self._estimate(seconds / rollouts, f"at the speed of the first {rollouts} rollouts")
+        self._report(tally.rollouts)
 
-    def _report(self, rollouts: int) -> int:
+    def _report(self, rollouts: int) -> None:
         done = sum(self._budgets[: self._begun - 1]) + rollouts
         self._watch.progress(self._description, done, sum(self._budgets))
-        return done
-
-    def _estimate(self, seconds_per_rollout: float, basis: str) -> None:
-        total = sum(self._budgets)
-        took = duration(seconds_per_rollout * total)
-        self._watch.note(f"{plural(len(self._budgets), 'run')}, {total} rollouts: about {took} {basis}")

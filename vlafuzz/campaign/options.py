@@ -1,3 +1,4 @@
+# ruff: noqa: RUF009 - each call makes a field
 """RunConfig: a run as the user asks for it. Its options are declared here once, with what they mean.
 
 The options of ``vlafuzz run``, the keys of ``--config`` and the arguments of ``vlafuzz.fuzz`` follow.
@@ -6,9 +7,9 @@ The options of ``vlafuzz run``, the keys of ``--config`` and the arguments of ``
 from __future__ import annotations
 
 import secrets
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_type_hints
+from typing import Any
 
 from vlafuzz.model.conditions import ALONE
 
@@ -22,17 +23,23 @@ class Option:
     """What users read about an option.
 
     Attributes:
-        default: in words, where None stands for it.
+        shown: the default in words.
         flag: its name on the command line; empty if only ``--config`` has it.
         kind: how the command line reads it, if not as the type of the field.
     """
 
     panel: str
     help: str
-    _: KW_ONLY
-    flag: str = ""
-    default: str = ""
-    kind: Any = None
+    shown: str
+    flag: str
+    kind: Any
+
+
+def _option(
+    panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, kind: Any = None
+) -> Any:
+    """A field that is an option."""
+    return field(default=default, metadata={"option": Option(panel, text, shown, flag, kind)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,139 +53,92 @@ class RunConfig:
         command: what the user typed.
     """
 
-    task: Annotated[
-        str | None,
-        Option(
-            WHAT,
-            "What the robot is told to do; several with commas, or all: one after another.",
-            flag="--task",
-            default="that of --scenes, or the first: `vlafuzz list worlds`",
-        ),
-    ] = None
-    robot: Annotated[
-        str | None,
-        Option(
-            WHAT,
-            "What acts: `vlafuzz list worlds` names the robots; some need files from a --pack.",
-            flag="--robot",
-            default="that of --scenes, or the world's first",
-        ),
-    ] = None
-    policy: Annotated[
-        str | None,
-        Option(
-            WHAT,
-            "The policy under test, or python:pkg.mod:factory; `vlafuzz list policies` names some.",
-            flag="--policy",
-            default="the world's own",
-        ),
-    ] = None
-    label: Annotated[
-        str | None,
-        Option(
-            WHAT,
-            "Which model the policy is: stored outcomes answer only under the same label.",
-            flag="--label",
-            default="behind a server none, so that none answer",
-        ),
-    ] = None
-    strategy: Annotated[
-        str | None,
-        Option(
-            SCENES,
-            "What proposes scenes, or python:pkg.mod:factory.",
-            flag="--strategy",
-            default="causes; with a pool surrogate",
-        ),
-    ] = None
-    budget: Annotated[
-        int | None,
-        Option(
-            LONG, "Policy rollouts, for each task.", flag="--budget", default="100; of a file once each scene"
-        ),
-    ] = None
-    seed: Annotated[
-        int, Option(SCENES, "The same seed gives the same scenes.", flag="--seed", default="0")
-    ] = 0
-    operators: Annotated[
-        str | None,
-        Option(
-            SCENES,
-            "YAML file of ranges, or a shipped one's name.",
-            flag="--operators",
-            default="that of the robot",
-        ),
-    ] = None
-    vary: Annotated[
-        tuple[str, ...],
-        Option(SCENES, "Only these operators vary: light,camera-position,…", flag="--vary", kind=str),
-    ] = ()
-    scenes: Annotated[Path | None, Option(WHAT, "Run every scene of this file once.", flag="--scenes")] = None
-    pool: Annotated[Path | None, Option(WHAT, "The strategy chooses from the scenes of this file.")] = None
-    packs: Annotated[
-        tuple[Any, ...],
-        Option(
-            WHAT,
-            "Objects and robots from this folder, laid out as SIMPLER and VLATest do; may be repeated.",
-            flag="--pack",
-            kind=list[str],
-        ),
-    ] = ()
-    store: Annotated[
-        Path | None,
-        Option(
-            OUTPUT,
-            "The store; an existing one gets another run.",
-            flag="--store",
-            default="runs/TASK-POLICY-SEED.db",
-        ),
-    ] = None
-    batch: Annotated[
-        int | None,
-        Option(
-            WHERE,
-            "Proposals that are evaluated at a time.",
-            default="16; for causes a 75th of the budget, at least 4; for random 64",
-        ),
-    ] = None
-    repeats: Annotated[
-        int, Option(JUDGE, "Rollouts per scene; it fails if one of them fails.", default="1")
-    ] = 1
-    stop_early: Annotated[bool, Option(JUDGE, "End a rollout at its first success.", default="false")] = False
-    criteria: Annotated[str, Option(JUDGE, "What success means: strict, or published.", default="strict")] = (
-        "strict"
+    task: str | None = _option(
+        WHAT,
+        "--task",
+        "What the robot is told to do; several with commas, or all: one after another.",
+        "that of --scenes, or the first: `vlafuzz list worlds`",
     )
-    placement: Annotated[
-        str,
-        Option(
-            JUDGE,
-            "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
-            default="resting",
-        ),
-    ] = "resting"
-    workers: Annotated[
-        int | None,
-        Option(
-            WHERE,
-            "Processes that evaluate scenes.",
-            flag="--workers",
-            default="as many as there are cores and memory for; 1 for a policy of your own",
-        ),
-    ] = None
-    executor: Annotated[
-        str | None,
-        Option(
-            WHERE,
-            "Where scenes are evaluated: local, processes, ray, or ray:auto or ray:HOST:PORT for a cluster.",
-            flag="--executor",
-            default="local; processes for several",
-        ),
-    ] = None
+    robot: str | None = _option(
+        WHAT,
+        "--robot",
+        "What acts: `vlafuzz list worlds` names the robots; some need files from a --pack.",
+        "that of --scenes, or the world's first",
+    )
+    policy: str | None = _option(
+        WHAT,
+        "--policy",
+        "The policy under test, or python:pkg.mod:factory; `vlafuzz list policies` names some.",
+        "the world's own",
+    )
+    label: str | None = _option(
+        WHAT,
+        "--label",
+        "Which model the policy is: stored outcomes answer only under the same label.",
+        "behind a server none, so that none answer",
+    )
+    strategy: str | None = _option(
+        SCENES,
+        "--strategy",
+        "What proposes scenes, or python:pkg.mod:factory.",
+        "causes; with a pool surrogate",
+    )
+    budget: int | None = _option(
+        LONG, "--budget", "Policy rollouts, for each task.", "100; of a file once each scene"
+    )
+    seed: int = _option(SCENES, "--seed", "The same seed gives the same scenes.", "0", default=0)
+    operators: str | None = _option(
+        SCENES, "--operators", "YAML file of ranges, or a shipped one's name.", "that of the robot"
+    )
+    vary: tuple[str, ...] = _option(
+        SCENES, "--vary", "Only these operators vary: light,camera-position,…", default=(), kind=str
+    )
+    scenes: Path | None = _option(WHAT, "--scenes", "Run every scene of this file once.")
+    pool: Path | None = _option(WHAT, "", "The strategy chooses from the scenes of this file.")
+    packs: tuple[Any, ...] = _option(
+        WHAT,
+        "--pack",
+        "Objects and robots from this folder, laid out as SIMPLER and VLATest do; may be repeated.",
+        default=(),
+        kind=list[str],
+    )
+    store: Path | None = _option(
+        OUTPUT, "--store", "The store; an existing one gets another run.", "runs/TASK-POLICY-SEED.db"
+    )
+    batch: int | None = _option(
+        WHERE,
+        "",
+        "Proposals that are evaluated at a time.",
+        "16; for causes a 75th of the budget, at least 4; for random 64",
+    )
+    repeats: int = _option(JUDGE, "", "Rollouts per scene; it fails if one of them fails.", "1", default=1)
+    stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)
+    criteria: str = _option(
+        JUDGE, "", "What success means: strict, or published.", "strict", default="strict"
+    )
+    placement: str = _option(
+        JUDGE,
+        "",
+        "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
+        "resting",
+        default="resting",
+    )
+    workers: int | None = _option(
+        WHERE,
+        "--workers",
+        "Processes that evaluate scenes.",
+        "as many as there are cores and memory for; 1 for a policy of your own",
+    )
+    executor: str | None = _option(
+        WHERE,
+        "--executor",
+        "Where scenes are evaluated: local, processes, ray, or ray:auto or ray:HOST:PORT for a cluster.",
+        "local; processes for several",
+    )
     alone: str = field(default_factory=lambda: ALONE + secrets.token_hex(4), compare=False)
     command: str = ""
 
 
-_HINTS = get_type_hints(RunConfig, include_extras=True)
 OPTIONS: dict[str, Option] = {
-    name: one for name, hint in _HINTS.items() for one in get_args(hint) if isinstance(one, Option)
+    one.name: one.metadata["option"] for one in fields(RunConfig) if "option" in one.metadata
 }

@@ -36,7 +36,7 @@ def command(
     ] = "random,causes",
     task: Annotated[
         str | None,
-        typer.Option(help="What the robot is told to do.", show_default=OPTIONS["task"].default),
+        typer.Option(help="What the robot is told to do.", show_default=OPTIONS["task"].shown),
     ] = None,
     policy: PolicyFlag = None,
     budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,

@@ -49,8 +49,8 @@ def option_of(name: str) -> Any:
     told = OPTIONS[name]
     flag = told.flag or f"--{name.replace('_', '-')}"
     if name == "label":
-        return label_option(flag, told.help, told.default)
-    shown = told.default or False
+        return label_option(flag, told.help, told.shown)
+    shown = told.shown or False
     return typer.Option(flag, help=told.help, show_default=shown, hidden=not told.flag)
 
 

@@ -346,35 +346,17 @@ def sign_test(worse: int, better: int) -> float:
 
 
 def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
-    """Two-sided p-value of Fisher's exact test of two shares; SciPy's takes a second to import."""
-    hits = k + other_k
-    least, most = max(0, hits - other_n), min(n, hits)
-    ways = _log_ways(n)[least : most + 1] + _log_ways(other_n)[hits - most : hits - least + 1][::-1]
-    chances = np.exp(ways - ways.max())
-    return float(chances[chances <= chances[k - least] * (1 + _TINY)].sum() / chances.sum())
+    """Two-sided p-value of Fisher's exact test of two shares."""
+    from scipy.stats import fisher_exact
+
+    return float(fisher_exact([[k, n - k], [other_k, other_n - other_k]]).pvalue)
 
 
 def binomial(number: int, share: float) -> NDArray[np.float64]:
     """Probabilities of 0 to ``number`` cases."""
-    if not 0 < share < 1:
-        certain = np.zeros(number + 1)
-        certain[number if share else 0] = 1.0
-        return certain
-    counts = np.arange(number + 1)
-    chances: NDArray[np.float64] = np.exp(
-        _log_ways(number) + counts * math.log(share) + counts[::-1] * math.log1p(-share)
-    )
+    from scipy.special import gammaln, xlog1py, xlogy
+
+    count = np.arange(number + 1)
+    ways = gammaln(number + 1) - gammaln(count + 1) - gammaln(number - count + 1)
+    chances: NDArray[np.float64] = np.exp(ways + xlogy(count, share) + xlog1py(number - count, -share))
     return chances
-
-
-def _log_ways(number: int) -> NDArray[np.float64]:
-    """Logarithms of the ways to choose 0 to ``number`` of so many."""
-    factorials = _log_factorials(number.bit_length())[: number + 1]
-    ways: NDArray[np.float64] = factorials[number] - factorials - factorials[::-1]
-    return ways
-
-
-@cache
-def _log_factorials(bits: int) -> NDArray[np.float64]:
-    """This holds the logarithm of n! for every n of at most so many bits."""
-    return np.concatenate([[0.0], np.cumsum(np.log(np.arange(1, 1 << bits)))])
