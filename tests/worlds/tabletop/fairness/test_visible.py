@@ -25,7 +25,7 @@ def can(x: float, y: float) -> Placement:
     return Placement("coke_can", "standing", x, y)
 
 
-@pytest.mark.parametrize("light", [0.05, 0.3, 1.0, 3.0, 20.0])
+@pytest.mark.parametrize("light", [0.05, 1.0, 20.0])
 def test_an_apple_is_seen_by_the_light_of_the_default_range(light: float) -> None:
     assert reason(replace(NOMINAL, light=Light(light))) == ""
 
@@ -46,11 +46,6 @@ def test_what_has_the_table_s_colour_is_hidden_by_it() -> None:
     black = replace(NOMINAL, targets=(eggplant,), light=Light(0.02), backdrop=Backdrop("plain", "black"))
     assert "apart from the table" in reason(black)
     assert reason(replace(black, backdrop=Backdrop("plain", "white"))) == ""
-
-
-def test_a_thin_rim_is_enough_to_find_a_plate() -> None:
-    plate = replace(NOMINAL, targets=(Placement("plate", "flat", 0.0, 0.0),), light=Light(14.0))
-    assert reason(plate) == ""
 
 
 def test_an_object_behind_another_is_hidden_by_it() -> None:

@@ -47,17 +47,14 @@ def test_equal_scenes_are_no_distance_apart_and_an_operator_makes_at_most_one(ta
 
 
 def test_the_ends_of_a_range_are_one_apart():
-    nominal = space().nominal()
-    assert apart(replace(nominal, light=Light(0.05)), replace(nominal, light=Light(20.0))) == pytest.approx(
-        1.0
-    )
+    dark, bright = (replace(space().nominal(), light=Light(intensity)) for intensity in (0.05, 20.0))
+    assert apart(dark, bright) == pytest.approx(1.0)
 
 
 def test_angles_have_no_seam():
     assert apart(turned(179.0), turned(-179.0)) < apart(turned(0.0), turned(5.0))
-    assert apart(turned(0.0), turned(180.0)) == pytest.approx(
-        np.sqrt(0.5)
-    )  # half of the operator: yaw and rest
+    half = np.sqrt(0.5)  # of the operator, which has yaw and rest
+    assert apart(turned(0.0), turned(180.0)) == pytest.approx(half)
 
 
 def test_a_camera_that_is_hardly_moved_is_near_whatever_its_direction():
@@ -71,11 +68,8 @@ def test_a_camera_that_is_hardly_moved_is_near_whatever_its_direction():
 
 
 def test_any_two_types_are_as_far_apart_as_any_others():
-    target = space().nominal().targets[0]
-    scenes = [
-        replace(space().nominal(), targets=(replace(target, object=name),))
-        for name in ("pepsi_can", "coke_can", "redbull_can")
-    ]
+    target, names = space().nominal().targets[0], ("pepsi_can", "coke_can", "redbull_can")
+    scenes = [replace(space().nominal(), targets=(replace(target, object=name),)) for name in names]
     assert [round(apart(a, b), 9) for a, b in combinations(scenes, 2)] == [1.0, 1.0, 1.0]
 
 
@@ -87,8 +81,7 @@ def test_one_confounder_more_makes_a_difference_for_every_operator_of_confounder
 
 
 def test_strange_values_are_numbers_too():
-    strange = replace(
-        space().nominal(), light=Light(1000.0), instruction="dance", confounders=sampled(1)[0].targets
-    )
+    changes = {"light": Light(1000.0), "instruction": "dance", "confounders": sampled(1)[0].targets}
+    strange = replace(space().nominal(), **changes)
     quaternion = replace(strange.targets[0], quaternion=(1.0, 0.0, 0.0, 0.0), object="duck")
     assert np.isfinite(space().embed(replace(strange, targets=(quaternion,)))).all()

@@ -67,17 +67,9 @@ def test_an_extra_alone_varies_its_part_of_the_scene_and_can_be_reset(name: str)
 
 
 @extras
-def test_an_extra_that_does_not_vary_is_nominal_and_has_no_say(name: str) -> None:
-    one, part = space("pick-up", "light"), OPERATORS[name].part
-    scene = one.sample(np.random.default_rng(0))
-    assert getattr(scene, part) == PARTS[part]
-    assert f'"{part}"' not in scene.to_json()
-    assert name not in one.severities(scene)
-
-
-@extras
 def test_a_scene_of_an_extra_that_does_not_vary_has_no_genome_but_a_severity(name: str) -> None:
     off, on = space("pick-up", "light"), space("pick-up", name)
+    assert name not in off.severities(off.sample(np.random.default_rng(0)))
     scene = on.decode(np.full(on.dim, 1.0))
     with pytest.raises(SceneError, match=f"{name} does not vary"):
         off.encode(scene)
@@ -102,9 +94,8 @@ def test_stored_operators_are_read_back_whether_an_extra_varies_or_not(name: str
 
 def test_bounds_of_visibility_are_read_back_and_missing_in_older_stores() -> None:
     operators = load_operators()
-    kept = Conditions(
-        task="pick-up", operators=operators_json(operators), visible=visible_json(operators.visible)
-    )
+    text, bounds = operators_json(operators), visible_json(operators.visible)
+    kept = Conditions(task="pick-up", operators=text, visible=bounds)
     assert stored_operators(Path("here.db"), kept).visible == operators.visible
     assert stored_operators(Path("here.db"), replace(kept, visible="")).visible is None
     assert visible_json(load_operators("paper").visible) == ""
@@ -112,12 +103,8 @@ def test_bounds_of_visibility_are_read_back_and_missing_in_older_stores() -> Non
 
 @pytest.mark.parametrize(("robot", "joints"), [("panda", 7), ("widowx", 6), ("google", 7)])
 def test_a_robot_has_a_gene_for_each_joint_of_its_arm(robot: str, joints: int) -> None:
-    one = SearchSpace(
-        load_operators(robot if robot != "panda" else None).only(["initial-pose"]),
-        load_catalogue(),
-        "pick-up",
-        robot,
-    )
+    operators = load_operators(robot if robot != "panda" else None).only(["initial-pose"])
+    one = SearchSpace(operators, load_catalogue(), "pick-up", robot)
     assert [gene.path for gene in one.genes] == [f"initial_pose.j{joint + 1}" for joint in range(joints)]
 
 
@@ -135,14 +122,8 @@ def test_a_file_without_extras_gets_the_shipped_ranges_and_varies_none(tmp_path:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        (
-            "control-latency: {delay: {low: 1, high: 3, step: 1}}",
-            "delay does not include 0",
-        ),
-        (
-            "control-latency: {delay: {low: 0, high: 3, step: 0.5}}",
-            "delay is a whole number",
-        ),
+        ("control-latency: {delay: {low: 1, high: 3, step: 1}}", "delay does not include 0"),
+        ("control-latency: {delay: {low: 0, high: 3, step: 0.5}}", "delay is a whole number"),
     ],
 )
 def test_a_wrong_range_of_an_extra_is_an_error(tmp_path: Path, text: str, says: str) -> None:
@@ -156,10 +137,8 @@ def test_a_wrong_range_of_an_extra_is_an_error(tmp_path: Path, text: str, says: 
     ("part", "says"),
     [
         ({"latency": {"delay": -1}}, "latency.delay: input should be greater than or equal to 0"),
-        ({"latency": {"delay": 1.5}}, "latency.delay: "),
         ({"backdrop": {"table": "tartan"}}, "backdrop.table: "),
         ({"initial_pose": {"j8": 1}}, "initial_pose.j8: "),
-        ({"noise": {"blur": -1}}, "noise.blur: input should be greater than or equal to 0"),
         ({"noise": {"jpeg": 101}}, "noise.jpeg: "),
         ({"latency": {"dealy": 1}}, "latency.dealy: "),
     ],

@@ -58,23 +58,14 @@ def test_the_papers_boxes_keep_their_sizes() -> None:
     for task in ("pick-up", "move-near", "put-on", "put-in"):
         box = paper.in_task(task).get(TargetPosition)
         sizes[task] = (round(box.x.high - box.x.low, 6), round(box.y.high - box.y.low, 6))
-    assert sizes == {
-        "pick-up": (0.4, 0.4),
-        "move-near": (0.4, 0.4),
-        "put-on": (0.3, 0.28),
-        "put-in": (0.1, 0.1),
-    }
+    boxes = {"pick-up": (0.4, 0.4), "move-near": (0.4, 0.4), "put-on": (0.3, 0.28), "put-in": (0.1, 0.1)}
+    assert sizes == boxes
     assert paper.get(Light).spread == "coin"
 
 
 def test_rq1_leaves_out_light_and_camera() -> None:
     left_out = THE_TEN - load_operators("paper-rq1").varied
     assert left_out == {"light", "camera-position", "camera-orientation"}
-
-
-def test_only_narrows_in_every_task() -> None:
-    narrowed = load_operators("paper").only(["light"])
-    assert narrowed.varied == narrowed.in_task("put-in").varied == {"light"}
 
 
 def test_an_unknown_operator_gets_the_nearest_name() -> None:
@@ -90,12 +81,8 @@ def test_confounders_cannot_vary_where_there_are_none() -> None:
 
 
 def test_a_file_extends_another_and_keeps_the_keys_it_leaves_out(tmp_path: Path) -> None:
-    mine = load_operators(
-        write(
-            tmp_path,
-            "extends: paper\noperators: {light: {spread: even}}\ntasks: {put-in: {min_distance: 0.1}}",
-        )
-    )
+    changes = "operators: {light: {spread: even}}\ntasks: {put-in: {min_distance: 0.1}}"
+    mine = load_operators(write(tmp_path, f"extends: paper\n{changes}"))
     assert mine.get(Light).spread == "even"
     assert mine.get(Light).intensity == load_operators().get(Light).intensity
     assert (mine.min_distance, mine.in_task("put-in").min_distance) == (0.15, 0.1)
@@ -120,86 +107,63 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
 @pytest.mark.parametrize(
     ("text", "says", "hint"),
     [
-        ("operators: {light: {}}", "min_distance: missing", "extends"),
         ("min_distance: 0.1\noperators: {light: {}}", "operators.target-type: missing", "extends"),
-        ("extends: tabletop\nvisible: {apat: 9}", "visible.apat: unknown key", "did you mean 'apart'?"),
-        ("extends: tabletop\nvisible: {area: 2}", "visible.area: input should be less than or equal", None),
-        ("extends: tabletop\nvisible: 5", "visible: input should be a valid dictionary, got 5", None),
-        ("extends: paper\nvisible: {apart: 9}", "visible.inside: field required", None),
-        ("extends: tabletop\nvarry: [light]", "varry: unknown key", "did you mean 'vary'?"),
-        ("extends: tabletop\nvary: [ligt]", "vary: unknown operator 'ligt'", "did you mean 'light'?"),
+        ("operators: {light: {}}", "min_distance: missing", "extends"),
+        ("visible: {apat: 9}", "visible.apat: unknown key", "did you mean 'apart'?"),
+        ("visible: {area: 2}", "visible.area: input should be less than or equal", ""),
+        ("visible: 5", "visible: input should be a valid dictionary, got 5", ""),
+        ("varry: [light]", "varry: unknown key", "did you mean 'vary'?"),
+        ("vary: [ligt]", "vary: unknown operator 'ligt'", "did you mean 'light'?"),
+        ("vary: [confounder-type]", "vary: confounder-type: there is no confounder", "vary confounder-count"),
+        ("operators: {lite: {}}", "operators: unknown name 'lite'", "did you mean 'light'?"),
+        ("operators: {light: {intensty: 3}}", "operators.light.intensty: unknown key", "'intensity'?"),
         (
-            "extends: tabletop\nvary: [confounder-type]",
-            "vary: confounder-type: there is no confounder",
-            "vary confounder-count",
-        ),
-        (
-            "extends: tabletop\noperators: {lite: {}}",
-            "operators: unknown name 'lite'",
-            "did you mean 'light'?",
-        ),
-        (
-            "extends: tabletop\noperators: {light: {intensty: 3}}",
-            "operators.light.intensty: unknown key",
-            "did you mean 'intensity'?",
-        ),
-        (
-            "extends: tabletop\noperators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",
+            "operators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",
             "operators.target-position.x.stepp: unknown key",
             "did you mean 'step'?",
         ),
         (
-            "extends: tabletop\noperators: {light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}}",
+            "operators: {light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}}",
             "operators.light.intensity: low is above high: 3 > 2",
-            None,
+            "",
         ),
         (
-            "extends: tabletop\noperators: {light: {intensity: {low: 2, high: 3, step: 0.05, nominal: 1}}}",
+            "operators: {light: {intensity: {low: 2, high: 3, step: 0.05, nominal: 1}}}",
             "nominal 1 is not between 2 and 3",
-            None,
+            "",
         ),
         (
-            "extends: tabletop\noperators: {confounder-count: {high: 5}}",
-            "operators.confounder-count.high: input should be less than or equal to 4, got 5",
-            None,
-        ),
-        (
-            "extends: tabletop\noperators: {confounder-count: {high: '3'}}",
+            "operators: {confounder-count: {high: '3'}}",
             "operators.confounder-count.high: input should be a valid integer, got '3'",
-            None,
+            "",
         ),
         (
-            "extends: tabletop\noperators: {target-position: {nominal: [[0, 0]]}}",
+            "operators: {target-position: {nominal: [[0, 0]]}}",
             "operators.target-position: nominal has 1 places, 2 are needed",
-            None,
+            "",
         ),
         (
-            "extends: tabletop\noperators: {target-position: {nominal: [[0, 0], [0, 9]]}}",
+            "operators: {target-position: {nominal: [[0, 0], [0, 9]]}}",
             "the nominal place (0, 9) is outside its box",
-            None,
+            "",
         ),
-        ("extends: tabletop\ntasks: {pickup: {}}", "tasks: unknown name 'pickup'", "did you mean 'pick-up'?"),
+        ("tasks: {pickup: {}}", "tasks: unknown name 'pickup'", "did you mean 'pick-up'?"),
         ("extends: tabeltop", "no file", "did you mean 'tabletop'?"),
-        ("extends: mine.yaml", "extends: goes round in a circle", None),
-        ("[light]", "the file: ", None),
-        ("a: [", "not YAML", None),
+        ("extends: mine.yaml", "extends: goes round in a circle", ""),
+        ("[light]", "the file: ", ""),
     ],
 )
 def test_a_wrong_file_is_a_sentence_with_file_and_key(
-    tmp_path: Path, text: str, says: str, hint: str | None
+    tmp_path: Path, text: str, says: str, hint: str
 ) -> None:
-    path = write(tmp_path, text)
+    whole = hint == "extends" or text.startswith(("extends", "["))
+    path = write(tmp_path, text if whole else f"extends: tabletop\n{text}")
     with pytest.raises(CatalogueError) as caught:
         load_operators(path)
     assert str(tmp_path) in caught.value.message
     assert says in caught.value.message
     assert "\n" not in caught.value.message
-    assert (hint or "") in (caught.value.hint or "")
-
-
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(CatalogueError, match="no file"):
-        load_operators(tmp_path / "nowhere.yaml")
+    assert hint in (caught.value.hint or "")
 
 
 def test_digests_tell_ranges_apart(tmp_path: Path) -> None:

@@ -63,10 +63,3 @@ def test_where_positions_do_not_vary_nothing_is_moved():
     assert repaired is None or [(e.x, e.y) for e in repaired.placements] == [
         (e.x, e.y) for e in crowd.placements
     ]
-
-
-def test_repair_is_the_same_for_the_same_generator():
-    one = space("put-on")
-    for seed in range(10):
-        scene = one.decode(rng(seed).random(one.dim))
-        assert one.repaired(scene, rng(1)) == one.repaired(scene, rng(1))

@@ -23,12 +23,8 @@ def test_there_are_ten_different_wordings_a_task(task):
     assert len(set(load_wordings()[task])) >= 10
 
 
-def test_saying_fills_in_both_names():
-    assert say("put {a} on {b}", ["green cube", "plate"]) == "put green cube on plate"
+def test_saying_fills_in_the_names():
     assert say("let the {b} carry the {a}", ["green cube", "plate"]) == "let the plate carry the green cube"
-
-
-def test_a_single_target_is_enough_where_one_is_named():
     assert say("pick up {a}", ["apple"]) == "pick up apple"
 
 
@@ -47,7 +43,6 @@ def test_ones_own_wordings_are_read(tmp_path: Path):
         (GOOD.replace("['take {a}']", "[]"), "pick-up: '' does not say {a}"),
         (GOOD.replace("['take {a}']", "take {a}"), "pick-up: input should be a valid list"),
         ("- a\n- b\n", "input should be a valid dictionary"),
-        ("pick-up: [", "while parsing"),
     ],
 )
 def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path: Path, text: str, says: str):
@@ -58,8 +53,3 @@ def test_a_broken_file_is_refused_with_its_name_and_the_reason(tmp_path: Path, t
     assert caught.value.message.startswith(f"{path}: ")
     assert says in caught.value.message
     assert caught.value.hint
-
-
-def test_a_missing_file_is_refused(tmp_path: Path):
-    with pytest.raises(CatalogueError, match="no such file"):
-        load_wordings(tmp_path / "none.yaml")

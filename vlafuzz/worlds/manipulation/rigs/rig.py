@@ -108,15 +108,6 @@ class Hand:
         return self.thinnest <= width <= self.widest and height <= self.highest
 
 
-@dataclass(frozen=True)
-class Original:
-    """Where robot and table stand in the environments that a rig was taken from. Metres, degrees."""
-
-    base: tuple[float, float, float]
-    yaw: float
-    table: float
-
-
 @dataclass(frozen=True, kw_only=True)
 class Rig:
     """A robot at its table. The table top is z = 0; the robot's base frame is aligned with the world's.
@@ -159,7 +150,6 @@ class Rig:
     photos: Mapping[str, str] = field(default_factory=dict)
     operators: str = "tabletop"
     initial_states: int = 0
-    original: Original | None = None
 
     @property
     def arm_joints(self) -> int:

@@ -13,7 +13,6 @@ from vlafuzz.worlds.manipulation.rigs.rig import (
     Hand,
     LeanModel,
     Lights,
-    Original,
     Rig,
     Table,
     View,
@@ -79,7 +78,6 @@ WIDOWX = Rig(
     seconds=24,  # the reference's 120 steps
     urdf="widowx/wx250s.urdf",
     operators="widowx",
-    original=Original(base=(0.147, 0.028, 0.87), yaw=180.0, table=0.87),
 )
 
 # Base and joints: G:161-164, BE:265-276; the table is 0.87 m high, its box BE:180-201. The camera is in the
@@ -125,7 +123,6 @@ GOOGLE = Rig(
     seconds=40,  # the reference's 120 steps of move-near
     urdf="googlerobot/google_robot_meta_sim_fix_wheel_fix_fingertip.urdf",
     operators="google",
-    original=Original(base=(0.35, 0.20, 0.07905), yaw=180.0, table=0.87),
 )
 
 _BRIDGE = "bridge_real_eval_1.png"
