@@ -1,18 +1,21 @@
 """``vlafuzz diff``: two policies by the causes of their failures."""
 
 import json
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest, scene
 from tests.failures.corpus.corpora import case, make_corpus
-from tests.failures.corpus.sides import RuleRunner
+from tests.failures.corpus.sides import Planned, RuleRunner, flaky
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus.corpus import Case
+from vlafuzz.failures.corpus.diff import diff as compare_causes
 from vlafuzz.failures.corpus.diff import known
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner
@@ -94,6 +97,25 @@ def test_the_other_way_round_what_was_fixed_is_new(capsys: pytest.CaptureFixture
     assert (standings["light:dark"], standings["light:bright"]) == ("new", "fixed")
 
 
+def test_a_policy_that_fails_by_chance_is_hardly_said_to_be_fixed_in_itself():
+    rng, standings = np.random.default_rng(0), Counter[str]()
+    for _ in range(200):
+        first, second = flaky(0.6, rng, "first"), flaky(0.6, rng, "second")
+        found = known(Path("old"))
+        result = compare_causes(found, replace(found, causes={}, probes=[]), (first, second), (first, second))
+        standings.update(cause.standing for cause in result.causes)
+    assert standings["fixed"] <= 0.05 * standings.total()
+    assert standings["unclear"] > 0
+
+
+def test_each_cause_has_eight_pairs_of_rollouts():
+    first, second = Planned(lambda n, repeat: repeat % 2 > 0), Planned(lambda *_: True)
+    found = known(Path("old"))
+    compare_causes(found, replace(found, causes={}, probes=[]), (first, second), (first, second))
+    assert Counter(first.calls) == Counter(second.calls)
+    assert sorted(found.repeats, reverse=True)[:3] == [4, 4, 3]
+
+
 def test_a_policy_may_have_another_name_now(capsys: pytest.CaptureFixture[str]):
     printed = diff("old", "new", "--policy-b", "expert", capsys=capsys)
     assert (printed["first"], printed["second"]) == ("idle", "expert")
@@ -116,7 +138,7 @@ def test_a_store_without_certified_causes_still_says_which_policy_to_try(
         run = opened.begin(manifest(policy="pinhole"))
         opened.add(run, Trial(proposal=0, scene=Planted([TILTED]).finding(0), outcome=failed(), severity=1.0))
     printed = diff("old", "b.db", capsys=capsys)
-    assert printed["counts"] == {"new": 0, "remaining": 1, "fixed": 1, "not judged": 0}
+    assert printed["counts"] == {"new": 0, "remaining": 1, "fixed": 1, "unclear": 0, "not judged": 0}
     assert "new ones unknown, as pinhole has no certified cause" in printed["verdict"]
     printed = diff("b.db", "old", capsys=capsys)
     assert "causes of pinhole in idle: none is certified, 1 new (p = " in printed["verdict"]
@@ -141,7 +163,7 @@ def test_two_models_at_one_address_take_a_command_each(
     assert main([*both, "--label", "v1"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["first"], printed["second"]) == ("v1 (pinhole)", "v2 (pinhole)")
-    assert printed["counts"] == {"new": 1, "remaining": 0, "fixed": 1, "not judged": 0}
+    assert printed["counts"] == {"new": 1, "remaining": 0, "fixed": 1, "unclear": 0, "not judged": 0}
 
 
 @pytest.mark.parametrize(

@@ -40,9 +40,9 @@ def command(
 ) -> None:
     """Compare two policies by the causes of their failures: which are fixed, which remain, which are new.
 
-    The second policy is rolled out where the first one is certified to fail, and in the passing scenes beside
-    these; then the first one where the second one is certified to fail. Each scene has three jittered
-    rollouts, and counts by what the policy mostly does.
+    Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each
+    scene three times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a
+    paired test shows that one of them passes there more often.
 
     Two models that are served at one address in turn are told apart by their labels, and take two commands
     with the same --answers: one while the one answers, and the same with the other --label once the other one

@@ -75,7 +75,7 @@ def test_against_a_baseline_that_is_rolled_out_both_directions_are_a_sign_test()
     old = Planned(as_before, name="old")
     result = compared(repaired, old)
     assert (result.fixed.changed, result.fixed.of) == (10, 10)
-    assert result.fixed.p_value == pytest.approx(2.0**-10)
+    assert result.fixed.p_value == pytest.approx(2.0**-30)
     back = compare(probes(CONTROLS, SELECTED), Planned(as_before), Planned(repaired, name="old"))
     assert (back.fixed.changed, back.fixed.of, back.fixed.p_value) == (0, 0, 1)
 

@@ -1,11 +1,13 @@
-"""diff: what two policies fail at, by cause. Each is rolled out where the other is certified to fail.
+"""diff: what two policies fail at, by cause. Both are rolled out anew where one of them is certified to fail.
 
-A cause of the first policy is fixed if the second one mostly passes in its minimal scenes, else it remains. A
-cause of the second policy is new if the first one mostly passes in its scenes.
+That it was certified says little about the next rollouts of a policy that fails by chance: found because it
+failed, it regresses to its mean. So a cause of the first policy is fixed only if the second one is shown to
+pass more often in the same jittered scenes, and one of the second policy is new likewise.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
 from typing import Literal
 
@@ -13,16 +15,18 @@ from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
-from vlafuzz.failures.corpus.regress import Comparison, compare
-from vlafuzz.failures.corpus.sides import Recorded, Side
+from vlafuzz.failures.corpus.regress import REPEATS, Comparison, compare
+from vlafuzz.failures.corpus.sides import Side
+from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.label import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
-Standing = Literal["fixed", "remaining", "new", "not judged"]
-ORDER: tuple[Standing, ...] = ("new", "remaining", "fixed", "not judged")
+PAIRS = 8  # rollouts of each policy for a cause, at least; five of five or seven of eight show a change
+Standing = Literal["fixed", "remaining", "new", "unclear", "not judged"]
+ORDER: tuple[Standing, ...] = ("new", "remaining", "fixed", "unclear", "not judged")
 Watch = Callable[[int, int], None]  # rollouts done, and all
 
 
@@ -44,6 +48,14 @@ class Known:
     causes: dict[Scene, tuple[str, str]]
     probes: Sequence[Probe]
 
+    @property
+    def repeats(self) -> list[int]:
+        """How often each scene is rolled out, so that each cause is ``PAIRS`` times or more."""
+        signatures = [signature for signature, _ in self.causes.values()]
+        of = {signature: ceil(PAIRS / signatures.count(signature)) for signature in signatures}
+        failing = {scene: of[signature] for scene, (signature, _) in self.causes.items()}
+        return [max(REPEATS, failing.get(probe.scene, 0)) for probe in self.probes]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CauseChange:
@@ -51,8 +63,10 @@ class CauseChange:
 
     Attributes:
         signature: of a certified failure; ``title``: its operators in words.
-        standing: ``remaining`` where the other policy fails, too.
+        standing: ``remaining`` where the other policy mostly fails, too; ``unclear`` where it mostly passes,
+            but is not shown to do so more often than the policy whose cause it is.
         scenes: minimal ones with this signature; in ``passes`` of them the other policy mostly passes.
+        p_value: that the other policy fails there as often, by the sign test over pairs of rollouts.
         scene: digest of the first one.
         detail: why the other policy fails there, or could not be judged.
     """
@@ -63,6 +77,7 @@ class CauseChange:
     scenes: int
     passes: int
     scene: str
+    p_value: float = 1.0
     detail: str = ""
 
 
@@ -90,7 +105,7 @@ class Difference:
     def verdict(self) -> str:
         """The result in one sentence."""
         counts = {standing: len(self.of(standing)) for standing in ORDER}
-        unjudged = f", {counts['not judged']} not judged" if counts["not judged"] else ""
+        rest = "".join(f", {counts[standing]} {standing}" for standing in ORDER[3:] if counts[standing])
         fixed = f"{counts['fixed']} fixed ({self.fixed}), {counts['remaining']} remaining"
         new = f"{counts['new']} new ({self.new})"
         if not self.fixed.of:
@@ -98,7 +113,7 @@ class Difference:
         if not self.new.of:
             new = f"new ones unknown, as {self.second} has no certified cause"
         beside = f"{self.broken.changed} of {self.broken.of} passing scenes broken ({self.broken})"
-        return f"causes of {self.first} in {self.second}: {fixed}, {new}{unjudged}; {beside}"
+        return f"causes of {self.first} in {self.second}: {fixed}, {new}{rest}; {beside}"
 
 
 def known(source: Path, run: int | None = None, label: str = "") -> Known:
@@ -167,65 +182,79 @@ def _of_store(store: Store, run: int | None, label: str) -> Known:
 def diff(
     a: Known,
     b: Known,
-    first: Side,
-    second: Side,
+    in_a: tuple[Side, Side],
+    in_b: tuple[Side, Side],
     *,
     alpha: float = 0.05,
     watch: Watch = lambda done, most: None,
 ) -> Difference:
-    """Roll out the second policy in the scenes of the first one's failures, and the other way round.
+    """Roll out both policies in the scenes of the first one's failures, and in those of the second one's.
 
     Args:
-        a: failures of ``first``; ``b``: those of ``second``.
+        a: failures of the first policy; ``b``: those of the second one.
+        in_a: the first policy and the second one, in the scenes of ``a``; ``in_b`` likewise.
+        alpha: bound on the probability that a cause is called fixed, or new, if both fail there as often.
     """
-    on_second = roll_out(a, second, alpha, watch)
-    on_first = roll_out(b, first, alpha, watch)
-    theirs = _changes(a, on_second, "fixed")
+    first, second = in_a
+    on_a = roll_out(a, second, first, alpha, watch)
+    on_b = roll_out(b, in_b[0], in_b[1], alpha, watch)
+    theirs = _changes(a, on_a, "fixed", alpha)
     known_already = {change.signature for change in theirs if change.standing == "remaining"}
-    ours = [change for change in _changes(b, on_first, "new") if change.signature not in known_already]
+    ours = [change for change in _changes(b, on_b, "new", alpha) if change.signature not in known_already]
     causes = sorted([*theirs, *ours], key=lambda change: ORDER.index(change.standing))
     return Difference(
         first=first.name,
         second=second.name,
         causes=tuple(causes),
-        fixed=on_second.fixed,
-        broken=on_second.broken,
-        new=on_first.fixed,
+        fixed=on_a.fixed,
+        broken=on_a.broken,
+        new=on_b.fixed,
     )
 
 
-def roll_out(known: Known, side: Side, alpha: float, watch: Watch) -> Comparison:
-    """Roll out the other policy in the scenes of known failures."""
-    recorded = Recorded(f"{known.model.short} as recorded")
+def roll_out(known: Known, other: Side, own: Side, alpha: float, watch: Watch) -> Comparison:
+    """Roll out the other policy and the one whose failures these are, in their scenes."""
     return compare(
-        known.probes, side, recorded, alpha=alpha, whole=True, watch=lambda now: watch(now.done, now.most)
+        known.probes,
+        other,
+        own,
+        alpha=alpha,
+        repeats=known.repeats,
+        whole=True,
+        watch=lambda now: watch(now.done, now.most),
     )
 
 
-def _changes(known: Known, compared: Comparison, where_it_passes: Standing) -> list[CauseChange]:
+def _changes(
+    known: Known, compared: Comparison, where_it_passes: Standing, alpha: float
+) -> list[CauseChange]:
     by_signature: dict[str, list[Compared]] = {}
     for scene in compared.of("failing"):
         by_signature.setdefault(known.causes[scene.probe.scene][0], []).append(scene)
-    return [_change(known, signature, scenes, where_it_passes) for signature, scenes in by_signature.items()]
+    return [
+        _change(known, signature, scenes, where_it_passes, alpha)
+        for signature, scenes in by_signature.items()
+    ]
 
 
 def _change(
-    known: Known, signature: str, scenes: Sequence[Compared], where_it_passes: Standing
+    known: Known, signature: str, scenes: Sequence[Compared], where_it_passes: Standing, alpha: float
 ) -> CauseChange:
-    judged = [scene for scene in scenes if scene.judged]
-    passes = sum(scene.standing == "better" for scene in judged)
-    changed: Standing = where_it_passes if 2 * passes > len(judged) else "remaining"
+    pairs = [pair for scene in scenes for pair in scene.judged]
+    p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
+    standing: Standing = "not judged"
+    if pairs:
+        passes = 2 * sum(pair.policy.passed for pair in pairs) > len(pairs)
+        shown: Standing = where_it_passes if p_value <= alpha else "unclear"
+        standing = shown if passes else "remaining"
     first = scenes[0].probe.scene
     return CauseChange(
         signature=signature,
         title=known.causes[first][1],
-        standing=changed if judged else "not judged",
+        standing=standing,
         scenes=len(scenes),
-        passes=passes,
+        passes=sum(bool(scene.judged) and scene.passes for scene in scenes),
         scene=first.digest,
-        detail=_first(scene.detail for scene in scenes),
+        p_value=p_value,
+        detail=next((scene.detail for scene in scenes if scene.detail), ""),
     )
-
-
-def _first(details: Iterable[str]) -> str:
-    return next(filter(None, details), "")

@@ -137,6 +137,11 @@ class Compared:
         return sum(pair.policy.passed for pair in self.judged)
 
     @property
+    def passes(self) -> bool:
+        """Whether the policy mostly passes."""
+        return 2 * self.policy_passed > len(self.judged)
+
+    @property
     def standing(self) -> Standing:
         """The policy against the baseline, each by what it mostly does."""
         if not self.pairs:
@@ -144,10 +149,9 @@ class Compared:
         if not self.judged:
             answers = [answer.verdict for pair in self.pairs for answer in pair]
             return "error" if Verdict.ERROR in answers else "invalid"
-        passes = 2 * self.policy_passed > len(self.judged)
-        if passes is (2 * self.baseline_passed > len(self.judged)):
-            return "passes" if passes else "fails"
-        return "better" if passes else "worse"
+        if self.passes is (2 * self.baseline_passed > len(self.judged)):
+            return "passes" if self.passes else "fails"
+        return "better" if self.passes else "worse"
 
     @property
     def detail(self) -> str:
@@ -219,18 +223,20 @@ def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_be
     Where the baseline's outcomes are recorded, it is certified to do what it did in half of the rollouts or
     more. If the policy did so too in every scene, all r rollouts of one would end otherwise with probability
     2**-r at most; the p-value is that of as many such scenes. Where the baseline was rolled out as well, each
-    scene in which only one of them mostly passes would be as likely one of the policy's (sign test).
+    pair of rollouts of which only one passes would be as likely one of the policy's (sign test).
     """
     judged = [scene for scene in compared if scene.judged and _selected(scene.probe, failing=for_better)]
     standings = Counter[str](scene.standing for scene in judged)
-    ours, back, same = ("better", "worse", "fails") if for_better else ("worse", "better", "passes")
+    ours, same = ("better", "fails") if for_better else ("worse", "passes")
     changed, of = standings[ours], len(judged)
     if recorded:
         outright = sum(scene.policy_passed == len(scene.judged) * for_better for scene in judged)
         p_value = _tail(outright, [0.5 ** len(scene.judged) for scene in judged])
     else:
         of = changed + standings[same]
-        p_value = float(sign_p(changed, standings[back]))
+        pairs = [pair for scene in judged for pair in scene.judged]
+        worse, better = sum(pair.worse for pair in pairs), sum(pair.better for pair in pairs)
+        p_value = float(sign_p(better, worse) if for_better else sign_p(worse, better))
     return Change(changed=changed, of=of, p_value=p_value, alpha=alpha)
 
 

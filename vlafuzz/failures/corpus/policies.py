@@ -122,27 +122,28 @@ def diff_policies(
         )
     one, other = _two_models(first, second, policy_a, policy_b)
     absent = _absent([one, other], label, answers)
-    rollouts = sum(rollouts_of(tested.probes) for tested in (first, second))
+    rollouts = sum(2 * sum(tested.repeats) for tested in (first, second))
     watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
     known = Answers(answers)
 
     def progress(done: int, most: int) -> None:
-        watch.progress("rollouts where the other policy fails", done, most)
+        watch.progress("rollouts where one of the policies fails", done, most)
 
     with ExitStack() as stack:
-        sides: list[Side] = []
-        for model, tested in ((one, second), (other, first)):
+
+        def side(model: Model, tested: Known) -> Side:
             if model in absent:
-                sides.append(known.without(model, label))
-                continue
+                return known.without(model, label)
             make = partial(_runner, tested.source, model.policy)
-            side = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
-            sides.append(side)
+            opened = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
             if absent:  # all that can be asked now, before the other one is asked for
-                result = diff.roll_out(tested, side, alpha, progress)
+                result = diff.roll_out(tested, opened, Recorded(tested.model.short), alpha, progress)
                 if result.stopped == "unjudged":
-                    raise bisect.unjudged(side, result)
-        return diff.diff(first, second, *sides, alpha=alpha, watch=progress)
+                    raise bisect.unjudged(opened, result)
+            return opened
+
+        in_a, in_b = ((side(one, tested), side(other, tested)) for tested in (first, second))
+        return diff.diff(first, second, in_a, in_b, alpha=alpha, watch=progress)
 
 
 def _two_models(
