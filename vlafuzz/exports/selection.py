@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import count, groupby
+from itertools import count
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -118,22 +118,23 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
 
 def _groups(source: Path, failures: Sequence[Failure]) -> list[list[Failure]]:
     """Failures that are connected by a cause or a neighbourhood."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
     labels: dict[Scene, list[Hashable]] = {each.scene: list(each.causes) for each in failures}
-    by_space = sorted(failures, key=lambda each: _space_of(each.run))
-    for number, (_, several) in enumerate(groupby(by_space, lambda each: _space_of(each.run))):
-        group = list(several)
-        space = stored_space(source, group[0].run)
-        for scene, near in neighbourhoods((each.scene for each in group), space.embed).items():
-            labels[scene].append((number, near))
-    first: dict[Hashable, int] = {}
-    of = list(range(len(failures)))
-    for index, failure in enumerate(failures):
-        for label in labels[failure.scene]:
-            one, other = _root(of, first.setdefault(label, index)), _root(of, index)
-            of[max(one, other)] = min(one, other)
+    spaces = _spaces(source, (each.run for each in failures))
+    for kind, space in spaces.items():
+        scenes = (each.scene for each in failures if _space_of(each.run) == kind)
+        for scene, near in neighbourhoods(scenes, space.embed).items():
+            labels[scene].append((kind, near))
+    nodes = {label: len(failures) + number for number, label in enumerate(set().union(*labels.values()))}
+    edges = [(index, nodes[label]) for index, each in enumerate(failures) for label in labels[each.scene]]
+    size = len(failures) + len(nodes)
+    graph = coo_array((np.ones(len(edges)), np.transpose(edges)), shape=(size, size))
+    _, component = connected_components(graph, directed=False)
     groups: dict[int, list[Failure]] = {}
-    for index, failure in enumerate(failures):
-        groups.setdefault(_root(of, index), []).append(failure)
+    for failure, number in zip(failures, component, strict=False):
+        groups.setdefault(int(number), []).append(failure)
     return list(groups.values())
 
 
@@ -144,12 +145,6 @@ def _space_of(run: Manifest) -> tuple[str, ...]:
 def _spaces(source: Path, runs: Iterable[Manifest]) -> dict[tuple[str, ...], Space]:
     distinct = {_space_of(run): run for run in runs}
     return {kind: stored_space(source, run) for kind, run in distinct.items()}
-
-
-def _root(of: Sequence[int], index: int) -> int:
-    while of[index] != index:
-        index = of[index]
-    return index
 
 
 def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:

@@ -89,7 +89,6 @@ class Space(ABC):
         self.by_path = {gene.path: gene for gene in composer.genes}
         self.genes = tuple(gene for gene in composer.genes if self.varies(gene))
         self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in composer.genes}
-        self._embedding = Embedding(self.genes)
 
     @property
     def operators(self) -> Operators:
@@ -173,7 +172,7 @@ class Space(ABC):
 
     def embed(self, scene: Scene) -> Vector:
         """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
-        return np.array(self._embedding.numbers(self._composer.values(scene)))
+        return np.array(embedded(self.genes, self._composer.values(scene)))
 
     def nominal(self, like: Scene | None = None) -> Scene:
         """The scene with every operator nominal; with ``like``, that scene's target types are kept."""
@@ -270,8 +269,7 @@ class Space(ABC):
 
     def _genome(self, levels: Mapping[str, int]) -> Genome:
         """The genome at the middle of these levels."""
-        middles = [(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes]
-        return np.array(middles, dtype=np.float64)
+        return np.array([(levels[gene.path] + 0.5) / gene.grid.size for gene in self.genes])
 
     def _expressible(self, scene: Scene, paths: Iterable[str]) -> Values:
         """The values of a scene, after a check that the operators give those at ``paths``."""
@@ -329,26 +327,19 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
     return _difference(a, b, f"{path}.{key}" if path else key)
 
 
-class Embedding:
-    """Maps values to vectors of fixed length.
+def embedded(genes: Sequence[Gene], values: Mapping[str, float]) -> list[float]:
+    """The embedding of the values of a scene; genes without a value give zeros.
 
     Two scenes that differ in a single operator are at most 1 apart, whichever operator it is. Numbers are
     centred, so that zero, which stands for an unused slot, is equally far from both ends of a range. Angles
     are points on a circle, categories are one-hot.
     """
-
-    def __init__(self, genes: Sequence[Gene]) -> None:
-        self._genes = tuple(genes)
-        count = Counter(gene.operator for gene in self._genes)
-        self._weights = {name: 1 / math.sqrt(number) for name, number in count.items()}
-
-    def numbers(self, values: Mapping[str, float]) -> list[float]:
-        """The embedding of the values of a scene; genes without a value give zeros."""
-        numbers: list[float] = []
-        for gene in self._genes:
-            weight = self._weights[gene.operator]
-            numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
-        return numbers
+    count = Counter(gene.operator for gene in genes)
+    numbers: list[float] = []
+    for gene in genes:
+        weight = 1 / math.sqrt(count[gene.operator])
+        numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
+    return numbers
 
 
 def _numbers(gene: Gene, value: float | None) -> Iterator[float]:

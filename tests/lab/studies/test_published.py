@@ -28,13 +28,6 @@ def test_seven_policies_passed_1434_scenes() -> None:
     assert by_task == [895, 423, 79, 37]
 
 
-def test_scenes_and_executions_add_up_to_the_papers_totals_without_its_last_study() -> None:
-    counted = [row for row in published.rows(published.Sizes) if row.scenes is not None]
-    assert sum(row.scenes or 0 for row in counted) == 18_604
-    assert sum(row.executions for row in counted) == 78_604
-    assert {row.executions for row in counted if row.study in ("rq3", "rq4")} == {3 * sum(PASSED.values())}
-
-
 def test_a_mutation_starts_from_what_was_passed() -> None:
     for (_, task, policy), row in MUTATED.items():
         if "all" not in (task, policy):

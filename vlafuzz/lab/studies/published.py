@@ -61,15 +61,6 @@ class Mutated:
     right_kept: float | None
 
 
-@dataclass(frozen=True)
-class Sizes:
-    """Scenes and executions of each study; RQ6 runs those of RQ1 once more."""
-
-    study: str
-    scenes: int | None
-    executions: int
-
-
 _Row = TypeVar("_Row")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.model.genes import Gene
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Embedding, Space, Vector
+from vlafuzz.model.space import CONFOUNDERS, Composer, Space, Vector, embedded
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.manipulation.composer import camera
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
@@ -59,7 +59,7 @@ class TableSpace(Space):
     def __init__(self, task: Task, rig: Rig, operators: OperatorSet, composer: Composer) -> None:
         super().__init__(task, rig.robot, operators, composer)
         self.rig = rig
-        self._turned = Embedding([gene for gene in self.genes if gene.operator != CameraPosition.name])
+        self._turned = [gene for gene in self.genes if gene.operator != CameraPosition.name]
         moved = [gene for gene in self.genes if gene.path == "camera.distance"]
         self._farthest = moved[0].grid.high if moved else 0.0
 
@@ -81,7 +81,7 @@ class TableSpace(Space):
     def embed(self, scene: Scene) -> Vector:
         """See ``Space.embed``; the camera's position is a point in space."""
         values = self._composer.values(scene)
-        numbers = self._turned.numbers(values)
+        numbers = embedded(self._turned, values)
         if self._farthest:
             numbers += [number / (2 * self._farthest) for number in camera(values).offset]
         return np.array(numbers)
