@@ -128,7 +128,7 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
         toy = Toy(
             Region(CONDITIONS).calibrated(scenes, SHARE),
             space.catalogue,
-            min_distance=prepared.manifest.min_distance,
+            min_distance=prepared.manifest.value("min_distance"),
         )
         watch = Blocks(options.block)
         with Store.open(prepared.store, "write") as store:

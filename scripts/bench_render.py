@@ -254,7 +254,7 @@ def roll_out(job: tuple[int, float, int]) -> Work:
     operators, catalogue = load_operators(), load_catalogue()
     space = SearchSpace(operators.only(TARGETS), catalogue, "pick-up")
     evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=operators.min_distance), Mini(), catalogue
+        Conditions(task="pick-up", world={"min_distance": operators.min_distance}), Mini(), catalogue
     )
     evaluator.evaluate([space.sample(np.random.default_rng([seed, worker, 0]))])
     _together.wait(300)

@@ -145,7 +145,7 @@ def make_evaluator(name: str, policy: Policy | None = None) -> SteppedEvaluator:
 
     catalogue, apart = load_catalogue(), load_operators().min_distance
     return ManiSkillEvaluator(
-        Conditions(task=TASK, min_distance=apart), policy or make_policy(name), catalogue
+        Conditions(task=TASK, world={"min_distance": apart}), policy or make_policy(name), catalogue
     )
 
 

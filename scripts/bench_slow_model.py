@@ -80,7 +80,9 @@ def main() -> None:
     catalogue, operators = load_catalogue(), load_operators()
     space = SearchSpace(operators, catalogue, TASK)
     drawn = (space.sample(np.random.default_rng([options.seed, number])) for number in count())
-    make = partial(make_evaluator, Conditions(task=TASK, min_distance=operators.min_distance), checked=False)
+    make = partial(
+        make_evaluator, Conditions(task=TASK, world={"min_distance": operators.min_distance}), checked=False
+    )
     rates: dict[str, list[float]] = {ALONE: [], TOGETHER: []}
     batches: dict[str, float] = {}
     with serving(model, "vla-eval") as address, ExitStack() as stack:

@@ -132,9 +132,11 @@ class Loops:
         space = SearchSpace(load_operators(), catalogue, task)
         apart = space.operators.min_distance
         self._ours = ManiSkillEvaluator(
-            Conditions(task=task, min_distance=apart), Expert(), catalogue, checked=False
+            Conditions(task=task, world={"min_distance": apart}), Expert(), catalogue, checked=False
         )
-        self._checked = ManiSkillEvaluator(Conditions(task=task, min_distance=apart), Expert(), catalogue)
+        self._checked = ManiSkillEvaluator(
+            Conditions(task=task, world={"min_distance": apart}), Expert(), catalogue
+        )
         drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
         recorded = filter(None, map(self._record, drawn))
         self.courses = [next(recorded) for _ in range(scenes)]

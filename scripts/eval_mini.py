@@ -63,7 +63,7 @@ def space(task: str, vary: tuple[str, ...] | None) -> SearchSpace:
 def evaluator(task: str, kind: str, weights: Path) -> ManiSkillEvaluator:
     policy = Blind(weights) if kind == "black" else Mini(weights)
     return ManiSkillEvaluator(
-        Conditions(task=task, min_distance=0.15, stop_early=True), policy, load_catalogue()
+        Conditions(task=task, world={"min_distance": 0.15}, stop_early=True), policy, load_catalogue()
     )
 
 

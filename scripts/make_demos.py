@@ -126,7 +126,7 @@ class Job:
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
         evaluator = ManiSkillEvaluator(
-            Conditions(task=self.task, min_distance=space.operators.min_distance, stop_early=True),
+            Conditions(task=self.task, world={"min_distance": space.operators.min_distance}, stop_early=True),
             demonstrator,
             space.catalogue,
         )

@@ -32,10 +32,9 @@ from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
 from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.expert.policy import UNITS
-from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace, nominal_scene
 from vlafuzz.worlds.libero.stages import held
-from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
 from vlafuzz.worlds.tabletop.space import load_operators
 
 Array = NDArray[np.float64]
@@ -45,7 +44,7 @@ PACE = HZ // ACTION.hz
 FARTHEST = np.array([0.1] * 3 + [0.6] * 3)
 TESTED = 10  # the first initial states of each task, never shown
 NOMINAL = 0.3  # share of episodes that begin in an initial state itself
-VARIANTS = tuple(OF_LIBERO)  # of pictures, in turn
+ROBOT, QUALITIES = "libero", QUALITY.options  # of pictures, in turn
 SEEDS = 10**6
 CARD = {
     "name": "mini-libero",
@@ -155,18 +154,20 @@ class Job:
     out: Path
 
     @property
-    def robot(self) -> str:
-        """The variant whose pictures are seen."""
-        return VARIANTS[self.first // self.count % len(VARIANTS)]
+    def quality(self) -> str:
+        """The quality of the pictures that are seen."""
+        return QUALITIES[self.first // self.count % len(QUALITIES)]
 
     def run(self) -> dict[str, Any]:
         os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
         operators = load_operators(str(Path(__file__).with_name("demos-libero.yaml")))
-        space = LiberoSpace(operators, self.task, self.robot)
+        space = LiberoSpace(operators, self.task, ROBOT)
         steps: list[dict[str, Any]] = []
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
-        conditions = Conditions(task=self.task, robot=self.robot, stop_early=True)
+        conditions = Conditions(
+            task=self.task, robot=ROBOT, world={QUALITY.name: self.quality}, stop_early=True
+        )
         evaluator = LiberoEvaluator(conditions, demonstrator, checked=False)
         for seed in range(SEEDS + self.first, SEEDS + self.first + self.count):
             evaluator.seed = seed

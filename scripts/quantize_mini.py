@@ -52,7 +52,7 @@ class Watched(Mini):
 
 
 def roll(policy: Mini, task: str, kind: str, scenes: int) -> None:
-    conditions = Conditions(task=task, min_distance=0.15, stop_early=True)
+    conditions = Conditions(task=task, world={"min_distance": 0.15}, stop_early=True)
     evaluator = ManiSkillEvaluator(conditions, policy, load_catalogue())
     seed, rolled = SEEDS, 0
     while rolled < scenes:

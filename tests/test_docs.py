@@ -89,7 +89,7 @@ def test_the_example_of_an_own_policy_picks_up_what_it_sees(save):
 
     save(OWN_POLICY)
     evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=0.15), make_policy("python:mine:make"), CATALOGUE
+        Conditions(task="pick-up", world={"min_distance": 0.15}), make_policy("python:mine:make"), CATALOGUE
     )
     scenes = [nominal("pick-up"), at(nominal("pick-up"), 0.05, 0.1)]
     outcomes = evaluator.evaluate(scenes)

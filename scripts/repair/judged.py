@@ -53,7 +53,7 @@ def _simulator(task: str) -> tuple[Exchanged, ManiSkillEvaluator]:
 
 
 def _conditions(task: str) -> Conditions:
-    return Conditions(task=task, min_distance=0.15, stop_early=True)
+    return Conditions(task=task, world={"min_distance": 0.15}, stop_early=True)
 
 
 def roll(weights: Path, task: str, scene: Scene, recording: Recording) -> bool:

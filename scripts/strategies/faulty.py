@@ -59,8 +59,7 @@ def _evaluator(policy: str, task: str) -> tuple[Evaluator, Faulty]:
     operators, faulty = load_operators(), Faulty(make_policy(policy))
     conditions = Conditions(
         task=task,
-        min_distance=operators.min_distance,
-        visible=visible_json(operators.visible),
+        world={"min_distance": operators.min_distance, "visible": visible_json(operators.visible)},
         stop_early=True,
     )
     return make_evaluator(conditions, faulty, space=space_of(task)), faulty

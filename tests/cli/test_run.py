@@ -142,7 +142,7 @@ def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
         made = store.runs()[0].manifest
     assert json.loads(made.operators)["varied"] == ["light", "target-position"]
     assert json.loads(made.spec)["name"] == "idle"
-    assert (made.repeats, made.min_distance, made.criteria) == (3, 0.15, "strict")
+    assert (made.repeats, made.value("min_distance"), made.criteria) == (3, 0.15, "strict")
     assert made.catalogue_digest
     assert made.operators_digest
     assert made.versions["numpy"]

@@ -17,7 +17,7 @@ from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "closed form": ClosedForm,
     "maniskill": lambda: ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=0.15), Random(), CATALOGUE
+        Conditions(task="pick-up", world={"min_distance": 0.15}), Random(), CATALOGUE
     ),
 }
 FAIR, ANOTHER, FAR = scene(light=0.25), scene(light=0.25, y=0.1), scene(x=1.0)

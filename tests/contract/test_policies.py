@@ -147,7 +147,9 @@ class TestPolicy:
         policy.close()
 
     def test_its_rollout_repeats_itself(self, policy: Policy):
-        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
+        )
         outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
         assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
         assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash

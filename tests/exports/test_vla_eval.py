@@ -78,10 +78,12 @@ def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, l
     with serving(follower, "vla-eval") as name:
         metrics = evaluated(url(name), corpus, episodes_per_task=2)
     scenes = {probe.scene.digest: probe.scene for probe in probes(read)}
-    apart, fresh = run.min_distance, Follower(follower.course)
+    apart, fresh = run.value("min_distance"), Follower(follower.course)
     with closing(
         ManiSkillEvaluator(
-            Conditions(task=run.task, min_distance=apart, seed=run.seed, repeats=2), fresh, load_catalogue()
+            Conditions(task=run.task, world={"min_distance": apart}, seed=run.seed, repeats=2),
+            fresh,
+            load_catalogue(),
         )
     ) as evaluator:
         outcomes = evaluator.evaluate(list(scenes.values()))

@@ -7,7 +7,7 @@ import pytest
 
 from tests.doubles import manifest
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import ASKED, Conditions, Origin, Role
+from vlafuzz.model.conditions import ASKED, Conditions, Origin, Role, Setting, as_kept, from_kept
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.provenance import described
@@ -17,7 +17,7 @@ BEGUN = Conditions(
     policy="mini",
     spec='{"name": "mini"}',
     seed=3,
-    min_distance=0.15,
+    world={"min_distance": 0.15},
     catalogue_digest="c" * 16,
     simulator="vlafuzz 0.1.0/mani_skill 3.0.1/sapien 3.0.3",
     commit="0" * 40,
@@ -39,7 +39,8 @@ def scenes(flag: str, digest: str) -> str:
         ({}, "mini:ac61f15bf582"),
         ({"commit": None}, "mini:8ca4c7e1bcea"),
         (
-            {"repeats": 5, "criteria": "published", "placement": "published", "stop_early": True},
+            {"repeats": 5, "criteria": "published", "stop_early": True}
+            | {"world": {"min_distance": 0.15, "placement": "published"}},
             "mini:3db387351770",
         ),
         (OWN, "python:mine:make:368bbde6cb5b"),
@@ -68,13 +69,33 @@ def test_a_key_without_the_seed_is_shared_by_repetitions_and_nothing_else():
 
 
 def test_a_key_without_bounds_of_visibility_is_as_old_as_before_them():
-    assert BEGUN.visible == ""
-    assert "visible" not in BEGUN.values(Role.SIMULATION)
-    assert replace(BEGUN, visible="{}").key() != BEGUN.key()
+    bounded = replace(BEGUN, world={"min_distance": 0.15, "visible": "{}"})
+    assert bounded.key() == "mini:6679afdd2f01"
+    assert bounded.without("visible").key() == replace(bounded, world=bounded.world | {"visible": ""}).key()
+    assert bounded.without("visible").key() == BEGUN.key()
+
+
+def test_settings_of_a_world_are_in_keys_and_differ_by_name():
+    set_, default = Setting("friction", "dry", ("dry", "wet")), BEGUN
+    wet = replace(BEGUN, world={**BEGUN.world, "friction": "wet"})
+    assert (set_.of(default), set_.of(wet), default.value("friction")) == ("dry", "wet", None)
+    assert wet.key() != default.key()
+    assert default.differences(wet) == default.differences(wet, origins=ASKED) == ("friction",)
+    assert default.differences(wet, origins=[Origin.HERE]) == ()
+    assert not default.comparable(wet)
+
+
+def test_files_keep_the_settings_of_before_among_the_fields_and_others_apart():
+    kept = as_kept(replace(BEGUN, world={"min_distance": 0.15, "friction": "wet"}))
+    assert (kept["placement"], kept["min_distance"], kept["visible"]) == ("resting", 0.15, "")
+    assert kept["world"] == {"friction": "wet"}
+    assert "world" not in as_kept(BEGUN)
+    for conditions in (BEGUN, Conditions(**from_kept(kept))):
+        assert Conditions(**from_kept(as_kept(conditions))) == conditions
 
 
 def test_differences_are_named_by_where_their_values_come_from():
-    other = replace(BEGUN, robot="google", seed=4, min_distance=0.1, commit="1")
+    other = replace(BEGUN, robot="google", seed=4, world={"min_distance": 0.1}, commit="1")
     assert BEGUN.differences(other) == ("robot", "seed", "min_distance", "commit")
     assert BEGUN.differences(other, origins=ASKED) == ("robot", "seed", "min_distance")
     assert BEGUN.differences(other, roles=[Role.SIMULATION]) == ("min_distance", "commit")
@@ -101,13 +122,6 @@ def test_every_field_has_a_role_but_those_that_decide_nothing():
     assert without == {"operators", "versions", "command", "checkup"}
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"criteria": "weak"}, "unknown criteria 'weak'"),
-        ({"placement": "in"}, "unknown placement 'in'"),
-    ],
-)
-def test_values_that_no_simulator_knows_are_refused(change, says):
-    with pytest.raises(UsageError, match=says):
-        replace(BEGUN, **change)
+def test_criteria_that_no_simulator_knows_are_refused():
+    with pytest.raises(UsageError, match="unknown criteria 'weak'"):
+        replace(BEGUN, criteria="weak")

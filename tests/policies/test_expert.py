@@ -65,7 +65,9 @@ class Slippery(Expert):
 
 
 def test_it_tries_again_when_the_object_slips():
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Slippery(), CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", world={"min_distance": 0.15}), Slippery(), CATALOGUE
+    )
     (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
     evaluator.close()
     trace = outcome.rollouts[0].actions[:, 6]
@@ -99,7 +101,7 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
 def test_it_comes_from_above_and_leaning_either_way(attempt: int):
     expert = Expert()
     expert.attempt = attempt
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.0), expert, CATALOGUE)
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.0}), expert, CATALOGUE)
     (outcome,) = evaluator.evaluate([nominal()])
     evaluator.close()
     assert outcome.verdict is Verdict.PASSED

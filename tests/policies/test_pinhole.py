@@ -19,7 +19,7 @@ SCENE = nominal("pick-up")
 
 @pytest.fixture(scope="module")
 def evaluator():
-    conditions = Conditions(task="pick-up", min_distance=0.15)
+    conditions = Conditions(task="pick-up", world={"min_distance": 0.15})
     with closing(ManiSkillEvaluator(conditions, Pinhole(), CATALOGUE)) as opened:
         yield opened
 
@@ -59,7 +59,9 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     two = nominal("put-on")
     stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
     never = dataclasses.replace(stepwise, then=())
-    evaluator = ManiSkillEvaluator(Conditions(task="put-on", min_distance=0.15), Pinhole(), CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="put-on", world={"min_distance": 0.15}), Pinhole(), CATALOGUE
+    )
     plain, named_later, never_named = (
         outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never])
     )
@@ -77,7 +79,9 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
         Placement("eggplant", "lying", -0.058, -0.048, -19.0),
         Placement("basket", "flat", -0.05, 0.18, 158.0),
     )
-    evaluator = ManiSkillEvaluator(Conditions(task="put-in", min_distance=0.0), Pinhole(), CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="put-in", world={"min_distance": 0.0}), Pinhole(), CATALOGUE
+    )
     (mixed_up,) = evaluator.evaluate(
         [Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)]
     )

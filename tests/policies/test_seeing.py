@@ -118,7 +118,7 @@ def test_it_solves_nearly_all_random_scenes_that_are_seen(verdict, task):
     operators = load_operators()
     space = SearchSpace(operators, CATALOGUE, task)
     conditions = Conditions(
-        task=task, min_distance=operators.min_distance, visible=visible_json(operators.visible)
+        task=task, world={"min_distance": operators.min_distance, "visible": visible_json(operators.visible)}
     )
     with closing(ManiSkillEvaluator(conditions, SeeingExpert(), CATALOGUE)) as evaluator:
         scenes = [space.sample(np.random.default_rng([1, number])) for number in range(60)]

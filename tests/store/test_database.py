@@ -280,7 +280,7 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
         assert len(store.findings()) == 30
 
 
-_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place", "label")
+_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place", "label", "world")
 _LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver")
 
 
@@ -313,7 +313,9 @@ def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
     set_back(path, 1, "DROP TABLE triage", *TIMES)
     with Store.open(path, "write") as store:
         assert (len(store.findings()), store.triaged(), store.causes(1)) == (30, [], None)
-        told = {(run.manifest.packs, run.manifest.robot, run.manifest.placement) for run in store.runs()}
+        told = {
+            (run.manifest.packs, run.manifest.robot, run.manifest.value("placement")) for run in store.runs()
+        }
         assert {(run.manifest.scene_file, run.manifest.source) for run in store.runs()} == {("", "")}
         assert told == {("[]", "panda", "resting")}
 

@@ -146,7 +146,7 @@ def test_an_error_is_not_known_and_may_be_tried_again(store: Store):
         {"repeats": 5},
         {"criteria": "published"},
         {"stop_early": True},
-        {"min_distance": 0.2},
+        {"world": {"min_distance": 0.2}},
         {"catalogue_digest": "d"},
         {"simulator": "other"},
         {"commit": "another version of our own code"},

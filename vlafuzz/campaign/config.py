@@ -6,13 +6,15 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
+from vlafuzz.campaign.options import OF_WORLDS
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.campaign.results import Embed
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.model.conditions import CRITERIA, PLACEMENTS, check_choice
+from vlafuzz.model.conditions import CRITERIA, check_choice
 from vlafuzz.model.label import check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
@@ -172,7 +174,6 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
     check_label("--label", config.label)
-    check_choice("placement", config.placement, PLACEMENTS)
     check_choice("criteria", config.criteria, CRITERIA)
 
 
@@ -192,7 +193,8 @@ def named_robot(config: RunConfig, scenes: Sequence[Scene], task: str) -> str:
     world = world_of(task)
     robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
     if robot not in world.robots:
-        raise UsageError(f"--robot {robot}: not for {task}", hint=suggestion(robot, world.robots))
+        hint = world.former.get(robot) or suggestion(robot, world.robots)
+        raise UsageError(f"--robot {robot}: not for {task}", hint=hint)
     for number, scene in enumerate(scenes, start=1):
         if scene.robot != robot:
             problem = f"scene {number} is for {scene.robot!r}, not {robot!r}"
@@ -228,10 +230,23 @@ def _strategy(
 def _manifest(config: RunConfig, space: Space, policy: Policy, scene_file: str, *, workers: bool) -> Manifest:
     """The manifest of a run; ``config`` has policy, strategy, budget and batch filled in."""
     flags = {name: getattr(config, name) for name in Manifest.flags()}
+    found = dict(space.conditions)
+    found["world"] = dict(found.get("world", {})) | _settings(config, space.task.name)
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.robot},
-        **here(str(config.policy), policy, space, workers=workers) | dict(space.conditions),
+        **here(str(config.policy), policy, space, workers=workers) | found,
         scene_file=scene_file,
         versions=provenance.versions(),
         command=config.command,
     )
+
+
+def _settings(config: RunConfig, task: str) -> dict[str, Any]:
+    """The settings of a task's world that the user chooses, but for defaults."""
+    settings = {setting.name: setting for setting in world_of(task).settings}
+    chosen = {name: value for name in OF_WORLDS if (value := getattr(config, name)) is not None}
+    for name, value in chosen.items():
+        if name not in settings:
+            raise UsageError(f"{name} {value}: not for {task}", hint=f"leave {name} out")
+        check_choice(name, value, settings[name].options)
+    return {name: value for name, value in chosen.items() if value != settings[name].default}

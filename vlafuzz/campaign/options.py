@@ -116,12 +116,14 @@ class RunConfig:
     criteria: str = _option(
         JUDGE, "", "What success means: strict, or published.", "strict", default="strict"
     )
-    placement: str = _option(
+    placement: str | None = _option(
         JUDGE,
         "",
         "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
         "resting",
-        default="resting",
+    )
+    quality: str | None = _option(
+        JUDGE, "", "Of LIBERO's pictures: full, as its own; fast, nearly so and cheaper on a CPU.", "full"
     )
     workers: int | None = _option(
         WHERE,
@@ -142,3 +144,4 @@ class RunConfig:
 OPTIONS: dict[str, Option] = {
     one.name: one.metadata["option"] for one in fields(RunConfig) if "option" in one.metadata
 }
+OF_WORLDS = ("placement", "quality")  # options that some worlds have: see ``World.settings``

@@ -18,6 +18,7 @@ from vlafuzz.campaign.config import (
     read_scene_file,
     wanted_scenes,
 )
+from vlafuzz.campaign.options import OF_WORLDS
 from vlafuzz.campaign.past import AFRESH
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.plugins import check_trusted
@@ -51,7 +52,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         own = (trial for trial in store.trials(run.id) if not trial.duplicate)
         done = sum(len(trial.outcome.rollouts) for trial in own)
     check_trusted(run.manifest.policy, run.manifest.strategy)
-    stored = {name: getattr(run.manifest, name) for name in Manifest.flags()}
+    stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}
     if not scenes:
         anew |= stored_flag(run.manifest)
@@ -67,7 +68,7 @@ def flags_of(config: RunConfig) -> dict[str, Any]:
     filled = replace(
         config, strategy=named_strategy(config), budget=config.budget or (None if config.scenes else BUDGET)
     )
-    names = {*Manifest.flags(), *_ANEW, "operators", "vary", "packs", "store"}
+    names = {*Manifest.flags(), *OF_WORLDS, *_ANEW, "operators", "vary", "packs", "store"}
     values = {name: getattr(filled, name) for name in names}
     return {name: value for name, value in values.items() if value not in (None, ())}
 
@@ -121,7 +122,7 @@ def check_version(path: object, run: Run, here: Manifest) -> None:
         hint = f"{there}leave out --resume to start a new run, which reuses none of its outcomes"
         raise StoreError(f"{path}: run {run.id} was made {where}", hint)
     for name in run.manifest.differences(here):
-        was, now = getattr(run.manifest, name), getattr(here, name)
+        was, now = run.manifest.value(name), here.value(name)
         values = f" ({was} then, {now} now)" if name != "spec" else ""  # which is as long as a paragraph
         problem = f"run {run.id} was made by another version: its {name} differs{values}"
         raise StoreError(f"{path}: {problem}", hint=f"use the version that began it, or {AFRESH}")
@@ -144,8 +145,7 @@ def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> No
 
 def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     """The first flag that asks for something else than a run has, in words."""
-    for name in Manifest.flags():
-        stored = getattr(manifest, name)
+    for name, stored in _flags(manifest).items():
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
     asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
@@ -162,4 +162,11 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
 
 def _shown(manifest: Manifest) -> str:
     """What may tell two runs apart, as the flags that give it."""
-    return ", ".join(f"{name} {getattr(manifest, name)}" for name in Manifest.flags())
+    return ", ".join(f"{name} {value}" for name, value in _flags(manifest).items())
+
+
+def _flags(manifest: Manifest) -> dict[str, Any]:
+    """What flags of the same names gave: fields, and settings of the run's world."""
+    settings = (setting for setting in world_of(manifest.task).settings if setting.options)
+    fields = {name: getattr(manifest, name) for name in Manifest.flags()}
+    return fields | {setting.name: setting.of(manifest) for setting in settings}

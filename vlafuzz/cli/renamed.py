@@ -25,6 +25,7 @@ _CONFIG = {
     "--fail-on-finding": "fail-on-finding=true",
     "--placement": "placement=published",
     "--pool": "pool=FILE",
+    "--quality": "quality=fast",
     "--repeats": "repeats=3",
     "--stop-early": "stop-early=true",
     "--triage": "triage=true",

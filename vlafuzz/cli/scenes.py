@@ -17,10 +17,10 @@ from vlafuzz.common.files import writing
 from vlafuzz.common.text import percent
 from vlafuzz.errors import UsageError, check_number, sentence
 from vlafuzz.lab.studies.coverage import SIZES, covered, tracks_of_files
-from vlafuzz.model.conditions import PLACEMENTS, check_choice
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene_lines import is_document, is_store, write_scenes
 from vlafuzz.worlds import world_with
-from vlafuzz.worlds.capabilities import FileVerdicts, SceneFormats
+from vlafuzz.worlds.capabilities import PLACEMENTS, FileVerdicts, SceneFormats
 
 
 def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:

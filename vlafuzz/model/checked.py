@@ -48,7 +48,7 @@ _KINDS: Mapping[str, TypeAdapter[Any]] = {
 
 def check_read(conditions: Conditions) -> None:
     """Raise a ValueError if a text has unseen signs, or a field for JSON, unless it is empty, has none."""
-    for text in vars(conditions).values():
+    for text in (*vars(conditions).values(), *conditions.world, *conditions.world.values()):
         plain(text if isinstance(text, str) else "")
     for name, kind in _KINDS.items():
         try:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Collection
-from dataclasses import MISSING, Field, dataclass, field, fields
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import MISSING, Field, asdict, dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, Final
+from typing import Any, Final, Generic, Self, TypeVar
 
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.model.label import Model
 
 ALONE = "alone-"  # begins labels that no other run has
 CRITERIA = ("strict", "published")
-PLACEMENTS = ("resting", "published")  # how objects get to their places: see sim/maniskill/settle.py
+# Settings that were fields before worlds declared theirs: keys have the first two whatever the world,
+# and files have all of them among the fields.
+_IN_KEYS: Mapping[str, Any] = {"placement": "resting", "min_distance": 0.0}
+_AMONG_FIELDS: Mapping[str, Any] = {**_IN_KEYS, "visible": ""}
+T = TypeVar("T")
 
 
 class Role(Enum):
@@ -41,6 +45,7 @@ def condition(
     origin: Origin,
     *,
     default: Any = MISSING,
+    factory: Any = MISSING,
     compared_by: Callable[[Any], object] = lambda value: value,
     keyed_as: str | None = None,
     later: bool = False,
@@ -53,7 +58,7 @@ def condition(
         later: keys are older than the field, so they leave it out at its default. True for every new field.
     """
     about = {"role": role, "origin": origin, "by": compared_by, "keyed_as": keyed_as, "later": later}
-    return field(default=default, metadata=about)
+    return field(default=default, default_factory=factory, metadata=about)
 
 
 def _pool(scene_file: str) -> str | None:
@@ -67,6 +72,25 @@ def _contents(packs: str) -> frozenset[tuple[str, str]]:
     return frozenset((mark["name"], mark["digest"]) for mark in json.loads(packs))
 
 
+@dataclass(frozen=True)
+class Setting(Generic[T]):
+    """A condition that some worlds have, and others not; a world declares its own.
+
+    Attributes:
+        options: all values that it may have, where a user chooses one by its name.
+    """
+
+    name: str
+    default: T
+    options: tuple[T, ...] = ()
+
+    def of(self, conditions: Conditions) -> T:
+        """Its value under these conditions."""
+        known: Mapping[str, Any] = conditions.world
+        value: T = known.get(self.name, self.default)
+        return value
+
+
 @dataclass(frozen=True, kw_only=True)
 class Conditions:
     """Everything beside the scene that decides an outcome, or which scenes are tried.
@@ -78,10 +102,8 @@ class Conditions:
         seed: of the rollouts; the n-th repeat of a scene has seed + n.
         repeats: rollouts a scene.
         criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
-        placement: ``resting``, or ``published`` to drop objects as those environments do.
         stop_early: whether a rollout ends at success instead of ten steps later.
-        min_distance: between objects' centres, metres.
-        visible: bounds within which the targets count as visible, as JSON; empty where that is not checked.
+        world: values of the world's own settings by name; what is missing has its default.
         place: where it runs, as JSON, see ``conditions.place``; empty if unknown.
         simulator: name and version of what the scenes are run in.
         commit: of vlafuzz's checkout, if it is one.
@@ -99,13 +121,11 @@ class Conditions:
     seed: int = condition(Role.SEED, Origin.FLAG, default=0)
     repeats: int = condition(Role.POLICY, Origin.FLAG, default=1)
     criteria: str = condition(Role.SIMULATION, Origin.FLAG, default="strict")
-    placement: str = condition(Role.SIMULATION, Origin.FLAG, default="resting")
     stop_early: bool = condition(Role.SIMULATION, Origin.FLAG, default=False)
-    min_distance: float = condition(Role.SIMULATION, Origin.FILE, default=0.0)
+    world: Mapping[str, str | float | bool] = condition(Role.SIMULATION, Origin.FILE, factory=dict)
     catalogue_digest: str = condition(Role.SIMULATION, Origin.HERE, default="")
     simulator: str = condition(Role.SIMULATION, Origin.HERE, default="")
     commit: str | None = condition(Role.SIMULATION, Origin.HERE, default=None)
-    visible: str = condition(Role.SIMULATION, Origin.FILE, default="", later=True)
     place: str = condition(Role.PLACE, Origin.HERE, default="", later=True)
     operators: str = "{}"
     operators_digest: str = condition(Role.SCENES, Origin.FILE, default="")
@@ -113,9 +133,10 @@ class Conditions:
     scene_file: str = condition(Role.SCENES, Origin.FILE, default="", compared_by=_pool)
 
     def __post_init__(self) -> None:
-        """Raise a UsageError for a value that no simulator knows."""
+        """Leave out settings at their defaults; raise a UsageError for criteria that no simulator knows."""
         check_choice("criteria", self.criteria, CRITERIA)
-        check_choice("placement", self.placement, PLACEMENTS)
+        known = {name: value for name, value in self.world.items() if value != _AMONG_FIELDS.get(name)}
+        object.__setattr__(self, "world", known)
 
     @property
     def model(self) -> str:
@@ -148,12 +169,23 @@ class Conditions:
         return self.label.startswith(ALONE)
 
     def values(self, *roles: Role) -> dict[str, object]:
-        """The fields of some roles by their names in keys, in the order in which they are declared."""
-        return {
+        """The fields of some roles by their names in keys, and the settings of the world."""
+        found = {
             declared.metadata["keyed_as"] or declared.name: getattr(self, declared.name)
             for declared in _declared(self)
             if declared.metadata["role"] in roles and not self._left_out(declared)
         }
+        return found | {**_IN_KEYS, **found.pop("world")} if "world" in found else found
+
+    def value(self, name: str) -> Any:
+        """A field or a setting by its name; None for a setting that has its default."""
+        if name in (row.name for row in fields(self)):
+            return getattr(self, name)
+        return self.world.get(name, _AMONG_FIELDS.get(name))
+
+    def without(self, setting: str) -> Self:
+        """The same conditions with the default of a setting."""
+        return replace(self, world={name: value for name, value in self.world.items() if name != setting})
 
     def key(self, *, seeded: bool = True) -> str:
         """The policy and all else that an outcome depends on: within one key, stored outcomes are reused."""
@@ -168,13 +200,19 @@ class Conditions:
         roles: Collection[Role] = tuple(Role),
         origins: Collection[Origin] = tuple(Origin),
     ) -> tuple[str, ...]:
-        return tuple(
+        """Names of the fields and settings, of some roles and origins, in which others differ."""
+        differing = [
             declared.name
             for declared in _declared(self)
             if declared.metadata["role"] in roles
             and declared.metadata["origin"] in origins
             and _compared(self, declared) != _compared(other, declared)
-        )
+        ]
+        if "world" in differing:
+            names = sorted({**self.world, **other.world})
+            at = differing.index("world")
+            differing[at : at + 1] = [name for name in names if self.value(name) != other.value(name)]
+        return tuple(differing)
 
     def comparable(self, other: Conditions) -> bool:
         """Whether shares of failures may be compared: nothing but search, seed and place differs."""
@@ -187,6 +225,21 @@ class Conditions:
 
     def _left_out(self, declared: Field[Any]) -> bool:
         return bool(declared.metadata["later"]) and getattr(self, declared.name) == declared.default
+
+
+def as_kept(conditions: Conditions) -> dict[str, Any]:
+    """All fields as files keep them: some settings of worlds stand among them, ``world`` has the others."""
+    kept = asdict(conditions)
+    world = kept.pop("world")
+    kept |= {name: world.pop(name, usual) for name, usual in _AMONG_FIELDS.items()}
+    return kept | ({"world": world} if world else {})
+
+
+def from_kept(kept: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of ``as_kept``."""
+    among = {name: kept[name] for name in _AMONG_FIELDS if name in kept}
+    others = {name: value for name, value in kept.items() if name not in among}
+    return others | {"world": among | dict(others.get("world", {}))}
 
 
 ASKED: Final = (Origin.FLAG, Origin.FILE)

@@ -226,6 +226,7 @@ MIGRATIONS: list[tuple[str, ...]] = [
     (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
     (_SOLUTION,),
     (_REPEAT,),
+    (f"{_ADD} world TEXT NOT NULL DEFAULT '{{}}'",),  # earlier runs had no other settings of worlds
 ]
 
 

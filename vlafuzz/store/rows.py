@@ -14,6 +14,7 @@ from pydantic import TypeAdapter
 
 from vlafuzz.common.reading import MIB, inflated, parse_json
 from vlafuzz.model.checked import check_operators, check_read
+from vlafuzz.model.conditions import as_kept, from_kept
 from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.scene import Scene
@@ -37,6 +38,7 @@ _RATE = TypeAdapter(Rate | None)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
+_SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _RATES = TypeAdapter(dict[str, Rate])
 # Columns of ``triage`` that hold a field as it is.
@@ -73,8 +75,9 @@ def unpack(blob: bytes | None, *shape: int) -> NDArray[np.float32]:
 
 def run_row(manifest: Manifest) -> Row:
     """Columns of ``run``."""
-    versions = json.dumps(manifest.versions, sort_keys=True)
-    return asdict(manifest) | {"versions": versions, "policy_key": manifest.key()}
+    row = as_kept(manifest)
+    texts = {name: json.dumps(row.get(name, {}), sort_keys=True) for name in ("versions", "world")}
+    return row | texts | {"policy_key": manifest.key()}
 
 
 def to_run(row: sqlite3.Row) -> Run:
@@ -84,9 +87,10 @@ def to_run(row: sqlite3.Row) -> Run:
     values.pop("policy_key")
     about = {name: values.pop(name) for name in _OF_RUN}
     values["versions"] = _BY_NAME.validate_json(values["versions"])
+    values["world"] = _SETTINGS.validate_json(values["world"])
     for name in _BOOLEANS:
         values[name] = bool(values[name])
-    manifest = Manifest(**values)
+    manifest = Manifest(**from_kept(values))
     check_read(manifest)
     return Run(manifest=manifest, **about)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space
@@ -96,12 +96,16 @@ class World(ABC):
         tasks: names of its tasks, the default one first; of a world with many those of a first choice.
         robots: names of its robots, the default one first.
         policies: those that come with the world, by name, described by their docstrings' first sentences.
+        settings: conditions of its own, which decide outcomes beside the scene.
+        former: names that robots had before, with what replaces them.
     """
 
     usual: bool = False
     tasks: Collection[str]
     robots: Collection[str]
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {}
+    settings: Sequence[Setting[Any]] = ()
+    former: ClassVar[Mapping[str, str]] = {}
 
     @property
     def objects(self) -> Collection[str]:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 Frame = Literal["fit", "keep", "original", "robot"]
+PLACEMENTS = ("resting", "published")  # how things get to their places: where the scene has them, or dropped
 
 
 @runtime_checkable

@@ -256,7 +256,7 @@ def test_runs_under_other_conditions_get_runners_of_their_own():
     runners = []
     Rerun(
         "new",
-        [manifest(), manifest(min_distance=0.2)],
+        [manifest(), manifest(world={"min_distance": 0.2})],
         lambda run: runners.append(run) or RuleRunner(lambda shown: True, run),
     )
-    assert [run.min_distance for run in runners] == [0, 0.2]
+    assert [run.value("min_distance") for run in runners] == [0, 0.2]

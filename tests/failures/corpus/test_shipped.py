@@ -48,7 +48,7 @@ def test_each_is_found_by_its_name_alone(
 
 def test_their_scenes_are_fair(shipped: tuple[Path, Corpus]):
     _, corpus = shipped
-    distance = corpus.runs[0].min_distance
+    distance = corpus.runs[0].value("min_distance")
     unfair = [check_static(case.scene, load_catalogue(), distance) for case in corpus.cases]
     assert unfair == [None] * len(corpus.cases)
 

@@ -49,7 +49,7 @@ def make_tilted(**_):
 @pytest.fixture(scope="module")
 def evaluator():
     made = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=SPACE.operators.min_distance, stop_early=True),
+        Conditions(task="pick-up", world={"min_distance": SPACE.operators.min_distance}, stop_early=True),
         Afraid(),
         CATALOGUE,
     )
@@ -110,7 +110,7 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
     player = Player(Expert().spec)
     player.actions = found.witness.actions
     fresh = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=SPACE.operators.min_distance), player, CATALOGUE
+        Conditions(task="pick-up", world={"min_distance": SPACE.operators.min_distance}), player, CATALOGUE
     )
     again = fresh.evaluate([found.shrunk])[0]
     fresh.close()

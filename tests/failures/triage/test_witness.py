@@ -105,8 +105,8 @@ def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
 
     expert = Expert()
     player = Player(expert.spec)
-    experts = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), expert, CATALOGUE)
-    players = ManiSkillEvaluator(Conditions(task=task, min_distance=0.15), player, CATALOGUE)
+    experts = ManiSkillEvaluator(Conditions(task=task, world={"min_distance": 0.15}), expert, CATALOGUE)
+    players = ManiSkillEvaluator(Conditions(task=task, world={"min_distance": 0.15}), player, CATALOGUE)
 
     def play(scene, actions):
         player.actions = actions
@@ -127,7 +127,9 @@ def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     expert = Expert()
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), expert, CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", world={"min_distance": 0.15}), expert, CATALOGUE
+    )
     ways = []
     for attempt in range(2):
         expert.attempt = attempt

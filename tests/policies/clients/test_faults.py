@@ -46,7 +46,7 @@ def faulty(protocol: str, faults: Faults):
 
 
 def evaluator(policy) -> ManiSkillEvaluator:
-    return ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+    return ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE)
 
 
 @pytest.fixture(scope="module")

@@ -40,7 +40,7 @@ class TestRollouts:
     def same_as_in_process(
         self, make, options: str = "", verdict: Verdict = Verdict.FAILED, **server: object
     ) -> None:
-        conditions = Conditions(task="pick-up", min_distance=0.15)
+        conditions = Conditions(task="pick-up", world={"min_distance": 0.15})
         with serving(Served(make(), **server)) as name:
             there = ManiSkillEvaluator(conditions, make_policy(name + options), CATALOGUE)
             here = ManiSkillEvaluator(conditions, make(), CATALOGUE)

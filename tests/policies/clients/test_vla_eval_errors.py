@@ -172,7 +172,9 @@ class TestServerThatGoesAway:
     def test_while_it_is_away_scenes_are_errors(self):
         with serving(Rounded(Random())) as name:
             policy = make_policy(name)
-        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+        evaluator = ManiSkillEvaluator(
+            Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
+        )
         (outcome,) = evaluator.evaluate(SCENES[:1])
         assert outcome.verdict is Verdict.ERROR
         assert outcome.detail.endswith("Connection refused")

@@ -73,7 +73,7 @@ SERVED = {
     [pytest.param(name, marks=pytest.mark.render if name in ("pictures", "mini") else ()) for name in SERVED],
 )
 def test_whole_rollouts_are_those_in_process_action_for_action(served, protocol):
-    make, conditions = SERVED[served], Conditions(task="pick-up", min_distance=0.15)
+    make, conditions = SERVED[served], Conditions(task="pick-up", world={"min_distance": 0.15})
     with serving(make(), protocol) as name:
         there = ManiSkillEvaluator(conditions, make_policy(name), CATALOGUE)
         here = ManiSkillEvaluator(conditions, make(), CATALOGUE)

@@ -21,8 +21,8 @@ pytestmark = pytest.mark.libero
     ],
 )
 def test_a_scene_of_libero_is_demonstrated_as_its_policy_sees_and_acts(policy, layout, least):
-    scene = replace(nominal_scene("libero_object/3", "libero-coarse", 2), light=Light(0.8))
-    runner = ExpertRunner(replace(of_policy(policy), task=scene.task))
+    scene = replace(nominal_scene("libero_object/3", "libero", 2), light=Light(0.8))
+    runner = ExpertRunner(replace(of_policy(policy), task=scene.task, world={"quality": "fast"}))
     solution = runner.solve(scene)
     shown = runner.record(scene, solution.actions)
     names = tuple(runner.interface.state_names[6:])

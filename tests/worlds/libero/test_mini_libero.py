@@ -25,9 +25,9 @@ def call(script: str, *arguments: object) -> None:
 
 @pytest.mark.parametrize("task", ["libero_object/2", "libero_object/7"])
 def test_it_solves_initial_states_that_it_was_not_shown(task):
-    conditions = Conditions(task=task, robot="libero-coarse", stop_early=True)
+    conditions = Conditions(task=task, robot="libero", world={"quality": "fast"}, stop_early=True)
     evaluator = make_evaluator(conditions, make_policy("mini-libero"))
-    scenes = [nominal_scene(task, "libero-coarse", state) for state in range(3)]
+    scenes = [nominal_scene(task, "libero", state) for state in range(3)]
     verdicts = [outcome.verdict for outcome in evaluator.evaluate(scenes)]
     evaluator.close()
     assert verdicts.count(Verdict.PASSED) >= 2

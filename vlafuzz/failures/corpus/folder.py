@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.common.assets import corpus_dir
 from vlafuzz.common.files import reason, replacing
@@ -18,6 +18,7 @@ from vlafuzz.common.reading import MIB, decoded, first_problem, npy_array, read_
 from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.failures.corpus.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
 from vlafuzz.model.checked import check_operators, check_read
+from vlafuzz.model.conditions import as_kept, from_kept
 from vlafuzz.model.evidence import Actions, Solver, Witness
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
@@ -68,6 +69,10 @@ class _CaseRow(Facts):
     reference: str | None = None
 
 
+def _read_run(kept: Any) -> Any:
+    return from_kept(kept) if isinstance(kept, dict) else kept
+
+
 @dataclass(frozen=True, kw_only=True)
 class _Manifest:
     """All of a corpus but the scenes, actions and images."""
@@ -78,7 +83,7 @@ class _Manifest:
     created: str
     renderer: str | None
     versions: Mapping[str, str]
-    runs: tuple[Manifest, ...]
+    runs: tuple[Annotated[Manifest, BeforeValidator(_read_run)], ...]
     evidence: Evidence
     cases: tuple[_CaseRow, ...]
     controls: tuple[_ControlRow, ...] = ()
@@ -159,7 +164,8 @@ def _write(corpus: Corpus, folder: Path) -> None:
         controls=tuple(_ControlRow(control.scene.digest, control.passed) for control in corpus.controls),
         **_fields(corpus, _OF_CORPUS),
     )
-    (folder / MANIFEST).write_text(json.dumps(asdict(manifest), indent=1) + "\n", encoding="utf-8")
+    content = asdict(manifest) | {"runs": [as_kept(run) for run in manifest.runs]}
+    (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _others(case: Case) -> list[Scene]:

@@ -72,7 +72,7 @@ class SimulatorSceneRunner:
         self.lanes = lanes_for(self._policy)
         self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
-        self._experts = {name: self._evaluator(solver, visible="") for name, solver in self._solvers.items()}
+        self._experts = {name: self._evaluator(solver, unseen=True) for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
     def _evaluator(
@@ -81,11 +81,11 @@ class SimulatorSceneRunner:
         *,
         checked: bool = True,
         recording: Recording | None = None,
-        visible: str | None = None,
+        unseen: bool = False,
     ) -> SceneEvaluator:
         once = replace(self._manifest, repeats=1)
-        if visible is not None:
-            once = replace(once, visible=visible)
+        if unseen:
+            once = once.without("visible")
         return make_evaluator(once, of, space=self.space, checked=checked, recording=recording)
 
     def renew(self) -> None:

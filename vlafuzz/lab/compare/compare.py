@@ -62,7 +62,7 @@ def stored(path: Path, runs: Iterable[Run], here: Manifest, wanted: Sequence[Job
         for name in run.manifest.differences(here, origins=ASKED):
             if name in (*Job._fields, "batch"):  # the batch is as suits a strategy
                 continue
-            was, now = getattr(run.manifest, name), getattr(here, name)
+            was, now = run.manifest.value(name), here.value(name)
             difference = _SAID.get(name, f"{name} {was}, not {now}")
             raise UsageError(f"{path}: run {run.id} has other conditions: {difference}", hint=_ELSEWHERE)
         by_job.setdefault(Job(run.manifest.strategy, run.manifest.seed), []).append(run)

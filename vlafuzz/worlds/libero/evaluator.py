@@ -21,12 +21,13 @@ from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.latency import DelayedCommands
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.expert.policy import UNITS
-from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY
 from vlafuzz.worlds.libero.scenes.setting import VIEW, Setting
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING
 from vlafuzz.worlds.libero.workplace import Workplace, close_idle, give_back, take
+from vlafuzz.worlds.manipulation.rigs.robots import FORMER
 from vlafuzz.worlds.noise import SensorNoise
 from vlafuzz.worlds.stepping import Evaluation
 
@@ -159,7 +160,11 @@ class LiberoEvaluator(SceneEvaluator):
     def _at(self, scene: Scene) -> Workplace:
         """The workplace for a scene: that of the check is that of the rollout."""
         cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
-        key = scene.task, max([SIDE, *(camera.width for camera in cameras)]), _quality(scene)
+        key = (
+            scene.task,
+            max([SIDE, *(camera.width for camera in cameras)]),
+            _quality(scene, QUALITY.of(self._conditions)),
+        )
         if self._workplace is None or self._workplace.key != key:
             self._leave()
             self._workplace = take(*key)
@@ -169,12 +174,12 @@ class LiberoEvaluator(SceneEvaluator):
 class LiberoStills:
     """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
 
-    def __init__(self, task: str, size: int = 256) -> None:
-        self._task, self._size = task, size
+    def __init__(self, task: str, size: int = 256, quality: str = QUALITY.default) -> None:
+        self._task, self._size, self._quality = task, size, quality
 
     def png(self, scene: Scene) -> bytes:
         """A picture of a valid scene by the third-person camera."""
-        workplace = take(self._task, self._size, _quality(scene))
+        workplace = take(self._task, self._size, _quality(scene, self._quality))
         try:
             setting = workplace.of(scene)
             setting.begin(scene)
@@ -188,8 +193,9 @@ class LiberoStills:
         """Nothing: the next evaluator may take the environments."""
 
 
-def _quality(scene: Scene) -> str:
-    return "full" if scene.robot == "libero" else "fast"
+def _quality(scene: Scene, wanted: str) -> str:
+    """The quality of a scene's pictures: stored ones may have a robot whose pictures were cheaper."""
+    return "fast" if scene.robot in FORMER else wanted
 
 
 def _check_spec(spec: PolicySpec) -> None:

@@ -19,13 +19,13 @@ from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.expert.policy import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
-from vlafuzz.worlds.libero.pictures import opengl
+from vlafuzz.worlds.libero.pictures import QUALITY, opengl
 from vlafuzz.worlds.libero.scenes.objects import load_objects
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
-from vlafuzz.worlds.manipulation.rigs.robots import OF_LIBERO
+from vlafuzz.worlds.manipulation.rigs.robots import FORMER, LIBERO
 from vlafuzz.worlds.manipulation.table_world import TableWorld
 
 if TYPE_CHECKING:
@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 class Libero(TableWorld):
     """The world of LIBERO; its tasks are named ``SUITE/NUMBER``."""
 
-    robots = tuple(OF_LIBERO)
+    robots = (LIBERO.robot,)
+    former = dict.fromkeys(FORMER, "--config quality=fast draws such pictures")
+    settings = (*TableWorld.settings, QUALITY)
     tasks = tuple(f"{suite}/{number}" for suite in SUITES for number in range(10))
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "libero-expert": LiberoExpert,
@@ -101,7 +103,7 @@ class Libero(TableWorld):
     def stills(self, conditions: Conditions, space: Space) -> Stills:
         from vlafuzz.worlds.libero.evaluator import LiberoStills
 
-        return LiberoStills(conditions.task)
+        return LiberoStills(conditions.task, quality=QUALITY.of(conditions))
 
     def audit(self, suite: str, scope: Scope) -> AuditedSuite:
         from vlafuzz.worlds.libero.audit import audit

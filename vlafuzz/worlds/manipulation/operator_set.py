@@ -16,11 +16,13 @@ from pydantic import BaseModel, Field, ValidationError
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.worlds.manipulation.base import Operator, Strict, Visible
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
 
 DEFAULT = "tabletop"
+MIN_DISTANCE = Setting("min_distance", 0.0)  # between objects' centres, metres
+VISIBLE = Setting("visible", "")  # bounds of visibility, as JSON; empty where that is not checked
 TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
 _NO_OPERATORS = ("instructions", "jitter", "libero-objects", "libero-wordings")
 Kind = TypeVar("Kind", bound=Operator)
@@ -280,4 +282,5 @@ def visible_json(visible: Visible | None) -> str:
 
 def stored_visible(conditions: Conditions) -> Visible | None:
     """The bounds that ``visible_json`` wrote; a ValueError if another version did."""
-    return Visible.model_validate_json(conditions.visible) if conditions.visible else None
+    kept = VISIBLE.of(conditions)
+    return Visible.model_validate_json(kept) if kept else None

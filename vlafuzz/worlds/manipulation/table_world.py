@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any
 
 from vlafuzz.errors import UsageError
+from vlafuzz.model.conditions import Setting
 from vlafuzz.model.space import Operators
 from vlafuzz.worlds.base import Wanted, World
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.operators import CameraOrientation, CameraPosition
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import rig
@@ -16,6 +19,8 @@ from vlafuzz.worlds.manipulation.space import TableSpace
 
 class TableWorld(World):
     """A world whose robots are rigs, and whose operators come from files of ranges."""
+
+    settings: Sequence[Setting[Any]] = (MIN_DISTANCE, VISIBLE)
 
     def robot(self, name: str) -> Rig:
         return rig(name)

@@ -38,6 +38,7 @@ from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
+from vlafuzz.worlds.tabletop.state import PLACEMENT
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file, read_vlatest, write_vlatest
@@ -53,6 +54,7 @@ class Tabletop(TableWorld):
 
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
+    settings = (*TableWorld.settings, PLACEMENT)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "mini": mini,
         "pinhole": Pinhole,
@@ -138,7 +140,7 @@ class Tabletop(TableWorld):
         from vlafuzz.worlds.tabletop.sim.evaluator import Stills
 
         assert isinstance(space, SearchSpace)
-        return Stills(conditions.task, space.catalogue, placement=conditions.placement)
+        return Stills(conditions.task, space.catalogue, placement=PLACEMENT.of(conditions))
 
     def packages(self) -> dict[str, str]:
         missing = "no scene can be simulated"

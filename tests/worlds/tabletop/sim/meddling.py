@@ -71,7 +71,7 @@ def evaluate(
     recording: Recording | None = None,
     **conditions: object,
 ) -> list[Outcome]:
-    under = Conditions(**{"task": scenes[0].task, "min_distance": 0.15} | conditions)
+    under = Conditions(**{"task": scenes[0].task, "world": {"min_distance": 0.15}} | conditions)
     evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked, recording=recording)
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()

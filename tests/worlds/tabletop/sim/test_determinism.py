@@ -27,7 +27,7 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, nominal, state
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), Expert(), CATALOGUE)
+evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), Expert(), CATALOGUE)
 outcome = evaluator.evaluate([nominal()])[0]
 hashes = [rollout.states_hash for rollout in outcome.rollouts]
 print(json.dumps([states_hash(make_env()), outcome.verdict.name, *hashes]))

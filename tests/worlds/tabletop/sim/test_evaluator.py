@@ -92,18 +92,18 @@ def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_polic
 
 def test_a_scene_that_is_solved_from_the_start_is_invalid():
     cubes = (Placement("green_cube", "flat", 0.0, 0.0), Placement("yellow_cube", "flat", 0.0, 0.06))
-    (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), min_distance=0.0)
+    (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), world={})
     assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "solved")
 
 
 def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
     """Under this light, table and spoon are both white in outlines, but not in a rendered picture."""
     bright = pick_up(put("spoon", -0.05, 0.0), light=6.0)
-    visible = visible_json(load_operators().visible)
-    (outcome,) = evaluate(Pinhole(), bright, visible=visible)
+    visible = {"min_distance": 0.15, "visible": visible_json(load_operators().visible)}
+    (outcome,) = evaluate(Pinhole(), bright, world=visible)
     assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "unseen")
     assert outcome.detail.startswith("spoon: only 0/255 apart from the table under light × 6; at least 4/255")
-    assert evaluate(Frozen(), bright, visible=visible)[0].verdict is Verdict.FAILED
+    assert evaluate(Frozen(), bright, world=visible)[0].verdict is Verdict.FAILED
     assert evaluate(Pinhole(), bright)[0].verdict is not Verdict.INVALID
 
 
@@ -197,7 +197,9 @@ def test_a_scaled_object_is_judged_at_its_own_size():
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
     """NOMINAL with a broken policy, then ANOTHER with a sound one, in the same evaluator."""
     policy = Meddled(raising)
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", min_distance=0.15), policy, CATALOGUE)
+    evaluator = ManiSkillEvaluator(
+        Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
+    )
 
     def play(meddle: Meddle) -> list[Outcome]:
         policy.become(meddle, episodes=1)

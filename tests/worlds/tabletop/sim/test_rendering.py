@@ -130,7 +130,10 @@ class Watching(Expert):
 def test_the_policy_sees_the_scene_and_a_recording_every_step():
     policy, recording = Watching(), Recording(64)
     evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=0.15, stop_early=True), policy, CATALOGUE, recording=recording
+        Conditions(task="pick-up", world={"min_distance": 0.15}, stop_early=True),
+        policy,
+        CATALOGUE,
+        recording=recording,
     )
     (rollout,) = evaluator.evaluate([ORANGE])[0].rollouts
     evaluator.close()

@@ -35,7 +35,7 @@ def nominal(robot: str, task: str = "pick-up"):
 
 def solved(*scenes: Scene) -> list[Outcome]:
     """What comes of the expert's rollouts, which succeed."""
-    conditions = Conditions(task=scenes[0].task, min_distance=0.1, stop_early=True)
+    conditions = Conditions(task=scenes[0].task, world={"min_distance": 0.1}, stop_early=True)
     evaluator = ManiSkillEvaluator(conditions, Expert(), CATALOGUE)
     outcomes = evaluator.evaluate(scenes)
     evaluator.close()

@@ -118,7 +118,7 @@ def test_a_can_that_leans_is_fair_where_it_may_fall():
     fallen = settled(LEANING, CATALOGUE, "published")
     assert (fallen.rejection, fallen.solved) == (None, False)
     evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", min_distance=0.1, placement="published"), Expert(), CATALOGUE
+        Conditions(task="pick-up", world={"min_distance": 0.1, "placement": "published"}), Expert(), CATALOGUE
     )
     (outcome,) = evaluator.evaluate([LEANING])
     evaluator.close()

@@ -95,9 +95,9 @@ def test_stored_operators_are_read_back_whether_an_extra_varies_or_not(name: str
 def test_bounds_of_visibility_are_read_back_and_missing_in_older_stores() -> None:
     operators = load_operators()
     text, bounds = operators_json(operators), visible_json(operators.visible)
-    kept = Conditions(task="pick-up", operators=text, visible=bounds)
+    kept = Conditions(task="pick-up", operators=text, world={"visible": bounds})
     assert stored_operators(Path("here.db"), kept).visible == operators.visible
-    assert stored_operators(Path("here.db"), replace(kept, visible="")).visible is None
+    assert stored_operators(Path("here.db"), kept.without("visible")).visible is None
     assert visible_json(load_operators("paper").visible) == ""
 
 

@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.conditions import Setting
 from vlafuzz.worlds.libero.packages import load, versions
 from vlafuzz.worlds.libero.pictures.quick import Artist
 
 Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")
+QUALITY = Setting("quality", "full", ("full", "fast"))
 _MOST_GEOMS = 1000  # as robosuite
 _MOST_PIXELS = 512  # of a texture's side in a smaller model; a thing takes some fifty of a picture
 _DONTNEED = 4  # of Linux's madvise

@@ -138,8 +138,7 @@ _ALL = (
 RIGS = {rig.robot: rig for rig in _ALL}
 
 # LIBERO's Panda. Places are offsets from a suite's own initial state; base, joints and view are robosuite's,
-# and nothing reads the Panda's here. The variants differ in what is left out of pictures:
-# sim/libero/pictures.
+# and nothing reads the Panda's here.
 LIBERO = replace(
     PANDA,
     robot="libero",
@@ -148,7 +147,8 @@ LIBERO = replace(
     operators="libero",
     initial_states=50,
 )
-OF_LIBERO = {name: replace(LIBERO, robot=name) for name in ("libero", "libero-coarse", "libero-fast")}
+FORMER = ("libero-coarse", "libero-fast")  # stored scenes have them: their pictures were cheaper
+OF_LIBERO = {name: replace(LIBERO, robot=name) for name in ("libero", *FORMER)}
 
 
 def rig(robot: str) -> Rig:

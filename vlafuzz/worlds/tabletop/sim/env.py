@@ -21,7 +21,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PrerequisiteError, SceneError, SimulatorError, suggestion
-from vlafuzz.model.conditions import PLACEMENTS, check_choice
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.latency import DelayedCommands
@@ -37,7 +37,7 @@ from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
 from vlafuzz.worlds.tabletop.sim.settle import start_poses
 from vlafuzz.worlds.tabletop.sim.table import BackdropPainter, add_table
 from vlafuzz.worlds.tabletop.sim.world import Robot, World, substeps
-from vlafuzz.worlds.tabletop.state import State, StateMonitor
+from vlafuzz.worlds.tabletop.state import PLACEMENT, State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
@@ -149,7 +149,7 @@ class TabletopEnv(BaseEnv):
         placement: str = "resting",
         **kwargs: Any,
     ) -> None:
-        self._dropped = check_choice("placement", placement, PLACEMENTS) == "published"
+        self._dropped = check_choice("placement", placement, PLACEMENT.options) == "published"
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()

@@ -14,7 +14,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import CameraRequest, Knowing, Observation, Policy, PolicySpec
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.manipulation.operator_set import stored_visible
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
 from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
@@ -24,7 +24,7 @@ from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.sim.settle import Settled, settle, start_poses
-from vlafuzz.worlds.tabletop.state import State, StateMonitor
+from vlafuzz.worlds.tabletop.state import PLACEMENT, State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
@@ -120,17 +120,17 @@ class ManiSkillEvaluator(SceneEvaluator):
         self._task, self._catalogue = task_named(conditions.task), catalogue
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
         self._visible = stored_visible(conditions)
-        self._environment = _Environment(self._task.name, catalogue, conditions.placement)
+        self._environment = _Environment(self._task.name, catalogue, PLACEMENT.of(conditions))
         if isinstance(policy, Knowing):
             policy.know(catalogue)
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._task.name:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
-        distance, spec = self._conditions.min_distance, self._policy.spec
+        distance, spec = MIN_DISTANCE.of(self._conditions), self._policy.spec
         flat = spec.silhouettes and not spec.cameras and not spec.calibrated
         rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
-        return rejection or settled(scene, self._catalogue, self._conditions.placement).rejection
+        return rejection or settled(scene, self._catalogue, PLACEMENT.of(self._conditions)).rejection
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
         spec = self._policy.spec
@@ -171,7 +171,7 @@ class SteppedTable:
 
     def __init__(self, run: Conditions, catalogue: Catalogue, robot: str, size: int, hz: int) -> None:
         cameras = (CameraRequest("image", size, size),) if size else ()
-        self._env = make_env(run.task, catalogue, cameras, hz, robot, run.placement)
+        self._env = make_env(run.task, catalogue, cameras, hz, robot, PLACEMENT.of(run))
         self.most_steps = self._env.rig.seconds * self._env.control_hz
 
     @property
