@@ -73,12 +73,7 @@ def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summ
     }
     with Store.open(path, "write") as store:
         return fuzz(
-            manifest=about,
-            stages=STAGES,
-            space=SPACE,
-            store=store,
-            resume=resume,
-            **defaults | parts,
+            manifest=about, stages=STAGES, space=SPACE, store=store, resume=resume, **defaults | parts
         )
 
 

@@ -236,14 +236,8 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
         (["dark", "--policy", "idel"], "error: unknown policy 'idel'"),
         (["dark", "--policy", "idle", "--baseline", "x"], "error: unknown policy 'x'"),
         (["dark", "--policy", "idle", "--alpha", "5"], "error: --alpha: expected a probability above 0"),
-        (
-            ["dark", "--policy", "idle", "--max-rollouts", "0"],
-            "error: --max-rollouts: expected at least 1",
-        ),
-        (
-            ["dark", "--policy", "idle", "--junit", "no/a.xml"],
-            "error: --junit: no/a.xml: no place",
-        ),
+        (["dark", "--policy", "idle", "--max-rollouts", "0"], "error: --max-rollouts: expected at least 1"),
+        (["dark", "--policy", "idle", "--junit", "no/a.xml"], "error: --junit: no/a.xml: no place"),
     ],
 )
 def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys: pytest.CaptureFixture[str]):

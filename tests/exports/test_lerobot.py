@@ -113,11 +113,7 @@ def test_the_metadata_describe_the_dataset(folder: Path):
     assert info["features"]["action"]["names"] == ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
     episodes = parquet.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     spans = [(row["dataset_from_index"], row["dataset_to_index"], row["tasks"]) for row in episodes]
-    assert spans == [
-        (0, 4, ["pick up thing 0"]),
-        (4, 7, ["pick up thing 1"]),
-        (7, 12, ["pick up thing 0"]),
-    ]
+    assert spans == [(0, 4, ["pick up thing 0"]), (4, 7, ["pick up thing 1"]), (7, 12, ["pick up thing 0"])]
     tasks = parquet.read_table(folder / "meta/tasks.parquet").to_pandas()
     assert tasks.task_index.to_dict() == {"pick up thing 0": 0, "pick up thing 1": 1}
 

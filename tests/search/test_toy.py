@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.search.toy import Region, Signal, Toy, among, band, near, read
+from tests.search.toy import Region, Signal, Toy, band, near, read
 from tests.search.worlds import CATALOGUE, EASY, sampled, space
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Camera, Light, Scene
@@ -41,11 +41,6 @@ def test_a_band_is_about_a_sum():
     assert band({"light.intensity": 0.5, "camera.yaw": 1.0}, 3.5)(moved) == pytest.approx(0.5)
 
 
-def test_a_name_is_among_others_or_not():
-    assert among("targets.0.object", ["pepsi_can", "apple"])(NOMINAL) == 0.0
-    assert among("targets.0.object", ["apple"])(NOMINAL) == 1.0
-
-
 def test_a_region_is_where_all_conditions_hold():
     region = Region((*DARK.conditions, near("camera.yaw", 5.0, 10.0)), width=0.25)
     assert judge(lit(1 / 8), region).verdict is Verdict.PASSED
@@ -72,14 +67,6 @@ def test_smooth_failures_come_the_earlier_the_deeper_a_scene_is_inside():
     assert shallow.progress == pytest.approx(0.9, abs=0.05)
     assert deep.progress == pytest.approx(0.0)
     assert (shallow.lost_stage, deep.lost_stage) == ("success", "grasp")
-
-
-def test_flat_outcomes_tell_nothing_but_the_verdict():
-    signals = {
-        (outcome.verdict, outcome.progress, outcome.rollouts[0].steps)
-        for outcome in (judge(lit(x), signal="flat") for x in (16, 1, 0.1, 0.2))
-    }
-    assert len(signals) == 2
 
 
 def test_scenes_that_are_not_fair_are_invalid():

@@ -48,10 +48,7 @@ def read_all(path: Path) -> None:
         ("UPDATE rollout SET reached = '{'", "is damaged: invalid JSON"),
         ("UPDATE rollout SET trace = x'00'", "is damaged: a trace or its actions"),
         ("UPDATE scene SET json = '{}'", "is damaged: task: field required"),
-        (
-            "UPDATE scene SET json = replace(json, 'panda', 'other')",
-            "the scene .* is another one",
-        ),
+        ("UPDATE scene SET json = replace(json, 'panda', 'other')", "the scene .* is another one"),
         ("UPDATE scene SET json = CAST(x'ff' AS TEXT)", "is damaged"),
         ('UPDATE triage SET rate = \'{"failures":9,"rollouts":3,"low":0,"high":1}\'', "9 failures in 3"),
         ("UPDATE triage SET failures = 9, repeats = 3", "is damaged: 9 failures in 3 repeats"),
@@ -84,10 +81,7 @@ def test_a_trace_that_unfolds_to_gigabytes_is_refused(tmp_path: Path):
     bomb = first + 1500 * again  # every block stands for itself
     with closing(sqlite3.connect(path)) as raw, raw:
         raw.execute("UPDATE rollout SET trace = ?", (bomb,))
-    with (
-        in_little_memory(),
-        pytest.raises(StoreError, match="a trace or its actions: it has more"),
-    ):
+    with in_little_memory(), pytest.raises(StoreError, match="a trace or its actions: it has more"):
         read_all(path)
 
 

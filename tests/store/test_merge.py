@@ -119,10 +119,7 @@ def test_a_store_that_is_being_written_is_merged_as_it_is_at_that_moment(two: li
 
 
 def test_a_store_that_a_run_is_writing_is_no_place_for_it(two: list[Path], tmp_path: Path):
-    with (
-        Store.open(tmp_path / "out.db", "write"),
-        pytest.raises(StoreError, match="is writing to it"),
-    ):
+    with Store.open(tmp_path / "out.db", "write"), pytest.raises(StoreError, match="is writing to it"):
         merge(two, tmp_path / "out.db")
 
 

@@ -46,8 +46,7 @@ def command(
         float, typer.Option(help="Probability up to which another checkpoint may be the first broken one.")
     ] = 0.05,
     comparisons: Annotated[
-        int | None,
-        typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2"),
+        int | None, typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2")
     ] = None,
     time: TimeFlag = None,
     trust: TrustFlag = False,
@@ -97,12 +96,7 @@ def command(
 
 
 def _check(
-    names: list[str],
-    policy: str,
-    baseline: str | None,
-    alpha: float,
-    error: float,
-    comparisons: int | None,
+    names: list[str], policy: str, baseline: str | None, alpha: float, error: float, comparisons: int | None
 ) -> None:
     """Check the flags before anything is run."""
     from vlafuzz.failures.corpus.bisect import check_checkpoints

@@ -39,12 +39,7 @@ Problem = type[UsageError]
 
 
 def read_bytes(
-    path: Path,
-    problem: Problem,
-    hint: str | None = None,
-    *,
-    most: int = 64 * MIB,
-    inside: Path | None = None,
+    path: Path, problem: Problem, hint: str | None = None, *, most: int = 64 * MIB, inside: Path | None = None
 ) -> bytes:
     """The content of a file.
 
@@ -100,12 +95,7 @@ def decoded(data: bytes, *kinds: str) -> "Image":
 
 
 def read_text(
-    path: Path,
-    problem: Problem,
-    hint: str | None = None,
-    *,
-    most: int = 64 * MIB,
-    inside: Path | None = None,
+    path: Path, problem: Problem, hint: str | None = None, *, most: int = 64 * MIB, inside: Path | None = None
 ) -> str:
     """The text of a file in UTF-8, with or without a byte order mark; ``inside`` as in ``read_bytes``."""
     try:

@@ -141,7 +141,5 @@ def corpus_envs(
 
 
 gymnasium.register(
-    ID,
-    entry_point="vlafuzz.exports.gym:CorpusEnv",
-    vector_entry_point="vlafuzz.exports.gym:corpus_envs",
+    ID, entry_point="vlafuzz.exports.gym:CorpusEnv", vector_entry_point="vlafuzz.exports.gym:corpus_envs"
 )

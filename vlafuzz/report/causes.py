@@ -148,11 +148,7 @@ class CauseList:
             "causes": [asdict(cause) | {"share": _named(cause.share)} for cause in self.causes],
             "unexplained": self.unexplained,
             "probability": _named(self.probability),
-            "certification": {
-                "causes": self.found,
-                "certified": self.certified,
-                "rollouts": self.rollouts,
-            },
+            "certification": {"causes": self.found, "certified": self.certified, "rollouts": self.rollouts},
         }
 
 

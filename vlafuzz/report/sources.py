@@ -122,10 +122,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
         searched = (
             "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
         )
-    facts = [
-        *_of_runs(manifests),
-        ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
-    ]
+    facts = [*_of_runs(manifests), ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}")]
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
     facts.insert(1, ("Policy checkup", checkups))
     if summary.triaged:

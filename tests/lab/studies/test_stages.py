@@ -8,14 +8,7 @@ from tests.doubles import failed, manifest, passed, rollout, scene
 from vlafuzz.errors import UsageError
 from vlafuzz.lab.studies.runner import COUNTS, Part, operators_of, stored
 from vlafuzz.lab.studies.sheet import adjusted
-from vlafuzz.lab.studies.stages import (
-    Similarity,
-    StageResult,
-    in_paper,
-    is_similar,
-    similarities,
-    standing,
-)
+from vlafuzz.lab.studies.stages import Similarity, StageResult, in_paper, is_similar, similarities, standing
 from vlafuzz.lab.studies.study import StudyRequest
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Placement, Scene

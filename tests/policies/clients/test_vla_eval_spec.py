@@ -157,8 +157,7 @@ def test_servers_of_known_models_are_understood(module, name, weights, expected)
 
 
 @pytest.mark.parametrize(
-    ("layout", "length", "rest"),
-    [(OWN, 7, [0.5]), (MEASURED, 8, [0.02, -0.02]), (OTHER, 8, [0.5])],
+    ("layout", "length", "rest"), [(OWN, 7, [0.5]), (MEASURED, 8, [0.02, -0.02]), (OTHER, 8, [0.5])]
 )
 def test_layouts_of_proprioception(layout, length, rest):
     sent = LAYOUTS[layout](STATE)

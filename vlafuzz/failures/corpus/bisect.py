@@ -230,12 +230,7 @@ class _Search:
         clear = self._error / CLEAR
         while block := self._probes[self._ran[index] :][:BLOCK]:
             compared = compare(
-                block,
-                side,
-                self._baseline,
-                whole=True,
-                deadline=self._deadline,
-                watch=self._progress(index),
+                block, side, self._baseline, whole=True, deadline=self._deadline, watch=self._progress(index)
             )
             over = compared.stopped == "time"
             if not (compared.controls.policy.of or over):

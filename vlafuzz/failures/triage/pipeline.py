@@ -243,6 +243,5 @@ def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]
     number: defaultdict[tuple[str, str], Iterator[int]] = defaultdict(count)
     ranks = {key: rank - len(causes) for rank, key in enumerate(causes)}
     return sorted(
-        findings,
-        key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell])),
+        findings, key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell]))
     )

@@ -29,10 +29,7 @@ def test_a_round_object_can_be_grasped_from_everywhere():
     assert len({g.quality for g in grasps}) == 1
 
 
-@pytest.mark.parametrize(
-    ("name", "rest"),
-    [("coke_can", "lying"), ("sponge", "flat"), ("spoon", "lying")],
-)
+@pytest.mark.parametrize(("name", "rest"), [("coke_can", "lying"), ("sponge", "flat"), ("spoon", "lying")])
 def test_a_long_object_is_grasped_across(name, rest):
     assert CATALOGUE[name].stable_pose(rest).grasps[0].yaw == 90
 

@@ -105,8 +105,7 @@ def test_other_meshes_are_another_robot(light, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text",
-    ["<robot", "<robot><link><visual><geometry><mesh/></geometry></visual></link></robot>", "\x00"],
+    "text", ["<robot", "<robot><link><visual><geometry><mesh/></geometry></visual></link></robot>", "\x00"]
 )
 def test_a_damaged_robot_is_a_sentence(tmp_path, text):
     (tmp_path / "arm.urdf").write_text(text)
