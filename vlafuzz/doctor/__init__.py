@@ -1,6 +1,5 @@
 """Checks of a policy before its failures are believed, and of this machine."""
 
-from collections.abc import Iterable, Iterator
 from typing import Literal, NamedTuple
 
 Rating = Literal["ok", "warn", "refuse"]
@@ -16,11 +15,3 @@ class Check(NamedTuple):
     found: str
     verdict: Rating
     follows: str = ""
-
-
-def until_refused(checks: Iterable[Check]) -> Iterator[Check]:
-    """The checks up to the first refusal: later ones would only show the same fault again."""
-    for check in checks:
-        yield check
-        if check.verdict == "refuse":
-            return

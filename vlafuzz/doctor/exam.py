@@ -12,7 +12,7 @@ from vlafuzz.campaign.forecast import Speed
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.doctor import Check, until_refused, verdicts
+from vlafuzz.doctor import Check, verdicts
 from vlafuzz.doctor.probes import Interview, moved, reworded, seconds_at_once, sights, spread
 from vlafuzz.doctor.recorder import Break, Moment, Recorder
 from vlafuzz.doctor.wiring import (
@@ -74,7 +74,7 @@ class Exam:
 
     def quick(self) -> Iterator[Check]:
         """The checks that take seconds, up to the first refusal."""
-        return until_refused(self._guarded(self._probed(quick=True)))
+        return self._guarded(self._probed(quick=True))
 
     def speed(self, at_once: int) -> Speed:
         """As it was measured in the checks, and with so many observations at once."""
@@ -101,8 +101,8 @@ class Exam:
         """
         for check in self._guarded(self._probed(quick=False)):
             yield check
-            if check.verdict == "refuse":
-                return
+        if check.verdict == "refuse":
+            return
         self._outcomes += self._rolled(n)
         outcomes = [outcome for _, outcome in self._outcomes]
         yield (check := verdicts.on_rollouts(outcomes, self._recorder.breaks))
@@ -142,9 +142,12 @@ class Exam:
             yield verdicts.on_speed(spec, recorder.seconds, len(recorder.moments[0].executed))
 
     def _guarded(self, checks: Iterator[Check]) -> Iterator[Check]:
-        """The checks; when the policy breaks during a probe, that becomes a check, too."""
+        """The checks up to a refusal; when the policy breaks during a probe, that becomes a check, too."""
         try:
-            yield from checks
+            for check in checks:
+                yield check
+                if check.verdict == "refuse":
+                    return
         except PolicyError as error:
             yield verdicts.on_break(Break("when it was asked again about moments", error), first=False)
 

@@ -52,8 +52,8 @@ class Correction:
 
     fault: str
     advice: str
-    actions: Callable[[Array, PolicySpec], Array] | None = None
-    picture: Callable[[Picture], Picture] | None = None
+    actions: Callable[[Array, PolicySpec], Array] = lambda chunk, _: chunk
+    picture: Callable[[Picture], Picture] = lambda picture: picture
 
 
 Roll = Callable[[Scene, Correction | None], Outcome]
@@ -67,22 +67,12 @@ class Corrected(Lent):
     def act(self, observations: Sequence[Observation]) -> Sequence[ActionChunk]:
         if self.correction is None:
             return super().act(observations)
-        if change := self.correction.picture:
-            observations = [
-                replace(
-                    seen, images={name: np.ascontiguousarray(change(p)) for name, p in seen.images.items()}
-                )
-                for seen in observations
-            ]
-        chunks = super().act(observations)
-        if (convert := self.correction.actions) is None:
-            return chunks
-        return [ActionChunk(convert(np.array(chunk.actions), self.spec)) for chunk in chunks]
-
-
-def _pictured(seen: Observation, change: Callable[[Picture], Picture]) -> Observation:
-    images = {name: np.ascontiguousarray(change(picture)) for name, picture in seen.images.items()}
-    return replace(seen, images=images)
+        change, convert = self.correction.picture, self.correction.actions
+        shown = [
+            replace(seen, images={name: np.ascontiguousarray(change(of)) for name, of in seen.images.items()})
+            for seen in observations
+        ]
+        return [ActionChunk(convert(np.array(chunk.actions), self.spec)) for chunk in super().act(shown)]
 
 
 def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
@@ -120,11 +110,16 @@ def _late(number: int) -> Correction:
     )
 
 
+def _seen(fault: str, advice: str, picture: Callable[[Picture], Picture]) -> Correction:
+    return Correction(fault, f"{advice} before the model sees them", picture=picture)
+
+
 def _grip(chunk: Array, spec: PolicySpec) -> Array:
     chunk[:, 6] = (1.0 if spec.action.gripper.endswith("01") else 0.0) - chunk[:, 6]
     return chunk
 
 
+BGR = "its model was trained on BGR pictures"
 _QUARTER = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])
 _HALF = np.diag([-1, -1, 1])
 _ACTIONS = (
@@ -146,26 +141,10 @@ _ACTIONS = (
 )
 _LENGTHS = tuple(_scaled(factor) for factor in (20, 5, 1 / 5, 1 / 20))
 _PICTURES = (
-    Correction(
-        "it gets red and blue exchanged",
-        "its model was trained on BGR pictures: exchange the channels before the model sees them",
-        picture=lambda picture: picture[..., ::-1],
-    ),
-    Correction(
-        "it gets its pictures upside down",
-        "flip them before the model sees them",
-        picture=lambda picture: picture[::-1],
-    ),
-    Correction(
-        "it gets its pictures mirrored",
-        "mirror them before the model sees them",
-        picture=lambda picture: picture[:, ::-1],
-    ),
-    Correction(
-        "it gets its pictures turned by half",
-        "turn them by 180 degrees before the model sees them",
-        picture=lambda picture: picture[::-1, ::-1],
-    ),
+    _seen("it gets red and blue exchanged", f"{BGR}: exchange the channels", lambda of: of[..., ::-1]),
+    _seen("it gets its pictures upside down", "flip them", lambda of: of[::-1]),
+    _seen("it gets its pictures mirrored", "mirror them", lambda of: of[:, ::-1]),
+    _seen("it gets its pictures turned by half", "turn them by 180 degrees", lambda of: of[::-1, ::-1]),
 )
 
 

@@ -1,6 +1,5 @@
 """Faulty servers: relays in front of a real one that lose, corrupt and delay its replies."""
 
-import socket
 import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
@@ -49,7 +48,7 @@ class Faults:
     """The fault of each reply in order; keeps those that occurred.
 
     ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the
-    connection, say ``error`` as OpenVLA's servers do, or ``kill`` GR00T's. Before ``begin`` there are none.
+    connection, or say ``error`` as OpenVLA's servers do. Before ``begin`` there are none.
     """
 
     def __init__(self, plan: Iterable[str | None], seconds: float) -> None:
@@ -66,18 +65,6 @@ class Faults:
         if fault == "stall":
             self.over.wait(self.seconds)
         return fault
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        return int(taken.getsockname()[1])
-
-
-def drawn(rates: dict[str, float], seed: int) -> Iterator[str | None]:
-    """Random faults by their rates."""
-    rng = np.random.default_rng(seed)
-    while True:
-        yield str(rng.choice([*rates, ""], p=[*rates.values(), 1 - sum(rates.values())])) or None
 
 
 @contextmanager
@@ -165,9 +152,10 @@ def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
 def groot(faults: Faults) -> Iterator[str]:
     """The name of a faulty server of GR00T's protocol with ``Drifting`` behind it."""
     context, policy = zmq.Context(), Drifting()
-    port = free_port()
     modality = {"delta_indices": [0], "modality_keys": [*NAMES]}
     config = {"state": modality, "action": modality, "language": modality | {"modality_keys": [TASK]}}
+    line = context.socket(zmq.ROUTER)  # unlike REP it need not answer
+    port = line.bind_to_random_port("tcp://127.0.0.1")
 
     def answer(request: Any) -> Any:
         if request["endpoint"] == "get_modality_config":
@@ -179,31 +167,18 @@ def groot(faults: Faults) -> Iterator[str]:
         moves = policy.moves(message["language"][TASK][0][0], state).astype(np.float32)
         return [{key: moves[None, :, [number]] for number, key in enumerate(NAMES)}, {}]
 
-    def listening() -> Any:
-        line = context.socket(zmq.ROUTER)  # unlike REP it need not answer
-        line.bind(f"tcp://127.0.0.1:{port}")
-        return line
-
     def serve() -> None:
-        line = listening()
-        ready.set()
         while not faults.over.is_set():
-            if not line.poll(20):
-                continue
-            client, empty, frame = line.recv_multipart()
-            reply, fault = pack_groot(answer(unpack_groot(frame))), faults.next()
-            if fault == "kill":
-                line.close(0)
-                faults.over.wait(faults.seconds)
-                line = listening()
-            elif fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
+            if line.poll(20):
+                client, empty, frame = line.recv_multipart()
+                reply, fault = pack_groot(answer(unpack_groot(frame))), faults.next()
                 replies = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
-                line.send_multipart([client, empty, replies.get(fault, reply)])
+                if fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
+                    line.send_multipart([client, empty, replies.get(fault, reply)])
         context.destroy(linger=0)
 
-    ready, thread = threading.Event(), threading.Thread(target=serve)
+    thread = threading.Thread(target=serve)
     thread.start()
-    ready.wait()
     try:
         yield f"groot:tcp://127.0.0.1:{port}?camera=0&state=1&state_key={','.join(NAMES)}"
     finally:

@@ -4,7 +4,7 @@ import socket
 import threading
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from typing import Any
 
 import msgpack
@@ -18,7 +18,6 @@ from websockets.protocol import State
 from tests.policies.clients import listening
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
-from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
 
 STATE = np.array([0.1, -0.2, 0.3, 3.0, 0.5, 0.0, 0.5], dtype=np.float32)
@@ -205,12 +204,18 @@ def black(spec: PolicySpec) -> dict[str, np.ndarray]:
     return {camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras}
 
 
+def asked(name: str, **more: object) -> list[list[float]]:
+    """The actions for the first observation of a rollout; ``more``: of the observation."""
+    with closing(make_policy(name)) as policy:
+        policy.reset([start("one")])
+        (chunk,) = policy.act([seen("one", **{"images": black(policy.spec)} | more)])
+    return chunk.actions.tolist()
+
+
 def failure(name: str, **more: object) -> PolicyError:
-    """The error of the first action of a rollout; ``more``: of the observation."""
-    policy = make_policy(name)
+    """The error of that."""
     with pytest.raises(PolicyError) as caught:
-        Harness(policy, start("one")).action(lambda: seen("one", **more))
-    policy.close()
+        asked(name, **more)
     return caught.value
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from tests.policies.clients import listening
-from tests.policies.clients.served import CLOSE, HANG, STATE, black, failure, seen, start
-from vlafuzz.errors import PolicyError, PrerequisiteError
+from tests.policies.clients.served import CLOSE, HANG, STATE, asked, failure
+from vlafuzz.errors import PrerequisiteError
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.rollouts.policies import make_policy
 
@@ -66,24 +66,21 @@ class TestFrames:
         assert reply["policy_timing"]["infer_ms"].dtype == np.float32
 
 
-def asked(query: str) -> tuple[dict, str]:
+def request(query: str) -> tuple[dict, str]:
     """The request with an observation, and its header."""
     with scripted({"actions": STILL}) as (name, requests):
-        policy = make_policy(name + query)
-        policy.reset([start("one", 3)])
-        policy.act([seen("one", images=black(policy.spec))])
-        policy.close()
+        asked(name + query)
     return requests[0]
 
 
 def test_an_observation_has_the_models_keys():
-    message, header = asked("?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2")
+    message, header = request("?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2")
     assert list(message) == list(OBSERVATION)
     assert message["observation/image"].shape == (32, 48, 3)
     assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
     assert message["prompt"] == "pick up apple"
-    assert header == '{"episode": "one", "task": "pick-up", "seed": 3, "asked": 0}'
-    other, _ = asked("?camera=32&image_key=cam&instruction_key=task")
+    assert header == '{"episode": "one", "task": "pick-up", "seed": 0, "asked": 0}'
+    other, _ = request("?camera=32&image_key=cam&instruction_key=task")
     assert list(other) == ["cam", "task"]
 
 
@@ -123,14 +120,10 @@ class TestWrongAnswers:
     def test_a_key_that_the_model_misses_is_named_with_what_was_sent_and_what_sends_it(self, key, hint):
         missing = f"Traceback (most recent call last):\n  File x, in __call__\nKeyError: {key!r}\n"
         with scripted(missing) as (name, _):
-            policy = make_policy(name)
-            policy.reset([start("one")])
-            with pytest.raises(PolicyError) as caught:
-                policy.act([seen("one", images=black(policy.spec))])
-            policy.close()
+            error = failure(name)
         said = f": KeyError: {key!r}, which was not sent; sent were observation/image, prompt"
-        assert caught.value.message.endswith(said)
-        assert caught.value.hint.startswith(hint)
+        assert error.message.endswith(said)
+        assert error.hint.startswith(hint)
 
     def test_a_chunk_of_another_length_than_the_options_say(self):
         with scripted({"actions": np.zeros((16, 7))}) as (name, _):

@@ -61,17 +61,10 @@ _Count = Annotated[int, Field(ge=1)]
 
 
 class CommonOptions(BaseModel):
-    """The options of every server's model; see ``ActionSpec`` and ``PolicySpec``.
+    """The options of every server's model; docs/servers.md has a row for each.
 
-    Attributes:
-        version: which model it is, so that stored outcomes of that one answer; changes nothing else.
-        profile: name or file of a profile, which sets the options of a known model.
-        camera: width and height of the third-person picture; (0, 0) for none.
-        wrist: whether a wrist picture comes second.
-        execute: actions of a chunk to execute before the next request; None for all of them.
-        deterministic: the same observations and seed give the same actions; servers do not declare this.
-        batch: the largest number of observations sent at once.
-        timeout: seconds to wait for a reply, times the number of observations sent at once.
+    ``camera`` is (width, height), (0, 0) for none; ``execute`` is None for all actions of a chunk;
+    ``timeout`` is in seconds, for each of the observations sent at once.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -116,12 +109,8 @@ class CommonOptions(BaseModel):
 class VlaEvalOptions(CommonOptions):
     """Options of a model that declares itself. None means as declared, or else the default.
 
-    Attributes:
-        state: ``0``, ``1`` (the layout that the server declares) or the name of a layout.
-        action: the only kind of vla-eval's actions that can be executed.
-        frame: of deltas: the robot's base.
-        benchmark: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends
-            proprioception and the wrist picture to servers that ask for them.
+    ``benchmark``: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends
+    proprioception and the wrist picture to servers that ask for them.
     """
 
     protocol: ClassVar[str] = "vla-eval"
@@ -138,15 +127,7 @@ class VlaEvalOptions(CommonOptions):
 class ProfiledOptions(CommonOptions):
     """Options of a model whose server declares nothing, from a profile or from the user.
 
-    Attributes:
-        state: ``0``, ``1`` (our own layout) or the name of a layout.
-        action: deltas or target poses of the end effector; actions of joints are refused.
-        frame: of deltas: the robot's base, or the hand (tool).
-        rotation: a name of ``conventions.ROTATIONS``.
-        hz: control rate, a divisor of 100.
-        chunk: actions in every reply; None to accept any number.
-        wrist_camera: width and height of the wrist picture; None for those of ``camera``.
-        image_key: key of the third-person picture in messages; ``wrist_key`` and the others likewise.
+    ``chunk``: actions in every reply, None for any number. ``image_key`` and the others are keys in messages.
     """
 
     state: Literal[State, "joint_positions"] = "0"
