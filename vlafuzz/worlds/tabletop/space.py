@@ -188,11 +188,7 @@ class SearchSpace(TableSpace):
         return type(self), (self.operators, self.catalogue, self.task.name, self.rig.robot)
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that passes the checks before settling.
-
-        Raises:
-            UsageError: the ranges leave no room for the objects.
-        """
+        """A random scene that passes the checks before settling; UsageError if the ranges leave no room."""
         # Drawn outside the restarts, so that crowded scenes are not rarer than others.
         count = self.draw("confounders", rng)
         attempt = Attempt(self, rng)

@@ -18,29 +18,21 @@ PLACEMENT = Setting("placement", PLACEMENTS[0], PLACEMENTS)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class State:
-    """A snapshot. Objects are in the scene's order: targets, then confounders.
+    """A snapshot. Objects are in the scene's order: targets, then confounders. Metres.
 
-    Attributes:
-        positions: ``(n, 3)`` of the objects' origins, metres.
-        rotations: ``(n, 3, 3)`` matrices.
-        tcp: ``(3,)`` tool centre point, metres; ``tcp_rotation``: ``(3, 3)``.
-        opening: gap between the fingers, metres.
-        held: index of the object that all fingers press on, or None.
-        contacts: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs
-            of objects in both orders. Only contacts of object 0 and of the hand; empty until the gripper
-            first closes.
-        earlier: positions and rotations one control step of ``seconds`` ago; None at the start.
+    ``contacts``: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs
+    of objects in both orders. Only of object 0 and of the hand; empty until the gripper first closes.
     """
 
-    positions: Array
-    rotations: Array
-    tcp: Array
-    tcp_rotation: Array
-    opening: float
-    held: int | None = None
+    positions: Array  # (n, 3) of the objects' origins
+    rotations: Array  # (n, 3, 3)
+    tcp: Array  # (3,) tool centre point
+    tcp_rotation: Array  # (3, 3)
+    opening: float  # gap between the fingers
+    held: int | None = None  # the object that all fingers press on
     contacts: frozenset[tuple[int, int | str]] = field(default=frozenset())
-    earlier: tuple[Array, Array] | None = None
-    seconds: float = 0.2
+    earlier: tuple[Array, Array] | None = None  # positions and rotations one control step ago
+    seconds: float = 0.2  # of a control step
 
     def touches(self, index: int) -> set[int | str]:
         return {other for touching, other in self.contacts if touching == index}
@@ -82,13 +74,9 @@ class Situation:
 
 @dataclass(frozen=True)
 class TableTask(Task):
-    """A task whose situations are ``Situation``.
+    """A task whose situations are ``Situation``."""
 
-    Attributes:
-        onto: what the second target must be (``support``, ``container``), if anything.
-    """
-
-    onto: str | None = None
+    onto: str | None = None  # what the second target must be, ``support`` or ``container``
 
     def solved(self, models: tuple[ObjectModel, ...], state: State) -> bool:
         """Whether the success condition holds in a start state."""

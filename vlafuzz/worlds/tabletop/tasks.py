@@ -43,11 +43,7 @@ def _approach(s: Situation) -> float:
     return _toward(math.dist(s.now.positions[A], s.now.tcp), whole)
 
 
-def _grasped(s: Situation) -> bool:
-    return s.now.held == A
-
-
-GRASP = Stage("grasp", _grasped, _approach)
+GRASP = Stage("grasp", lambda s: s.now.held == A, _approach)
 
 
 # pick up a
@@ -58,11 +54,7 @@ def _height(s: Situation) -> float:
 
 
 def _lifted(s: Situation) -> bool:
-    return _grasped(s) and _height(s) >= LIFTED
-
-
-def _published_pick_up(s: Situation) -> bool:
-    return _height(s) > 0.01 and s.now.touches(A) <= {HAND, ARM}
+    return s.now.held == A and _height(s) >= LIFTED
 
 
 # move a near b
@@ -104,15 +96,11 @@ def _on_table(s: Situation, index: int) -> bool:
     return s.now.at_rest(index) and abs(s.corners(index)[:, 2].min()) < ON_TABLE
 
 
-def _knocked_over(s: Situation, index: int) -> bool:
-    vertical = s.start.rotations[index][2]  # the world's z axis in the object's frame, at the start
-    return bool(s.now.rotations[index][2] @ vertical < UPRIGHT)
-
-
 def _is_near(s: Situation) -> bool:
-    if _least_gap(s) > NEAR:
+    if _least_gap(s) > NEAR or not (_on_table(s, A) and _on_table(s, B)):
         return False
-    return _on_table(s, A) and _on_table(s, B) and not _knocked_over(s, B) and _gap(s.models, s.now) <= NEAR
+    upright = s.now.rotations[B][2] @ s.start.rotations[B][2]  # the world's z axis in the frame of b
+    return bool(upright >= UPRIGHT) and _gap(s.models, s.now) <= NEAR
 
 
 def _nearing(s: Situation) -> float:
@@ -194,10 +182,10 @@ PICK_UP = TableTask(
     1,
     (
         GRASP,
-        Stage("lift", _lifted, lambda s: _height(s) / LIFTED if _grasped(s) else 0.0),
+        Stage("lift", _lifted, lambda s: _height(s) / LIFTED if s.now.held == A else 0.0),
         Stage("success", _lifted, lambda s: 0.0, 5),
     ),
-    _published_pick_up,
+    lambda s: _height(s) > 0.01 and s.now.touches(A) <= {HAND, ARM},
 )
 MOVE_NEAR = TableTask(
     "move-near",
@@ -227,11 +215,7 @@ TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
 
 
 def task(name: str) -> TableTask:
-    """The task of that name.
-
-    Raises:
-        UsageError: there is no such task.
-    """
+    """The task of that name; a UsageError if there is none."""
     if name not in TASKS:
         raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))
     return TASKS[name]
@@ -243,11 +227,7 @@ _SLOTS = ("{a}", "{b}")
 
 @cache
 def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
-    """The wordings of every task, the nominal one first.
-
-    Raises:
-        CatalogueError: the file is malformed, a task has no wording, or a wording lacks a target.
-    """
+    """The wordings of every task, the nominal one first; a CatalogueError if one lacks a target."""
     path = path or operators_dir() / "instructions.yaml"
     hint = "expected one list of wordings per task"
     wordings = validated(_WORDINGS, read_yaml(path, CatalogueError, hint), path, CatalogueError, hint)
@@ -271,17 +251,15 @@ def say(wording: str, spoken: Sequence[str]) -> str:
 
 def default_scene(task: str, catalogue: Catalogue) -> Scene:
     """A fair scene with the first suitable objects of a catalogue."""
-    wanted = TASKS[task]
-    models = [catalogue[catalogue.graspable()[0]]]
-    if wanted.onto == "container":
-        models.append(next(catalogue[name] for name in catalogue.names("place") if catalogue[name].container))
-    elif wanted.onto == "support":
-        models.append(next(catalogue[name] for name in catalogue.names("place") if catalogue[name].supports))
-    elif wanted.targets == 2:
-        models.append(catalogue[catalogue.graspable()[1]])
-    spots = ((-0.05, 0.0), (-0.05, 0.2))
+    onto, graspable = TASKS[task].onto, [catalogue[name] for name in catalogue.graspable()]
+    places = [catalogue[name] for name in catalogue.names("place")]
+    if onto is not None:
+        fitting = (model for model in places if (model.container if onto == "container" else model.supports))
+        models = [graspable[0], next(fitting)]
+    else:
+        models = graspable[: TASKS[task].targets]
     targets = tuple(
         Placement(model.name, model.stable_poses[0].name, x, y)
-        for model, (x, y) in zip(models, spots, strict=False)
+        for model, (x, y) in zip(models, ((-0.05, 0.0), (-0.05, 0.2)), strict=False)
     )
     return Scene(task, targets, say(load_wordings()[task][0], [model.spoken for model in models]))

@@ -26,22 +26,15 @@ FINGERTIP = 0.012  # metres from the TCP down to the fingertips
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Belief:
-    """Where things are, as far as the policy knows.
+    """Where things are, as far as the policy knows."""
 
-    Attributes:
-        a: the object to take; ``b``: its destination, None for pick-up; ``others``: obstacles.
-        tcp: ``(3,)`` metres; ``tcp_rotation``: ``(3, 3)``.
-        held: something is between the fingers.
-        done: the task looks solved, so that no retry is needed.
-    """
-
-    a: Thing
-    b: Thing | None
-    others: tuple[Thing, ...]
-    tcp: Array
-    tcp_rotation: Array
-    held: bool
-    done: bool = False
+    a: Thing  # the object to take
+    b: Thing | None  # its destination; None for pick-up
+    others: tuple[Thing, ...]  # obstacles
+    tcp: Array  # (3,) metres
+    tcp_rotation: Array  # (3, 3)
+    held: bool  # something is between the fingers
+    done: bool = False  # the task looks solved, so that no retry is needed
 
     @property
     def around(self) -> tuple[Thing, ...]:
@@ -95,11 +88,8 @@ class Steering:
 class PickPlaceController:
     """Grasps and places in one rollout. Actions are metric, relative to the hand's current pose.
 
-    Args:
-        fluent: never wait, and descend while still aligning: actions then hardly depend on the past, so that
-            a memoryless policy can learn them.
-        attempt: rank of the first grasp to try, 0 for the best.
-        lean: see ``Steering``.
+    ``fluent``: never wait, and descend while still aligning: actions then hardly depend on the past, so that
+    a memoryless policy can learn them. ``attempt``: rank of the first grasp. ``lean``: see ``Steering``.
     """
 
     def __init__(

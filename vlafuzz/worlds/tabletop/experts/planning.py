@@ -122,15 +122,11 @@ def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: flo
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where to put a down, metres and radians.
+    """Where to put a down, metres and radians."""
 
-    ``place``: ``(2,)`` position of its origin. ``turn``: on the way there, up to half a turn. ``floor``:
-    height of the surface below.
-    """
-
-    place: Array
-    turn: float
-    floor: float
+    place: Array  # (2,) of its origin
+    turn: float  # on the way there, up to half a turn
+    floor: float  # height of the surface below
 
 
 def goal_on(a: Thing, b: Thing) -> Goal:

@@ -40,10 +40,8 @@ def check_static(
 ) -> Rejection | None:
     """Run the checks that need no simulator, cheapest first.
 
-    Args:
-        min_distance: of centres, metres.
-        visible: bounds within which the targets count as visible; None to skip that check.
-        outlines: whether the policy gets outlines in flat colours instead of pictures.
+    ``min_distance``: of centres, metres. ``visible``: None to skip that check. ``outlines``: whether the
+    policy gets outlines in flat colours instead of pictures.
     """
     rejection = check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)
     if rejection or visible is None:

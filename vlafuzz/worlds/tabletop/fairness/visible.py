@@ -30,14 +30,11 @@ RING = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
 
 @dataclass(frozen=True)
 class Hidden:
-    """How much of an object's outline is in the picture and not hidden, and by what most of the rest is.
+    """How much of an object's outline is in the picture and not hidden, and by what most of the rest is."""
 
-    Shares: ``inside`` and ``unhidden`` of the outline, ``area`` of the picture.
-    """
-
-    inside: float
-    unhidden: float
-    area: float
+    inside: float  # share of the outline
+    unhidden: float  # share of the outline inside
+    area: float  # share of the picture
     by: str
 
 

@@ -26,19 +26,12 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 class Solid(NamedTuple):
-    """An object as physics simulates it.
+    """An object as physics simulates it, in its own frame. Metres."""
 
-    Attributes:
-        parts: ``(n, 3)`` corners of each convex part, in the object's frame, metres.
-        hull: ``(m, 3)`` corners of the convex hull of all parts.
-        volume: summed over the parts, cubic metres.
-        balance: ``(3,)`` centre of mass.
-    """
-
-    parts: tuple[Array, ...]
-    hull: Array
-    volume: float
-    balance: Array
+    parts: tuple[Array, ...]  # (n, 3) corners of each convex part
+    hull: Array  # (m, 3) corners of the convex hull of all parts
+    volume: float  # summed over the parts
+    balance: Array  # (3,) centre of mass
 
 
 def solid(parts: Sequence[Array]) -> Solid:
@@ -64,18 +57,12 @@ def settled(body: Solid, up: Sequence[float]) -> Array | None:
 
 
 class Stable(NamedTuple):
-    """A rotation ``(3, 3)`` of a solid onto a stable face.
-
-    Attributes:
-        up: cosine between the solid's z axis and the vertical.
-        tilt: the tilt at which it tips over, radians.
-        rolls: whether it rolls: it tips easily, and onto an adjacent face.
-    """
+    """A rotation ``(3, 3)`` of a solid onto a stable face."""
 
     turn: Array
-    up: float
-    tilt: float
-    rolls: bool
+    up: float  # cosine between the solid's z axis and the vertical
+    tilt: float  # at which it tips over, radians
+    rolls: bool  # whether it tips easily, and onto an adjacent face
 
 
 def stable_turns(body: Solid) -> list[Stable]:
@@ -136,11 +123,7 @@ def quaternion(turn: Array) -> Array:
 
 
 def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
-    """Build an object and write its meshes into ``folder``.
-
-    Raises:
-        CatalogueError: a pose is not stable, or leaves nothing for the gripper to grasp.
-    """
+    """Build an object with its meshes in ``folder``; CatalogueError for poses unstable or without grasps."""
     drawn = convex_parts(spec.shape)
     points = np.concatenate(drawn)
     centre = (points.min(axis=0) + points.max(axis=0)) / 2

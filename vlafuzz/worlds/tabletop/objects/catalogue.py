@@ -25,12 +25,7 @@ NUMBERS = "model.json"
 
 
 class Catalogue:
-    """Objects by name.
-
-    Attributes:
-        digest: hash of all values, the packs' files and the builder's version.
-        packs: whose objects it has beside the shipped ones.
-    """
+    """Objects by name. ``digest``: hash of all values, the packs' files and the builder's version."""
 
     def __init__(self, specs: Mapping[str, Entry], packs: Sequence[Pack] = ()) -> None:
         self._specs, self.packs = dict(specs), tuple(packs)
@@ -75,8 +70,7 @@ class Catalogue:
 def load_catalogue(file: Path | None = None, *, packs: Sequence[Pack] = ()) -> Catalogue:
     """The objects of a catalogue file, by default of the shipped one, followed by the packs' objects.
 
-    Raises:
-        CatalogueError: a value is invalid, or two packs have the same name.
+    A CatalogueError says which value is invalid, or which two packs have the same name.
     """
     specs: dict[str, Entry] = {**read_file(file or assets.operators_dir() / "objects" / "builtin.yaml")}
     folders: dict[str, Path] = {}
@@ -167,10 +161,9 @@ def packs_json(packs: Iterable[Pack]) -> str:
 
 
 def stored_catalogue(*several: Conditions) -> Catalogue:
-    """The catalogue with the packs of all these conditions; robots beside packs are found again, too.
+    """The catalogue with the packs of all these conditions; a UsageError if one is gone.
 
-    Raises:
-        UsageError: a pack is gone.
+    Robots that lie beside packs are found again, too.
     """
     marks = {mark["name"]: mark for conditions in several for mark in json.loads(conditions.packs)}
     packs = tuple(find_pack(**mark) for mark in marks.values())

@@ -57,8 +57,7 @@ COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.
 def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     """Build an object and write its meshes into ``folder``; the visual mesh only if the pack has none.
 
-    Raises:
-        CatalogueError: the mesh cannot be read, or has no stable pose.
+    A CatalogueError says why a mesh cannot be read, or has no stable pose.
     """
     meshes = _parts(spec)
     turn = _turn(np.concatenate(meshes), tall_y=spec.tall_y)

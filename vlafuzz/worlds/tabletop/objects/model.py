@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import CatalogueError, suggestion
 
 Array = NDArray[np.float64]
+# An obstacle neither fits the gripper nor holds anything; a marker is a plane that stands for a place.
 Role = Literal["graspable", "place", "obstacle", "marker"]
 
 
@@ -29,44 +30,27 @@ def rotation_matrix(quaternion: Iterable[float]) -> list[list[float]]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Grasp:
-    """A top-down two-finger grasp of an object in a stable pose at (0, 0), with yaw 0, on the plane z = 0.
+    """A top-down two-finger grasp of an object in a stable pose at (0, 0), with yaw 0, on the plane z = 0."""
 
-    Attributes:
-        yaw: direction of the closing axis from +x, degrees in [0, 180).
-        width: between the fingers closed on the object, metres.
-        x, y: of the tool centre point (TCP) relative to the object's origin, metres.
-        z: height of the TCP above the support plane, metres.
-        quality: in [0, 1], higher is better.
-    """
-
-    yaw: float
-    width: float
-    x: float
+    yaw: float  # direction of the closing axis from +x, degrees in [0, 180)
+    width: float  # between the fingers closed on the object, metres
+    x: float  # of the tool centre point (TCP) relative to the object's origin, metres
     y: float
-    z: float
-    quality: float
+    z: float  # height of the TCP above the support plane, metres
+    quality: float  # in [0, 1], higher is better
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class StablePose:
-    """An orientation in which the object stays put on a level surface.
-
-    Attributes:
-        quaternion: ``(4,)`` w, x, y, z, at yaw 0.
-        height: of the object's origin above the support, metres.
-        top: height of the highest point above the support, metres.
-        footprint: ``(k, 2)`` convex outline seen from above, counter-clockwise about the origin, metres.
-        rolls: whether a push can make the object roll away.
-        grasps: best first; empty for places.
-    """
+    """An orientation in which the object stays put on a level surface. Metres."""
 
     name: str
-    quaternion: Array
-    height: float
-    top: float
-    footprint: Array
-    rolls: bool
-    grasps: tuple[Grasp, ...]
+    quaternion: Array  # (4,) w, x, y, z, at yaw 0
+    height: float  # of the object's origin above the support
+    top: float  # height of the highest point above the support
+    footprint: Array  # (k, 2) convex outline seen from above, counter-clockwise about the origin
+    rolls: bool  # whether a push can make the object roll away
+    grasps: tuple[Grasp, ...]  # best first; empty for places
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,41 +78,24 @@ class Fit:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectModel:
-    """One kind of object. The origin of its frame is the centre of its bounding box.
-
-    Attributes:
-        spoken: what an instruction calls it.
-        role: an ``obstacle`` neither fits the gripper nor holds anything; a ``marker`` is a plane that stands
-            for a place.
-        mass: kilograms.
-        friction: coefficient, static and dynamic; the restitution is zero.
-        colour: ``(3,)`` dominant colour, sRGB in [0, 1].
-        parts: ``(n, 3)`` corners of each convex part, metres; ``vertices``: those of the hull of all parts.
-        visual: a ``.glb`` with textures; any mesh format if ``fit`` is set.
-        collision: one convex ``.obj`` per part.
-        stable_poses: the first is nominal.
-        supports: whether other objects can be put on it.
-        density: kilograms per cubic metre of the parts.
-        fit: for objects of packs, the transform of the mesh at its nominal size.
-        box: ``(3,)`` side lengths stated by the pack, metres, rotated by ``fit``, signs included; or None.
-    """
+    """One kind of object. The origin of its frame is the centre of its bounding box. Metres, kilograms."""
 
     name: str
-    spoken: str
+    spoken: str  # what an instruction calls it
     role: Role
     mass: float
-    friction: float
-    colour: Array
-    parts: tuple[Array, ...]
-    vertices: Array
-    visual: Path
-    collision: tuple[Path, ...]
-    stable_poses: tuple[StablePose, ...]
-    supports: bool
+    friction: float  # static and dynamic; the restitution is zero
+    colour: Array  # (3,) dominant colour, sRGB in [0, 1]
+    parts: tuple[Array, ...]  # (n, 3) corners of each convex part
+    vertices: Array  # (m, 3) corners of the convex hull of all parts
+    visual: Path  # a .glb with textures; any mesh format if ``fit`` is set
+    collision: tuple[Path, ...]  # one convex .obj per part
+    stable_poses: tuple[StablePose, ...]  # the first is nominal
+    supports: bool  # whether other objects can be put on it
     container: Container | None
-    density: float
-    fit: Fit | None = None
-    box: Array | None = None
+    density: float  # of the parts
+    fit: Fit | None = None  # for objects of packs, the transform of the mesh at its nominal size
+    box: Array | None = None  # (3,) sides stated by the pack, rotated by ``fit``, signs included
 
     def turned(self, quaternion: Sequence[float]) -> Array:
         """The object frame's rotation ``(3, 3)`` given a raw quaternion of the mesh."""

@@ -37,41 +37,29 @@ _MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those
 
 
 class PackObject(Strict):
-    """One object of a pack. The dump identifies it by the ``content`` of its files, not by their paths.
-
-    Attributes:
-        density: of the solid, kilograms per cubic metre.
-        sides: of the bounding box in the info file, along the mesh's axes, metres; None without one.
-        tall_y: whether an object that is tall and round along y stands along y; all others have z up.
-        marks: whether the object is a plane that stands for a place.
-        visual: None if the pack has no visual mesh.
-        version: of the builder; raise it when the same files result in a different object.
-    """
+    """One object of a pack. The dump identifies it by the ``content`` of its files, not by their paths."""
 
     spoken: str
     scale: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
-    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
-    sides: tuple[float, float, float] | None
-    tall_y: bool
-    marks: bool
+    density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]  # kilograms per cubic metre
+    sides: tuple[float, float, float] | None  # in the info file, along the mesh's axes, metres
+    tall_y: bool  # whether an object that is tall and round along y stands along y; all others have z up
+    marks: bool  # whether the object is a plane that stands for a place
     content: str
     collision: Path = Field(exclude=True)
     visual: Path | None = Field(exclude=True)
-    version: int = 6
+    version: int = 6  # of the builder; raise it when the same files result in a different object
 
 
 @dataclass(frozen=True, eq=False)
 class Pack:
-    """The objects of a folder by name, and the names without a collision mesh.
-
-    ``digest``: hash of everything that determines the objects: the files' bytes, scales and densities.
-    """
+    """The objects of a folder."""
 
     name: str
     folder: Path
-    digest: str
-    objects: dict[str, PackObject]
-    left_out: tuple[str, ...]
+    digest: str  # of everything that determines the objects: the files' bytes, scales and densities
+    objects: dict[str, PackObject]  # by their names in the pack
+    left_out: tuple[str, ...]  # names without a collision mesh
 
 
 class _Box(BaseModel):
@@ -95,11 +83,7 @@ _INFOS = TypeAdapter(dict[str, _Info])
 
 
 def open_packs(source: str) -> tuple[Pack, ...]:
-    """The pack in a folder, or the packs in its subfolders; or the known pack of that name.
-
-    Raises:
-        UsageError: there is none.
-    """
+    """The pack in a folder, the packs in its subfolders, or the known pack of a name; else a UsageError."""
     if packs := _packs_in(Path(source)):
         return packs
     if Path(source).is_dir():
@@ -121,12 +105,9 @@ def _known_packs() -> Iterator[Pack]:
 
 
 def find_pack(name: str, digest: str, folder: str) -> Pack:
-    """A pack that was used before, from its former folder or among those known here.
+    """A pack that was used before, from its former folder or among those known here; else a UsageError.
 
     Falls back to a changed pack of that name, which changes the catalogue's digest.
-
-    Raises:
-        UsageError: there is no such pack any more.
     """
     here = [*_packs_in(Path(folder)), *_known_packs()]
     same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]

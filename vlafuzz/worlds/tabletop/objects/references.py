@@ -31,12 +31,9 @@ _CONTINUED = re.compile(rb"\\[\r\n\f\0]")
 
 
 def check_references(file: Path, folder: Path) -> None:
-    """Check that a file is a regular one in the folder of a pack, and that what it names is in there, too.
+    """CatalogueError if a file in a pack's folder, or one that it names, is elsewhere, a link, or damaged.
 
     A name without a file is harmless: some meshes still have a path of their author's machine.
-
-    Raises:
-        CatalogueError: the file, or one that it names, is elsewhere, a link, no file, too large or damaged.
     """
     waiting, known = [file], {file}
     while waiting:

@@ -20,15 +20,12 @@ SRGB = 2.2  # exponent from sRGB to linear, as SAPIEN has it
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Points that stand for equal areas, in the object's frame: ``points`` (n, 3) in metres.
+    """Points that stand for equal areas, in the object's frame."""
 
-    ``normals`` (n, 3) point outwards; ``colours`` (n, 3) are linear; ``roughness`` in [0, 1].
-    """
-
-    points: Array
-    normals: Array
-    colours: Array
-    roughness: float
+    points: Array  # (n, 3) metres
+    normals: Array  # (n, 3) outwards
+    colours: Array  # (n, 3) linear
+    roughness: float  # in [0, 1]
 
 
 @lru_cache(maxsize=256)

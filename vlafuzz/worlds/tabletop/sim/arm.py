@@ -37,14 +37,11 @@ def _damped(jacobian: Array, twist: Array) -> Array:
 
 @dataclass(frozen=True)
 class Gripper:
-    """Two fingers, the robot's last two joints. ``width``: between them in metres, given all joint positions.
+    """Two fingers, the robot's last two joints."""
 
-    ``closed``, ``open``: joint positions for commands of -1 and +1, radians or metres.
-    """
-
-    closed: float
+    closed: float  # joint positions for commands of -1 and +1, radians or metres
     open: float
-    width: Callable[[Array], float]
+    width: Callable[[Array], float]  # between them in metres, given all joint positions
 
 
 @dataclass(frozen=True)
@@ -62,11 +59,8 @@ class MetricArm:
 
     An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians
     about these axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped;
-    deltas are added to the last *target*.
-
-    Args:
-        pace: limits on the motion of the drive targets; None to set them immediately.
-        yields: whether the hand approaches a target out of reach as far as it can, instead of staying.
+    deltas are added to the last *target*. With ``yields``, the hand approaches a target out of reach as
+    far as it can, instead of staying.
     """
 
     def __init__(
@@ -99,10 +93,7 @@ class MetricArm:
         self._drive(self._qpos)
 
     def command(self, action: Array, relative_to: str = "target") -> None:
-        """Set the drive targets for one control step.
-
-        A target out of reach is refused and counted; the last one is kept.
-        """
+        """Set the drive targets for one control step; one out of reach is refused and counted."""
         if relative_to == "current":
             self.target = self._robot.root_pose.inv() * self._link.entity_pose
         target = shifted(self.target, action[:3], action[3:6])

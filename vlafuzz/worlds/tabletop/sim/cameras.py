@@ -29,11 +29,7 @@ WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 
 
 class Cameras:
-    """The requested cameras of one rig. The task decides on the photo, if the rig has any.
-
-    Raises:
-        PrerequisiteError: the photo is in none of the user's folders.
-    """
+    """The requested cameras of one rig; a PrerequisiteError if its photo for the task is not there."""
 
     def __init__(self, rig: Rig, requests: Sequence[CameraRequest], task: str) -> None:
         self._rig, self._requests = rig, {request.name: request for request in requests}

@@ -1,7 +1,8 @@
 """The tabletop's expert in the place of a policy; its actions are written as that policy writes them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +16,7 @@ from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS, Expert
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(NamedTuple):
     """Of the hand: ``place`` (3,) metres."""
 
     place: Array
@@ -34,10 +34,7 @@ class Pose:
 class TabletopDemonstrator:
     """Decides as often as the expert does, and spreads each of its moves over the policy's control steps.
 
-    Args:
-        interface: of the policy. Its actions are rounded as they are written, so that what is executed is
-            what was written.
-
+    Actions are rounded as the policy's interface writes them, so that what is executed is what was written.
     The second half of its attempts are those of the expert that waits, which solves what the fluent one does
     not. See ``worlds.base.Demonstrator``.
     """

@@ -47,19 +47,14 @@ TURN = 1e-4  # of a quaternion's components
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Applied:
-    """What the simulator contains, read back from it.
-
-    Attributes:
-        light: factor on the nominal lights.
-        extras: the parts of the scene that extra operators vary, by field name, as far as they are in effect.
-    """
+    """What the simulator contains, read back from it."""
 
     instruction: str
     objects: tuple[str, ...]
     poses: tuple[sapien.Pose, ...]
-    light: float
+    light: float  # factor on the nominal lights
     camera: sapien.Pose
-    extras: Mapping[str, Any]
+    extras: Mapping[str, Any]  # parts of the scene that extra operators vary, as far as they are in effect
 
     def as_dict(self) -> dict[str, Any]:
         """Plain numbers, for ``info``."""
@@ -75,19 +70,14 @@ class Applied:
         }
 
     def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
-        """Compare with the requested scene and poses of its objects, before the first step.
-
-        Raises:
-            SimulatorError: an option was not applied.
-        """
+        """SimulatorError if this is not the requested scene with these poses, before the first step."""
         if self.objects != tuple(placement.object for placement in scene.placements):
             _fail("objects", [placement.object for placement in scene.placements], self.objects)
         for name, expected, actual in zip(self.objects, poses, self.poses, strict=True):
             _check_pose(name, expected, actual)
         if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, self.light)
-        view = camera_pose(rig.view, scene.camera)
-        _check_pose("camera", sapien.Pose(view.position, view.quaternion), self.camera)
+        _check_pose("camera", sapien_pose(camera_pose(rig.view, scene.camera)), self.camera)
         if self.instruction != scene.instruction:
             _fail("instruction", scene.instruction, self.instruction)
         for part in EXTRAS:
@@ -128,9 +118,6 @@ class TabletopEnv(BaseEnv):
     """A robot at a table with one scene at a time.
 
     Args:
-        task: one of the four.
-        catalogue: of objects; the built-in one by default.
-        cameras: of the observations; without a renderer there are none.
         control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
         robot: the name of a rig.
         placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``settle``.
@@ -197,14 +184,13 @@ class TabletopEnv(BaseEnv):
     def applied(self) -> Applied:
         """What the simulator contains, read back from it."""
         third_person = self._cameras.third_person if self.scene.can_render() else []
+        camera = self._render_camera(third_person[0]).local_pose if third_person else sapien_pose(self.view)
         return Applied(
             instruction=self._scene_shown.instruction,
-            poses=tuple(self.world.pose_of(index) for index in range(len(self.models))),
+            poses=self.world.poses,
             objects=tuple(model.name for model in self.models),
             light=self._lights.measure(self.world.scene) if self.scene.can_render() else self.light,
-            camera=self._render_camera(third_person[0]).local_pose
-            if third_person
-            else sapien_pose(self.view),
+            camera=camera,
             extras={
                 "backdrop": self._painter.backdrop,
                 "initial_pose": self.world.initial_pose,
@@ -268,14 +254,11 @@ class TabletopEnv(BaseEnv):
         if scene is None:
             scene = default_scene(self.task.name, self.catalogue)
         if not isinstance(scene, Scene):
-            raise SceneError(
-                f"options['scene']: expected a Scene, got {type(scene).__name__}",
-                hint="Scene.from_json reads one",
-            )
+            problem = f"options['scene']: expected a Scene, got {type(scene).__name__}"
+            raise SceneError(problem, hint="Scene.from_json reads one")
         if scene.task != self.task.name:
-            raise SceneError(
-                f"options['scene']: its task is {scene.task!r}, this environment's is {self.task.name!r}"
-            )
+            other = f"its task is {scene.task!r}, this environment's is {self.task.name!r}"
+            raise SceneError(f"options['scene']: {other}")
         self.begin(scene)
 
     def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -299,13 +282,9 @@ class TabletopEnv(BaseEnv):
         """Stages, progress and success by both criteria, as ManiSkill's batched tensors."""
         monitor = self.monitor
         flags = {f"reached_{stage}": stage in monitor.reached for stage in self.task.stage_names[:-1]}
-        flags |= {
-            "success": monitor.success_now,
-            "success_once": monitor.success_once,
-            "published_success": monitor.published_success,
-        }
-        info = {name: torch.tensor([value]) for name, value in flags.items()}
-        return info | {"progress": torch.tensor([monitor.progress])}
+        flags |= {name: getattr(monitor, name) for name in ("success_once", "published_success")}
+        numbers = flags | {"success": monitor.success_now, "progress": monitor.progress}
+        return {name: torch.tensor([value]) for name, value in numbers.items()}
 
     def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
         return {"tcp_pose": self.agent.robot.links_map[self.agent.tcp_name].pose.raw_pose}
@@ -319,11 +298,7 @@ def make_env(
     robot: str = "panda",
     placement: str = "resting",
 ) -> TabletopEnv:
-    """A new environment; without cameras it needs no renderer.
-
-    Raises:
-        PrerequisiteError: there are cameras and nothing here can render, or the robot's files are missing.
-    """
+    """A new environment. PrerequisiteError if a robot's files are missing, or a renderer for the cameras."""
     try:
         env = gymnasium.make(
             gym_id(task),

@@ -28,10 +28,9 @@ SHARP = 0.6  # least angle between two faces at a visible edge, radians
 
 
 def light_robot(urdf: Path) -> Path:
-    """A URDF of the same robot with simplified visual meshes, created by the first call.
+    """A URDF of the same robot with simplified visual meshes, made by the first call.
 
-    Raises:
-        CatalogueError: it is damaged, or a mesh of it is missing or damaged.
+    A CatalogueError says what of it is missing or damaged.
     """
     try:
         name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"

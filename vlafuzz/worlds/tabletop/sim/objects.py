@@ -24,11 +24,7 @@ DAMPING, ROLLING_DAMPING = 0.5, 5.0
 
 
 def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The pose of an object's origin for a placement, at resting height.
-
-    Returns:
-        position ``(3,)`` in metres, quaternion ``(4,)`` wxyz.
-    """
+    """Position ``(3,)``, metres, and quaternion ``(4,)`` wxyz of an object's origin at resting height."""
     if placement.quaternion is not None:
         turn = model.turned(placement.quaternion)
         x, y, _ = model.shift(placement.quaternion) * placement.scale
@@ -106,14 +102,9 @@ def object_contacts(
 ) -> Iterator[tuple[int, int | str, object, Impulses]]:
     """Contacts of the first target, and of the hand with objects, in the last physics step.
 
-    All other contacts are skipped: nobody needs them, and reading them takes time.
-
-    Args:
-        labels: from body to the index of an object, or the name of something else.
-
-    Yields:
-        Object index, label and body of what it touches, and the impulses between the two in newton seconds.
-        A contact between two objects is reported in both orders.
+    Each is an object's index, label and body of what it touches, and impulses in newton seconds; a contact of
+    two objects comes in both orders. ``labels``: an object's index or another name, by body. All other
+    contacts are skipped: nobody needs them, and reading them takes time.
     """
     for contact in system.get_contacts():
         first, second = contact.bodies

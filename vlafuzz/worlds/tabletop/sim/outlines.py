@@ -28,10 +28,7 @@ def outlines(
     light: float,
     table: Sequence[float] = COLOUR,
 ) -> Outlines:
-    """Outlines of objects and hand, and the mean colour of the ``table`` top, in a view.
-
-    ``light``: factor on all lights; an apparent colour saturates at 1.
-    """
+    """Outlines of objects and hand in a view; colours, and the ``table``'s, are times ``light``, up to 1."""
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
     bodies = [_corners(model, state, index) for index, model in enumerate(models)]
     areas = [area_alone(body, view) for body in bodies]

@@ -116,11 +116,7 @@ class SceneLights:
             light.color = [nominal * intensity] * 3
 
     def measure(self, scene: sapien.Scene) -> float:
-        """The factor on the nominal lights, read back from the renderer.
-
-        Raises:
-            ValueError: the lights are not scaled by one factor.
-        """
+        """The factor on the nominal lights, read back; ValueError if they are not scaled by one factor."""
         factors = [float(scene.render_system.ambient_light[0]) / self._nominal.ambient]
         factors += [
             float(light.color[0]) / nominal

@@ -227,11 +227,7 @@ AGENTS: dict[str | None, type[BaseAgent]] = {
 
 
 def wrist_of(agent: BaseAgent) -> Any:
-    """The link that carries the wrist camera.
-
-    Raises:
-        UsageError: the robot has none.
-    """
+    """The link that carries the wrist camera; a UsageError if the robot has none."""
     if agent.wrist is None:
         raise UsageError(
             f"{agent.uid.removeprefix('vlafuzz_')}: it has no wrist camera", hint="ask for third_person only"

@@ -41,15 +41,11 @@ Body: TypeAlias = physx.PhysxRigidDynamicComponent
 
 @dataclass(frozen=True)
 class Settled:
-    """The state of a scene before the policy acts.
+    """The state of a scene before the policy acts."""
 
-    ``shift``: largest horizontal distance of an object from where the scene places it, metres; ``solved``:
-    whether the task is solved already; ``published``: by the published criteria.
-    """
-
-    shift: float
-    solved: bool
-    published: bool
+    shift: float  # largest horizontal distance of an object from where the scene places it, metres
+    solved: bool  # whether the task is solved already
+    published: bool  # the same by the published criteria
     rejection: Rejection | None
 
 

@@ -76,7 +76,10 @@ class World:
             body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
             self._bodies.append(body)
         self._reset_robot(initial or InitialPose())
-        self._labels = self._label_bodies()
+        self._labels: dict[object, int | str] = {body: index for index, body in enumerate(self._bodies)}
+        self._labels |= dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
+        for link in self._robot.articulation.links:
+            self._labels[link] = HAND if any(part in link.name for part in _HAND) else ARM
         self._touched = False
         self._before = None
         self._hash = hashlib.blake2b(digest_size=16)
@@ -94,7 +97,7 @@ class World:
 
     def _read(self) -> State:
         """The present state, which is added to the hash."""
-        poses = [body.entity_pose for body in self._bodies]
+        poses = self.poses
         places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
         velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
         qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
@@ -136,8 +139,10 @@ class World:
         shown = [*self._robot.articulation.links, *self._bodies]
         return [body.entity.per_scene_id for body in shown]
 
-    def pose_of(self, index: int) -> sapien.Pose:
-        return self._bodies[index].entity_pose
+    @property
+    def poses(self) -> tuple[sapien.Pose, ...]:
+        """Of the objects."""
+        return tuple(body.entity_pose for body in self._bodies)
 
     def _move_over(self) -> None:
         """Move everything but the objects into a new PhysX scene, in the same order."""
@@ -164,14 +169,6 @@ class World:
         self._robot.arm.reset()
         offsets = np.degrees(robot.qpos - self._start)[self._arm].tolist()
         self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
-
-    def _label_bodies(self) -> dict[object, int | str]:
-        links = self._robot.articulation.links
-        labels: dict[object, int | str] = {
-            link: HAND if any(part in link.name for part in _HAND) else ARM for link in links
-        }
-        labels |= {body: index for index, body in enumerate(self._bodies)}
-        return labels | dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
