@@ -281,7 +281,7 @@ def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest
 
 
 _LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place", "label", "world")
-_LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver")
+_LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver", "witness_width")
 
 
 def set_back(path: Path, version: int, *statements: str) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.model.task import Stage
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.worlds.values import Parameter, Value, ValuesWorld
 
 LINKS = (0.5, 0.4)  # metres
@@ -72,7 +72,13 @@ class Reacher(ValuesWorld[Arm]):
         return None if 0.2 <= far <= 0.85 else f"the ball is {far:.2f} m away, out of reach"
 
     def expert(self) -> "Downhill":
-        return Downhill(sees_all=True)
+        return Downhill(sees_all=True, width=self.action_width)
+
+
+class Narrow(Reacher):
+    """The same by as many numbers as the arm has joints."""
+
+    action_width = 2
 
 
 class Downhill:
@@ -80,9 +86,10 @@ class Downhill:
 
     attempt = 0
 
-    def __init__(self, *, sees_all: bool = False) -> None:
-        self._sees_all = sees_all
-        self.spec = PolicySpec("expert" if sees_all else "downhill", state=True, privileged=sees_all)
+    def __init__(self, *, sees_all: bool = False, width: int = 7) -> None:
+        self._sees_all, action = sees_all, ActionSpec(width=width)
+        name = "expert" if sees_all else "downhill"
+        self.spec = PolicySpec(name, action=action, state=True, privileged=sees_all)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None: ...
 
@@ -92,7 +99,7 @@ class Downhill:
     def close(self) -> None: ...
 
     def _answer(self, seen: Observation) -> np.ndarray:
-        answer, state = np.zeros(7), seen.privileged
+        answer, state = np.zeros(self.spec.action.width), seen.privileged
         assert seen.state is not None
         first, second, x, y, weight = (float(number) for number in seen.state)
         if self._sees_all:
@@ -110,3 +117,7 @@ class Downhill:
 
 def downhill() -> Any:
     return Downhill()
+
+
+def narrow() -> Any:
+    return Downhill(width=2)

@@ -13,14 +13,21 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
 
-WORLD, POLICY = "python:tests.worlds.reacher:Reacher", "python:tests.worlds.reacher:downhill"
+MODULE = "python:tests.worlds.reacher"
+WORLD, NARROW, POLICY = f"{MODULE}:Reacher", f"{MODULE}:Narrow", f"{MODULE}:downhill"
 TASK = f"{WORLD}/reach"
 
 
+@pytest.fixture(scope="module", params=["", "narrow"])
+def named(request: pytest.FixtureRequest) -> tuple[str, str]:
+    """A world and a policy of it: with actions of seven numbers, and of two."""
+    return (NARROW, f"{MODULE}:narrow") if request.param else (WORLD, POLICY)
+
+
 @pytest.fixture(scope="module")
-def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def store(named: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("own") / "reacher.db"
-    flags = ["--world", WORLD, "--policy", POLICY, "--budget", "90", "--store", str(path)]
+    flags = ["--world", named[0], "--policy", named[1], "--budget", "90", "--store", str(path)]
     assert main(["run", *flags]) == 0
     return path
 
@@ -59,11 +66,11 @@ def test_causes_of_what_the_policy_is_known_to_get_wrong_are_certified(store: Pa
     assert {row["witness"] for row in rows} == {"expert"}
 
 
-def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys):
+def test_a_report_a_corpus_and_regress_work(store: Path, named: tuple[str, str], tmp_path: Path, capsys):
     assert main(["report", str(store), "--out", str(tmp_path / "r.html"), "--trust", "--no-videos"]) == 0
     export = ["export", str(store), "--minimal", "--out", str(tmp_path / "corpus"), "--controls", "20"]
     assert main([*export, "--trust"]) == 0
-    code = main(["regress", str(tmp_path / "corpus"), "--policy", POLICY, "--trust"])
+    code = main(["regress", str(tmp_path / "corpus"), "--policy", named[1], "--trust"])
     assert code in (0, 3)  # 3: where too few controls pass for an alarm
     assert "0 worse" in capsys.readouterr().out or code == 3
 
@@ -78,6 +85,11 @@ def test_an_unknown_task_or_operator_is_named(capsys):
     assert "no task 'fly'" in capsys.readouterr().err
     assert main(["run", "--world", WORLD, "--policy", POLICY, "--vary", "mass", "--budget", "2"]) == 2
     assert "unknown operator 'mass'" in capsys.readouterr().err
+
+
+def test_a_policy_whose_actions_have_another_width_is_refused(capsys):
+    assert main(["run", "--world", NARROW, "--policy", POLICY, "--budget", "2"]) == 2
+    assert "policy 'downhill' acts by 7 numbers" in capsys.readouterr().err
 
 
 def test_worlds_that_come_with_vlafuzz_are_found_by_their_folders():

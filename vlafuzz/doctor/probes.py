@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.doctor.recorder import Moment
 from vlafuzz.policies.base import Finishing, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
-from vlafuzz.policies.harness import blamed_on, check_chunks
+from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks
 
 Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
@@ -84,7 +84,9 @@ def apart(spec: PolicySpec, a: Array, b: Array) -> float:
     """Root mean square distance of two chunks; 1 cm, 0.1 rad and half the gripper's range count as 1 each."""
     action, steps = spec.action, min(len(a), len(b))
     gripper = 2.0 if action.gripper.endswith("01") else 1.0
-    units = np.array([action.position_scale / 0.01] * 3 + [action.rotation_scale / 0.1] * 3 + [gripper])
+    units = np.ones(action.width)
+    if action.width == WIDTH:
+        units[:3], units[3:6], units[6] = action.position_scale / 0.01, action.rotation_scale / 0.1, gripper
     return float(np.sqrt(np.mean(((a[:steps] - b[:steps]) * units) ** 2)))
 
 
@@ -172,7 +174,7 @@ def moved(moment: Moment, _: Moment) -> Moment:
         return moment
     state = moment.seen.state.copy()
     state[:3] += MOVED
-    state[6] = 1 - state[6]
+    state[6:7] = 1 - state[6:7]
     return _shown(moment, state=state)
 
 
@@ -215,7 +217,8 @@ def _answers(policy: Policy, moments: Sequence[Moment], steps: int) -> Iterator[
             for step in range(steps):
                 pairs = zip(moments, begun, strict=True)
                 shown = [replace(of.seen, episode=start.episode, step=step) for of, start in pairs]
-                yield check_chunks(policy.act(shown), len(shown), policy.spec.name)
+                spec = policy.spec
+                yield check_chunks(policy.act(shown), len(shown), spec.name, spec.action.width)
     finally:
         if isinstance(policy, Finishing):
             policy.finish(begun)

@@ -104,7 +104,7 @@ class Recorder(Lent):
             self.between.append(began - self._ended)
         with self._noted():
             chunks = super().act(observations)
-            (answer,) = check_chunks(chunks, 1, self.spec.name)
+            (answer,) = check_chunks(chunks, 1, self.spec.name, self.spec.action.width)
         self._ended = time.perf_counter()
         self.seconds.append(self._ended - began)
         self._answers += 1

@@ -21,6 +21,7 @@ from vlafuzz.doctor.recorder import Moment
 from vlafuzz.errors import SimulatorError, VlafuzzError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.policies.base import CameraRequest, Policy, PolicySpec
+from vlafuzz.policies.harness import WIDTH
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator, stored_space
 from vlafuzz.worlds import world_of
@@ -149,6 +150,8 @@ def _spread(spec: PolicySpec, asked: Asked) -> str:
     steps = min(len(answer) for round_ in asked for answer in round_)
     numbers = np.array([[answer[:steps] for answer in round_] for round_ in asked])
     deviations = numbers.std(axis=0, ddof=1).mean(axis=(0, 1))
+    if spec.action.width != WIDTH:
+        return f"its actions spread by up to {deviations.max():.2g} (standard deviation)"
     move = 1000 * abs(spec.action.position_scale) * deviations[:3].max()
     turn = abs(spec.action.rotation_scale) * deviations[3:6].max()
     return f"its actions spread by {move:.2g} mm and {np.degrees(turn):.2g}° (standard deviation)"

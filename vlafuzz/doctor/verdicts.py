@@ -13,6 +13,7 @@ from vlafuzz.doctor.probes import Answers, Change
 from vlafuzz.doctor.recorder import Break
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
+from vlafuzz.policies.harness import WIDTH
 
 Array = NDArray[np.float64]
 FASTEST = 2.0, 2 * math.pi  # metres and radians per second that such an arm can reach
@@ -51,19 +52,20 @@ def on_break(broken: Break, *, first: bool) -> Check:
 
 
 def on_actions(spec: PolicySpec, executed: Array) -> Check:
-    """Whether the executed actions ``(n, 7)`` of several scenes vary, are not clipped, and are in range."""
+    """Whether executed actions ``(n, width)`` of several scenes vary, are not clipped, and are in range."""
     if np.ptp(executed, axis=0).max() < SAME:
         numbers = ", ".join(f"{number:.3g}" for number in executed[0])
         advice = "constant: its actions do not depend on the scene; look at how pictures are prepared"
         return Check("actions", f"{len(executed)} times the same: {numbers}", "refuse", advice)
-    moves = executed[:, :6]
+    of_hand = spec.action.width == WIDTH
+    moves = executed[:, :6] if of_hand else executed
     moving = moves[:, np.ptp(moves, axis=0) >= SAME]
     clipped = sum(_is_clipped(column) for column in moving.T)
     if clipped >= CUT and 2 * clipped > moving.shape[1]:
         detail = f"{clipped} of {moving.shape[1]} numbers are nearly always at an end of their range"
         advice = "saturated: they are clipped; look at the statistics by which it scales its actions"
         return Check("actions", detail, "refuse", advice)
-    return _on_range(spec, executed)
+    return _on_range(spec, executed) if of_hand else Check("actions", f"{len(executed)} of them", "ok")
 
 
 def _is_clipped(numbers: Array) -> bool:

@@ -24,6 +24,7 @@ from vlafuzz.doctor.recorder import Lent
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
+from vlafuzz.policies.harness import WIDTH
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -80,8 +81,11 @@ def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
 
     Scales come last, since shorter moves make up for many other faults, above all for delayed actions.
     """
+    pictures = _PICTURES if spec.cameras else ()
+    if spec.action.width != WIDTH:
+        return list(pictures)  # what other numbers mean is not known
     late = (_late(number) for number in range(1, min(longest, 3)))
-    return [*_ACTIONS, *late, *(_PICTURES if spec.cameras else ()), *_LENGTHS]
+    return [*_ACTIONS, *late, *pictures, *_LENGTHS]
 
 
 def _turned(fault: str, moves: object, turns: object = None, advice: str = "") -> Correction:

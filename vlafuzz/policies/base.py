@@ -75,6 +75,7 @@ class ActionSpec:
             and ``close_01`` in [0, 1] with the threshold at 0.5.
         sticky: control steps for which a changed gripper command is held.
         hz: control rate; a divisor of 100.
+        width: how many numbers they are, where a world takes others than these seven: as they are, then.
     """
 
     rotation: Rotation = "axis_angle"
@@ -84,6 +85,7 @@ class ActionSpec:
     gripper: Gripper = "open_positive"
     sticky: int = 0
     hz: int = 5
+    width: int = 7
 
     def __post_init__(self) -> None:
         for name, known in (("rotation", Rotation), ("relative_to", Relative), ("gripper", Gripper)):
@@ -93,6 +95,7 @@ class ActionSpec:
             usable = isinstance(scale, int | float) and math.isfinite(scale) and scale != 0
             _expect(name, scale, "a finite number other than 0", usable=usable)
         _expect_count("sticky", self.sticky, 0)
+        _expect_count("width", self.width, 1)
         _expect_count("hz", self.hz, 1)
         _expect("hz", self.hz, f"a divisor of {SIM_HZ}", usable=SIM_HZ % self.hz == 0)
 
@@ -210,7 +213,7 @@ class Observation:
 
 @dataclass(frozen=True, eq=False)
 class ActionChunk:
-    """``actions``: float ``(steps, 7)`` in the units of the policy's ``ActionSpec``."""
+    """``actions``: float ``(steps, 7)``, in units, and of the width, that the ``ActionSpec`` says."""
 
     actions: NDArray[np.float64]
 

@@ -108,7 +108,8 @@ class BatchingPolicy:
     def _act(self, batch: Sequence[Observation]) -> Sequence[ActionChunk | PolicyError]:
         try:
             with blamed_on(self._name):
-                chunks = check_chunks(self._policy.act(batch), len(batch), self._name)
+                width = self._policy.spec.action.width
+                chunks = check_chunks(self._policy.act(batch), len(batch), self._name, width)
         except PolicyError as error:
             if len(batch) == 1:
                 return [_plain(error)]

@@ -13,6 +13,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
 
 Array = NDArray[np.float64]
+WIDTH = ActionSpec().width
 _NOT_REAL = "cSUmM"  # kinds of dtypes that NumPy would convert all the same
 AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations
 
@@ -41,8 +42,9 @@ class Harness:
         self._queue.extend(chunk.actions[: self._spec.execute])
 
     def next_action(self) -> Array:
-        """The next action: ``(7,)`` metres, radians, and -1 or 1 for the gripper."""
-        return self._metric(self._queue.popleft())
+        """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
+        action = self._queue.popleft()
+        return self._metric(action) if self._spec.action.width == WIDTH else action
 
     def action(self, observe: Callable[[], Observation]) -> Array:
         """``next_action``; the policy is asked if necessary, see ``ask``."""
@@ -71,7 +73,7 @@ def ask(policy: Policy, observation: Observation) -> ActionChunk:
     """
     name = policy.spec.name
     with blamed_on(name):
-        return ActionChunk(check_chunks(policy.act([observation]), 1, name)[0])
+        return ActionChunk(check_chunks(policy.act([observation]), 1, name, policy.spec.action.width)[0])
 
 
 def _finish(policy: Policy, start: EpisodeStart) -> None:
@@ -115,22 +117,22 @@ class Gripper:
         return self._now
 
 
-def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str) -> list[Array]:
-    """The actions of each chunk, ``(steps, 7)``; PolicyError for a wrong number, shape or value."""
+def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str, width: int = WIDTH) -> list[Array]:
+    """The actions of each chunk, ``(steps, width)``; PolicyError for a wrong number, shape or value."""
     if len(chunks) != expected:
         message = f"{name}: {expected} observations, {len(chunks)} chunks of actions"
         raise PolicyError(message, "answer every observation with one chunk", "bad_action")
-    return [_check(chunk, name) for chunk in chunks]
+    return [_check(chunk, name, width) for chunk in chunks]
 
 
-def _check(chunk: ActionChunk, name: str) -> Array:
+def _check(chunk: ActionChunk, name: str, width: int) -> Array:
     given = np.asarray(getattr(chunk, "actions", chunk))
     if given.dtype.kind in _NOT_REAL:
         raise PolicyError(f"{name}: actions are {given.dtype.name}, not real numbers", cause="bad_action")
     actions = given.astype(np.float64)
-    if actions.ndim != 2 or actions.shape[1] != 7 or len(actions) == 0:
+    if actions.ndim != 2 or actions.shape[1] != width or len(actions) == 0:
         message = f"{name}: actions of shape {actions.shape}"
-        raise PolicyError(message, "expected (steps, 7), at least one step", "bad_action")
+        raise PolicyError(message, f"expected (steps, {width}), at least one step", "bad_action")
     _check_finite(actions, name)
     return actions
 

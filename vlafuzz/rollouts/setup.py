@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.space import Space
 from vlafuzz.policies.base import Policy
@@ -30,8 +31,12 @@ def make_evaluator(
     By default the policy is the one that the conditions name, made anew. ``space``: of the scenes, if it is
     there already. ``checked``: whether validity is checked before a rollout.
     """
-    made = policy or make_policy(conditions.policy)
-    return world_of(conditions.task).evaluator(conditions, made, space, recording=recording, checked=checked)
+    made, world = policy or make_policy(conditions.policy), world_of(conditions.task)
+    width, wanted = made.spec.action.width, world.action_width
+    if width != wanted:
+        problem = f"policy {made.spec.name!r} acts by {width} numbers, {conditions.task} takes {wanted}"
+        raise UsageError(problem, hint="ActionSpec(width=…) of its spec says how many they are")
+    return world.evaluator(conditions, made, space, recording=recording, checked=checked)
 
 
 def stored_space(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> Space:

@@ -226,7 +226,9 @@ MIGRATIONS: list[tuple[str, ...]] = [
     (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
     (_SOLUTION,),
     (_REPEAT,),
-    (f"{_ADD} world TEXT NOT NULL DEFAULT '{{}}'",),  # earlier runs had no other settings of worlds
+    # Earlier runs had no other settings of worlds, and all actions seven numbers.
+    (f"{_ADD} world TEXT NOT NULL DEFAULT '{{}}'",),
+    (f"{_ADD_TO_TRIAGE} witness_width INTEGER",),
 ]
 
 

@@ -30,7 +30,7 @@ from vlafuzz.store.records import (
 )
 
 Row = dict[str, Any]
-_ACTION = 7  # numbers of an action
+_WIDTH = 7  # numbers of most actions
 MOST_UNPACKED = MIB  # bytes of a trace, or of the actions of 37,000 steps
 _SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
@@ -168,12 +168,13 @@ def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
 
 def to_rollout(row: sqlite3.Row) -> Rollout:
     """The inverse of ``rollout_row``."""
+    shape = (row["steps"], -1) if row["actions"] and row["steps"] else (-1, _WIDTH)
     return Rollout(
         **{name: bool(row[name]) for name in _SUCCESSES},
         reached=_NAMES.validate_json(row["reached"]),
         progress=row["progress"] or 0.0,
         trace=unpack(row["trace"], -1),
-        actions=unpack(row["actions"], -1, _ACTION),
+        actions=unpack(row["actions"], *shape),
         states_hash=row["states_hash"],
         seconds=row["seconds"],
     )
@@ -245,6 +246,7 @@ def triage_row(triaged: Triaged) -> Row:
         "thresholds": json.dumps([asdict(threshold) for threshold in causes.thresholds]),
         "counterparts": json.dumps({name: scene.digest for name, scene in triaged.counterparts.items()}),
         "witness_actions": pack(witness.actions) if witness else None,
+        "witness_width": witness.actions.shape[1] if witness else None,
         "witness_hash": witness.states_hash if witness else None,
         "witness_grasp": witness.attempt if witness else None,
         "witness_solver": witness.solver if witness else None,
@@ -271,7 +273,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
     witness = None
     if row["witness_hash"] is not None:
-        actions = unpack(row["witness_actions"], -1, _ACTION)
+        actions = unpack(row["witness_actions"], -1, row["witness_width"] or _WIDTH)
         solver: Solver = _SOLVER.validate_python(row["witness_solver"] or "expert")  # earlier versions' one
         witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
     counterparts = _BY_NAME.validate_json(row["counterparts"])

@@ -16,7 +16,7 @@ from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
-from vlafuzz.policies.base import Policy
+from vlafuzz.policies.base import ActionSpec, Policy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
@@ -96,6 +96,7 @@ class World(ABC):
         tasks: names of its tasks, the default one first; of a world with many those of a first choice.
         robots: names of its robots, the default one first.
         policies: those that come with the world, by name, described by their docstrings' first sentences.
+        action_width: how many numbers an action has; 7 are a hand's motion and a gripper, see ``ActionSpec``.
         settings: conditions of its own, which decide outcomes beside the scene.
         former: names that robots had before, with what replaces them.
     """
@@ -104,6 +105,7 @@ class World(ABC):
     tasks: Collection[str]
     robots: Collection[str]
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {}
+    action_width: int = ActionSpec().width
     settings: Sequence[Setting[Any]] = ()
     former: ClassVar[Mapping[str, str]] = {}
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from vlafuzz import __version__
 from vlafuzz.common.plugins import source_digest
-from vlafuzz.policies.base import Policy, PolicySpec
+from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
 from vlafuzz.worlds import place
 
 _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
@@ -28,10 +28,12 @@ def here(name: str, policy: Policy, renderer: Callable[[], str], *, workers: boo
 
 
 def described(spec: PolicySpec) -> str:
-    """A spec as JSON. Keys are older than ``calibrated``, so they leave it out where it is not asked for."""
+    """A spec as JSON. Keys are older than some fields, so they leave these out where they are as before."""
     fields = asdict(spec)
     if not spec.calibrated:
         del fields["calibrated"]
+    if spec.action.width == ActionSpec().width:
+        del fields["action"]["width"]
     return json.dumps(fields, sort_keys=True)
 
 

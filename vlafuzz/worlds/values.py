@@ -244,7 +244,8 @@ class ValuesEvaluator(SceneEvaluator):
 class ValuesWorld(World, Generic[State]):
     """A world whose scenes are values by name. A subclass says what they are, and how a rollout goes.
 
-    Actions are the policy's seven numbers; the world uses as many of the first ones as it needs.
+    Actions are the policy's seven numbers, of which the world uses as many of the first ones as it needs, or
+    as many as ``action_width`` and the policy's ``ActionSpec`` say.
 
     Attributes:
         tasks: their names; ``parameters``: the values that a reset takes, in all of them.
@@ -265,7 +266,7 @@ class ValuesWorld(World, Generic[State]):
 
     @abstractmethod
     def step(self, state: State, action: Array) -> State:
-        """The state after a control step; ``action``: ``(7,)``."""
+        """The state after a control step; ``action``: ``(action_width,)``."""
 
     @abstractmethod
     def observe(self, state: State) -> Any:

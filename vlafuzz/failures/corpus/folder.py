@@ -291,8 +291,8 @@ def _read_actions(path: Path, digest: str, folder: Path) -> Actions:
         actions = npy_array(data).astype(np.float32)
     except ValueError as error:
         raise _damaged(f"{path}: {error}") from None
-    if actions.ndim != 2 or actions.shape[1] != 7 or not np.isfinite(actions).all():
-        raise _damaged(f"{path}: not (steps, 7) finite numbers, but {actions.shape}")
+    if actions.ndim != 2 or not np.isfinite(actions).all():
+        raise _damaged(f"{path}: not finite numbers, step by step, but {actions.shape}")
     return actions
 
 

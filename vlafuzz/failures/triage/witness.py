@@ -11,6 +11,7 @@ from vlafuzz.model.evidence import Actions, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.harness import WIDTH
 
 TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
 SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
@@ -80,12 +81,12 @@ class Player:
     """A policy that executes a sequence of actions whatever it sees, and then holds still.
 
     Attributes:
-        actions: ``(steps, 7)``, to be set before a rollout.
+        actions: ``(steps, 7)`` or of the width that the spec says, to be set before a rollout.
     """
 
     def __init__(self, like: PolicySpec) -> None:
         self.spec = PolicySpec("witness", action=like.action)
-        self.actions: NDArray[np.floating[Any]] = np.zeros((0, 7), dtype=np.float32)
+        self.actions: NDArray[np.floating[Any]] = np.zeros((0, like.action.width), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Observations have the number of their step."""
@@ -98,5 +99,7 @@ class Player:
     def _at(self, step: int) -> NDArray[np.float64]:
         if step < len(self.actions):
             return np.array(self.actions[step], dtype=np.float64)
-        gripper = float(self.actions[-1, 6]) if len(self.actions) else 1.0
-        return np.array([0.0] * 6 + [gripper])
+        still = np.zeros(self.spec.action.width)
+        if len(still) == WIDTH:
+            still[-1] = self.actions[-1, -1] if len(self.actions) else 1.0  # the gripper
+        return still
