@@ -96,17 +96,20 @@ def test_who_solves_no_nominal_scene_says_nothing_about_others(solved: int, verd
     assert check.found.startswith(f"succeeds in {solved} of 10 nominal scenes, 95 % interval ")
 
 
-@pytest.mark.parametrize(("broken", "verdict"), [(0, "ok"), (1, "warn"), (2, "refuse")])
-def test_a_rollout_may_break_once(broken: int, verdict: str):
+@pytest.mark.parametrize(
+    ("broken", "breaks", "verdict", "says"),
+    [
+        (0, 0, "ok", "8 rollouts completed"),
+        (0, 1, "warn", "8 rollouts completed, 1 restarted"),
+        (1, 1, "warn", "1 of 9 rollouts broke: broke after 5 answers: gone"),
+        (2, 1, "refuse", "2 of 10 rollouts broke: broke after 5 answers: gone"),
+    ],
+)
+def test_a_rollout_may_break_once(broken: int, breaks: int, verdict: str, says: str):
     outcomes = [passed()] * 8 + [Outcome.error("policy: connect: gone")] * broken
-    check = verdicts.on_rollouts(outcomes, [GONE][:broken])
-    assert check.verdict == verdict
+    check = verdicts.on_rollouts(outcomes, [GONE] * breaks)
+    assert (check.verdict, check.found) == (verdict, says)
     assert verdicts.on_nominal(outcomes).found.startswith("succeeds in 8 of 8 ")
-
-
-def test_rollouts_that_had_to_be_begun_again_are_a_warning():
-    check = verdicts.on_rollouts([passed()] * 8, [GONE])
-    assert (check.verdict, check.found) == ("warn", "8 rollouts completed, 1 restarted")
 
 
 def test_a_simulator_that_breaks_is_told_apart_from_the_policy():

@@ -15,7 +15,7 @@ from tests.policies.clients.served import failure as served_failure
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
-from vlafuzz.rollouts.policies import check_policy_name, make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
 STILL = np.array([[0.0] * 6 + [1.0]], dtype=np.float32)
@@ -223,20 +223,6 @@ class TestRefused:
             pytest.raises(UsageError, match="wants 2 time steps of video"),
         ):
             make_policy(name)
-
-    @pytest.mark.parametrize(
-        ("query", "says"),
-        [
-            ("profile=libero&state_key=x,y", "state_key: its parts have 2 numbers, eef_pos3_axis"),
-            ("state_key=x,x", "expected names as x,y,gripper:2, each of them once, got 'x,x'"),
-            ("action_key=x:0", "expected names as x,y,gripper:2"),
-            ("profile=droid", "says nothing about groot"),
-            ("api_token=secret", "unknown option 'api_token'"),
-        ],
-    )  # fmt: skip
-    def test_wrong_options(self, query, says):
-        with pytest.raises(UsageError, match=re.escape(says)):
-            check_policy_name(f"groot:tcp://gpu:5555?{query}")
 
     @pytest.mark.parametrize("modalities", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])
     def test_a_server_of_something_else(self, modalities):

@@ -128,34 +128,6 @@ class TestOwn:
             openpi(f"profile={path}")
         assert caught.value.hint
 
-    def test_a_name_that_is_none(self):
-        with pytest.raises(UsageError, match="unknown profile 'librero'") as caught:
-            openpi("profile=librero")
-        assert caught.value.hint.startswith("did you mean 'libero'?")
-
-
-class TestRefused:
-    @pytest.mark.parametrize(
-        ("query", "says"),
-        [
-            ("profile=nowhere.yaml", "nowhere.yaml: cannot be read: no such file"),
-            ("profile=droid", "its actions are of joints (joint velocity), which cannot be executed"),
-            ("action=joint_position", "its actions are of joints (joint position)"),
-            ("state=joint_positions", "joint positions cannot be sent as proprioception"),
-            ("hz=15", "hz: expected a divisor of 100, got 15"),
-            ("action=eef_pose&execute=4", "executed one at a time"),
-            ("frame=tool", "executed one at a time"),
-            ("rotation=rot6d&rotation_scale=2", "rotation_scale: rot6d has no scale"),
-            ("chunk=10&execute=12", "execute=12 of a chunk of 10"),
-            ("rotation_scale=0", "rotation_scale: expected a number other than 0, got 0.0"),
-            ("rotation=euler", "unknown rotation 'euler'"),
-            ("unnorm_key=bridge_orig", "unknown option 'unnorm_key'"),
-        ],
-    )
-    def test_what_cannot_be_executed_is_refused_in_a_sentence(self, query, says):
-        with pytest.raises(UsageError, match=re.escape(says)):
-            check_policy_name(f"openpi:ws://gpu:8000?{query}")
-
 
 def test_joints_are_refused_of_a_model_that_declares_itself_too(tmp_path):
     path = tmp_path / "mine.yaml"

@@ -57,55 +57,30 @@ def make(kind: str, folder: Path) -> None:
 def _act(features: dict, folder: Path) -> Any:
     from lerobot.policies.act.configuration_act import ACTConfig
 
-    return ACTConfig(
-        **features,
-        chunk_size=10,
-        n_action_steps=5,
-        dim_model=32,
-        n_heads=2,
-        dim_feedforward=64,
-        n_encoder_layers=1,
-        n_vae_encoder_layers=1,
-        latent_dim=8,
-        pretrained_backbone_weights=None,
-    )
+    layers = dict.fromkeys(("n_encoder_layers", "n_vae_encoder_layers"), 1)
+    widths = {"dim_model": 32, "n_heads": 2, "dim_feedforward": 64, "latent_dim": 8}
+    steps = {"chunk_size": 10, "n_action_steps": 5}
+    return ACTConfig(**features, **layers, **widths, **steps, pretrained_backbone_weights=None)
 
 
 def _diffusion(features: dict, folder: Path) -> Any:
     from lerobot.policies.diffusion.configuration_diffusion import DiffusionConfig
 
-    return DiffusionConfig(
-        **features,
-        n_obs_steps=2,
-        horizon=8,
-        n_action_steps=4,
-        crop_shape=None,
-        down_dims=(32, 64),
-        pretrained_backbone_weights=None,
-        num_train_timesteps=10,
-        num_inference_steps=2,
-    )
+    steps = {"n_obs_steps": 2, "horizon": 8, "n_action_steps": 4}
+    noise = {"num_train_timesteps": 10, "num_inference_steps": 2}
+    weights = {"crop_shape": None, "pretrained_backbone_weights": None, "down_dims": (32, 64)}
+    return DiffusionConfig(**features, **steps, **noise, **weights)
 
 
 def _smolvla(features: dict, folder: Path) -> Any:
     from lerobot.policies.smolvla.configuration_smolvla import SmolVLAConfig
 
-    return SmolVLAConfig(
-        **features,
-        chunk_size=10,
-        n_action_steps=5,
-        num_steps=2,
-        resize_imgs_with_padding=(64, 64),
-        vlm_model_name=str(_language_model(folder / "vlm")),
-        load_vlm_weights=False,
-        num_vlm_layers=2,
-        num_expert_layers=-1,
-        self_attn_every_n_layers=2,
-        expert_width_multiplier=0.5,
-        max_state_dim=8,
-        max_action_dim=8,
-        tokenizer_max_length=16,
-    )
+    steps = {"chunk_size": 10, "n_action_steps": 5, "num_steps": 2}
+    sizes = {"resize_imgs_with_padding": (64, 64), "max_state_dim": 8, "max_action_dim": 8}
+    model = {"vlm_model_name": str(_language_model(folder / "vlm")), "load_vlm_weights": False}
+    layers = {"num_vlm_layers": 2, "num_expert_layers": -1, "self_attn_every_n_layers": 2}
+    words = {"tokenizer_max_length": 16, "expert_width_multiplier": 0.5}
+    return SmolVLAConfig(**features, **steps, **sizes, **model, **layers, **words)
 
 
 def _language_model(folder: Path) -> Path:
@@ -136,26 +111,13 @@ def _language_model(folder: Path) -> Path:
     pictures = SmolVLMImageProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
     video = SmolVLMVideoProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
     SmolVLMProcessor(pictures, tokenizer, video, chat_template="x").save_pretrained(folder)
+    depth = {"num_hidden_layers": 2, "num_attention_heads": 2}
+    eyes = {"hidden_size": 32, "intermediate_size": 64, "image_size": 64, "patch_size": 16}
+    text = {"model_type": "llama", "hidden_size": 64, "intermediate_size": 128, "head_dim": 32}
+    text |= {"num_key_value_heads": 2, "vocab_size": len(tokenizer), "pad_token_id": tokenizer.pad_token_id}
     SmolVLMConfig(
-        vision_config={
-            "hidden_size": 32,
-            "intermediate_size": 64,
-            "num_hidden_layers": 1,
-            "num_attention_heads": 2,
-            "image_size": 64,
-            "patch_size": 16,
-        },
-        text_config={
-            "model_type": "llama",
-            "hidden_size": 64,
-            "intermediate_size": 128,
-            "num_hidden_layers": 2,
-            "num_attention_heads": 2,
-            "num_key_value_heads": 2,
-            "head_dim": 32,
-            "vocab_size": len(tokenizer),
-            "pad_token_id": tokenizer.pad_token_id,
-        },
+        vision_config=eyes | depth | {"num_hidden_layers": 1},
+        text_config=text | depth,
         scale_factor=2,
         image_token_id=tokenizer.convert_tokens_to_ids("<image>"),
         pad_token_id=tokenizer.pad_token_id,

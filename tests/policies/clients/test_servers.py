@@ -44,29 +44,61 @@ def test_an_option_is_read(query, name, value):
     assert getattr(options(query), name) == value
 
 
+VLA_EVAL, OPENPI, GROOT = "vla-eval:ws://gpu:8000?", "openpi:ws://gpu:8000?", "groot:tcp://gpu:5555?"
+
+
 @pytest.mark.parametrize(
-    ("query", "says", "hint"),
+    ("name", "says", "hint"),
     [
-        ("camara=128", "unknown option 'camara'", "did you mean 'camera'?"),
-        ("zzz=1", "unknown option 'zzz'", "known: action, batch, benchmark, camera"),
-        ("gripper=open", "unknown gripper 'open'", "did you mean 'open_01'?"),
-        ("rotation=rot6d", "unknown rotation 'rot6d'", "known: axis_angle, euler_xyz, rpy"),
-        ("state=joints", "unknown state 'joints'", "known: 0, 1, eef_pos3"),
-        ("camera=big", "camera: expected pixels as 224 or 320x240, or 0 for none, got 'big'", None),
-        ("hz=7", "hz: expected a divisor of 100, got 7", None),
-        ("hz=fast", "hz: input should be a valid integer, got 'fast'", None),
-        ("timeout=0", "timeout: input should be greater than 0, got '0'", None),
-        ("position_scale=inf", "position_scale: ", None),
-        ("execute=0", "execute: input should be greater than or equal to 1, got '0'", None),
-        ("hz=5&hz=10", "hz is given twice", "give it once"),
-        ("hz", "bad query field: 'hz'", "expected vla-eval:ws://host:port?option=value&…"),
+        (VLA_EVAL + "camara=128", "unknown option 'camara'", "did you mean 'camera'?"),
+        (VLA_EVAL + "zzz=1", "unknown option 'zzz'", "known: action, batch, benchmark, camera"),
+        (VLA_EVAL + "gripper=open", "unknown gripper 'open'", "did you mean 'open_01'?"),
+        (VLA_EVAL + "rotation=rot6d", "unknown rotation 'rot6d'", "known: axis_angle, euler_xyz, rpy"),
+        (VLA_EVAL + "state=joints", "unknown state 'joints'", "known: 0, 1, eef_pos3"),
+        (VLA_EVAL + "camera=big", "camera: expected pixels as 224 or 320x240, or 0 for none, got 'big'", ""),
+        (VLA_EVAL + "hz=7", "hz: expected a divisor of 100, got 7", ""),
+        (VLA_EVAL + "hz=fast", "hz: input should be a valid integer, got 'fast'", ""),
+        (VLA_EVAL + "timeout=0", "timeout: input should be greater than 0, got '0'", ""),
+        (VLA_EVAL + "position_scale=inf", "position_scale: ", ""),
+        (VLA_EVAL + "execute=0", "execute: input should be greater than or equal to 1, got '0'", ""),
+        (VLA_EVAL + "hz=5&hz=10", "hz is given twice", "give it once"),
+        (VLA_EVAL + "hz", "bad query field: 'hz'", "expected vla-eval:ws://host:port?option=value&…"),
+        (OPENPI + "profile=librero", "unknown profile 'librero'", "did you mean 'libero'?"),
+        (OPENPI + "profile=nowhere.yaml", "nowhere.yaml: cannot be read: no such file", ""),
+        (
+            OPENPI + "profile=droid",
+            "are of joints (joint velocity), which cannot be executed",
+            "",
+        ),
+        (OPENPI + "action=joint_position", "its actions are of joints (joint position)", ""),
+        (OPENPI + "state=joint_positions", "joint positions cannot be sent as proprioception", ""),
+        (OPENPI + "hz=15", "hz: expected a divisor of 100, got 15", ""),
+        (OPENPI + "action=eef_pose&execute=4", "executed one at a time", ""),
+        (OPENPI + "frame=tool", "executed one at a time", ""),
+        (OPENPI + "rotation=rot6d&rotation_scale=2", "rotation_scale: rot6d has no scale", ""),
+        (OPENPI + "chunk=10&execute=12", "execute=12 of a chunk of 10", ""),
+        (OPENPI + "rotation_scale=0", "rotation_scale: expected a number other than 0, got 0.0", ""),
+        (OPENPI + "rotation=euler", "unknown rotation 'euler'", ""),
+        (OPENPI + "unnorm_key=bridge_orig", "unknown option 'unnorm_key'", ""),
+        (GROOT + "profile=libero&state_key=x,y", "state_key: its parts have 2 numbers, eef_pos3_axis", ""),
+        (GROOT + "state_key=x,x", "expected names as x,y,gripper:2, each of them once, got 'x,x'", ""),
+        (GROOT + "action_key=x:0", "expected names as x,y,gripper:2", ""),
+        (GROOT + "profile=droid", "says nothing about groot", ""),
+        (GROOT + "api_token=secret", "unknown option 'api_token'", ""),
+        ("lerobot:", "'lerobot:' names no folder", ""),
+        ("lerobot:x?device=gpu", "device: string should match pattern", ""),
+        ("lerobot:x?state_key=proprio", "unknown state_key 'proprio'", ""),
+        ("lerobot:x?action=joint_position", "its actions are of joints", ""),
+        ("vla-eval", "unknown policy", "expected vla-eval:ws://"),
+        ("vlaeval:ws://gpu:8000", "unknown policy", "did you mean 'vla-eval'?"),
+        ("vla_eval:ws://gpu:8000", "unknown policy", "did you mean 'vla-eval'?"),
     ],
 )
-def test_a_wrong_option_is_refused_with_its_value(query, says, hint):
+def test_a_wrong_name_is_refused_with_its_value(name, says, hint):
     with pytest.raises(UsageError) as caught:
-        options(query)
+        check_policy_name(name)
     assert says in caught.value.message
-    assert hint is None or caught.value.hint.startswith(hint)
+    assert (caught.value.hint or "").startswith(hint)
 
 
 NONE = ["", "ws://", "ws://gpu", "ws://gpu:0", "ws://gpu:99999", "ws://gpu:a", "http://gpu:8000", "ws://:1"]
@@ -88,13 +120,6 @@ def test_a_password_is_refused_and_not_repeated():
 def test_to_check_a_name_connects_nowhere(monkeypatch):
     monkeypatch.setattr("socket.socket.connect", lambda *_: pytest.fail("connected"))
     check_policy_name("vla-eval:ws://127.0.0.1:9?camera=128")
-
-
-@pytest.mark.parametrize("name", ["vla-eval", "vlaeval:ws://gpu:8000", "vla_eval:ws://gpu:8000"])
-def test_a_name_close_to_it_is_pointed_to_it(name):
-    with pytest.raises(UsageError, match="unknown policy") as caught:
-        check_policy_name(name)
-    assert "vla-eval" in caught.value.hint
 
 
 def test_it_is_listed_with_its_form():
