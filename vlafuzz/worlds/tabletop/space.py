@@ -13,7 +13,7 @@ import numpy as np
 
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import UsageError
-from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.composer import HINT, REDRAWS, RESTARTS, TableComposer, camera, index_of
@@ -119,7 +119,7 @@ def _slots(
 ) -> dict[str, tuple[str, ...]]:
     """The slots of a task's scenes, with the names allowed in each."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
-    takes = tuple(name for name in catalogue.graspable() if _fits(catalogue[name], hand))
+    takes = tuple(name for name in catalogue.graspable() if _takes(hand, catalogue[name]))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
@@ -129,7 +129,7 @@ def _slots(
     return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
 
 
-def _fits(model: ObjectModel, hand: Hand) -> bool:
+def _takes(hand: Hand, model: ObjectModel) -> bool:
     """Whether a hand can hold an object in its first graspable stable pose."""
     first = next((pose.grasps for pose in model.stable_poses if pose.grasps), ())
     return any(hand.takes(grasp.width, grasp.z) for grasp in first)
@@ -331,35 +331,21 @@ class Attempt:
 
     def _accepts(self, slot: str, name: str, values: Values) -> bool:
         """Place an object where the values say, if there is room."""
-        model = self._space.catalogue[name]
-        placement = self._space.composer.placement(values, slot, name)
-        if self._crowded(placement):
+        space, model = self._space, self._space.catalogue[name]
+        placement = space.composer.placement(values, slot, name)
+        here, nearest = (placement.x, placement.y), space.operators.min_distance
+        if any(math.dist(here, other.centre) < nearest for _, _, other in self._placed):
+            # Checked first, since most draws fail by it
+            self.reason = f"{placement.object} comes closer than {nearest:g} m to another object"
             return False
         outline = footprint(placement, model)
-        watched = camera(values) if slot.startswith("targets") else None
-        self.reason = self._misplaced(placement, model, outline, watched) or ""
-        if self.reason:
-            return False
-        self._placed.append((placement, model, outline))
-        return True
-
-    def _crowded(self, placement: Placement) -> bool:
-        """Whether another centre is too close: checked first, since most draws fail by it."""
-        here, nearest = (placement.x, placement.y), self._space.operators.min_distance
-        if all(math.dist(here, other.centre) >= nearest for _, _, other in self._placed):
-            return False
-        self.reason = f"{placement.object} comes closer than {nearest:g} m to another object"
-        return True
-
-    def _misplaced(
-        self, placement: Placement, model: ObjectModel, outline: Footprint, watched: Camera | None
-    ) -> str | None:
-        setup, named = self._space.rig, (model.spoken, outline)
-        if problem := off_workspace(*named, setup):
-            return problem
-        for _, other, around in self._placed:
-            if problem := too_close(named, (other.spoken, around), self._space.operators.min_distance):
-                return problem
-        if watched is None:
-            return None
-        return out_of_reach(*named, setup) or out_of_view(placement, model, setup, watched)
+        named, others = (model.spoken, outline), [(other.spoken, around) for _, other, around in self._placed]
+        problem = off_workspace(*named, space.rig)
+        problem = problem or next(filter(None, (too_close(named, other, nearest) for other in others)), None)
+        if slot.startswith("targets"):
+            problem = problem or out_of_reach(*named, space.rig)
+            problem = problem or out_of_view(placement, model, space.rig, camera(values))
+        self.reason = problem or ""
+        if not problem:
+            self._placed.append((placement, model, outline))
+        return not problem

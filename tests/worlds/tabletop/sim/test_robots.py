@@ -56,12 +56,6 @@ def test_a_camera_that_moved_does_not_fit_a_photo():
     assert "a photo" in check_static(scene, CATALOGUE, 0.1).reason
 
 
-def test_what_is_too_wide_for_a_hand_is_no_target_of_it():
-    targets = SearchSpace(load_operators("widowx"), CATALOGUE, "pick-up", "widowx").composer.layout.slots
-    assert "green_cube" in targets["targets.0"]
-    assert "coke_can" not in targets["targets.0"]
-
-
 def test_the_google_robot_leans_the_more_the_farther_and_the_higher_its_hand_is():
     leans = [GOOGLE.hand.lean(*at) for at in ((0.5, 0.02), (0.7, 0.02), (0.7, 0.12), (0.8, 0.2))]
     assert leans == sorted(leans)

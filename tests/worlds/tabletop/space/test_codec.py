@@ -55,14 +55,6 @@ def test_of_a_scene_from_elsewhere_the_nearest_genome_is_half_a_step_off_at_most
 
 
 @tasks
-@pytest.mark.parametrize("edge", [0.0, 1.0])
-def test_the_corners_of_the_space_are_scenes_too(task: str, edge: float) -> None:
-    one = space(task)
-    scene = one.decode(np.full(one.dim, edge))
-    assert one.decode(one.encode(scene)) == scene
-
-
-@tasks
 @quickly
 @given(seed=seeds)
 def test_genes_that_a_scene_does_not_use_mean_nothing(task: str, seed: int) -> None:
@@ -117,15 +109,6 @@ def test_the_nominal_scene_is_fair_and_has_no_severity(task: str) -> None:
     assert set(one.severities(scene).values()) == {0.0}
     assert one.decode(one.encode(scene)) == scene
     assert scene.confounders == ()
-
-
-def test_resetting_every_operator_gives_the_nominal_scene() -> None:
-    one = space("put-on")
-    scene = scenes("put-on", 1)[0]
-    operators = one.operators.operators
-    assert one.reset(scene, operators) == one.nominal()
-    assert one.reset(scene, []) == scene
-    assert one.severities(one.reset(scene, ["light"]))["light"] == 0.0
 
 
 def test_the_nominal_scene_of_the_same_objects_keeps_them() -> None:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, apart, extents
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.state import TableTask
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 CHECKS = ("semantic", "geometry", "unseen", "settling", "solved")
@@ -77,7 +76,10 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     for a, b in combinations(models, 2):
         if ambiguous(a.spoken, b.spoken):
             yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
-    yield from _task_problems(task, scene.targets, models, setup.hand)
+    first, *more = zip(scene.targets, models, strict=False)
+    problem = cannot_grasp(*first, setup.hand)
+    if problem or (task.onto and (problem := cannot_place(task.onto, *first, *more[0]))):
+        yield problem
 
 
 def _unknown(scene: Scene) -> Iterator[str]:
@@ -101,15 +103,6 @@ def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[
             yield f"{placement.object}: the quaternion {placement.quaternion} is not of length 1"
     elif placement.rest not in (known := [pose.name for pose in catalogue[placement.object].stable_poses]):
         yield f"{placement.object}: unknown rest pose {placement.rest!r}, it has {', '.join(known)}"
-
-
-def _task_problems(
-    task: TableTask, targets: tuple[Placement, ...], models: list[ObjectModel], hand: Hand
-) -> Iterator[str]:
-    if problem := cannot_grasp(targets[0], models[0], hand):
-        yield problem
-    if task.onto and (problem := cannot_place(task.onto, targets[0], models[0], targets[1], models[1])):
-        yield problem
 
 
 def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
@@ -180,19 +173,14 @@ def check_geometry(scene: Scene, catalogue: Catalogue, min_distance: float) -> R
     models = [catalogue[placement.object] for placement in scene.placements]
     outlines = [footprint(*pair) for pair in zip(scene.placements, models, strict=True)]
     named = list(zip((model.spoken for model in models), outlines, strict=True))
-    problems = (
-        *(off_workspace(name, outline, setup) for name, outline in named),
-        *(out_of_reach(name, outline, setup) for name, outline in named[: len(scene.targets)]),
-        *(too_close(a, b, min_distance) for a, b in combinations(named, 2)),
+    targets = zip(scene.targets, models, strict=False)
+    problems = chain(
+        (off_workspace(*one, setup) for one in named),
+        (out_of_reach(*one, setup) for one in named[: len(scene.targets)]),
+        (too_close(a, b, min_distance) for a, b in combinations(named, 2)),
+        (out_of_view(*target, setup, scene.camera) for target in targets),
     )
-    for problem in problems:
-        if problem:
-            return Rejection("geometry", problem)
-    for placement, model in zip(scene.targets, models, strict=False):
-        problem = out_of_view(placement, model, setup, scene.camera)
-        if problem:
-            return Rejection("geometry", problem)
-    return None
+    return next((Rejection("geometry", problem) for problem in problems if problem), None)
 
 
 Named = tuple[str, Footprint]

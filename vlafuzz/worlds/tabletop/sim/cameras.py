@@ -5,7 +5,6 @@ A photo may replace the background of the third-person camera, as in VLATest's e
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -44,12 +43,15 @@ class Cameras:
 
     def configs(self, agent: BaseAgent) -> list[CameraConfig]:
         """The requested cameras for ManiSkill, at their nominal poses."""
-        return [
-            self._config(request.name, self._width(request), request.height)
-            if request.role == "third_person"
-            else _wrist_config(request, agent)
-            for request in self._requests.values()
-        ]
+        configs = []
+        for name, request in self._requests.items():
+            if request.role == "third_person":
+                configs.append(self._config(name, self._width(request), request.height))
+                continue
+            size = request.width, request.height
+            more = {"mount": wrist_of(agent), "shader_config": use_shaders()}
+            configs.append(CameraConfig(name, sapien.Pose(*WRIST_CAMERA), *size, np.pi / 2, **more))
+        return configs
 
     def human_config(self) -> CameraConfig:
         """The camera of ManiSkill's ``render``."""
@@ -69,8 +71,9 @@ class Cameras:
         )
         request = self._requests[name]
         if self._photo is not None and request.role == "third_person":
-            bodies = camera.get_picture("PositionSegmentation")[..., 3]
-            image = _before(self._photo, image, np.isin(bodies, visible))
+            foreground = np.isin(camera.get_picture("PositionSegmentation")[..., 3], visible)
+            background = cv2.resize(self._photo, foreground.shape[::-1], interpolation=cv2.INTER_AREA)
+            image = np.where(foreground[..., None], image, background).astype(np.uint8)
         size = (request.width, request.height)
         if image.shape[1::-1] != size:
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -97,17 +100,3 @@ def _photo(path: Path) -> Picture:
         return np.asarray(decoded(data, "PNG", "JPEG").convert("RGB"), dtype=np.uint8)
     except ValueError as error:
         raise CatalogueError(f"{path}: {error}") from None
-
-
-def _wrist_config(request: CameraRequest, agent: Any) -> CameraConfig:
-    pose, size = sapien.Pose(*WRIST_CAMERA), (request.width, request.height)
-    return CameraConfig(
-        request.name, pose, *size, np.pi / 2, mount=wrist_of(agent), shader_config=use_shaders()
-    )
-
-
-def _before(photo: Picture, image: Picture, foreground: NDArray[np.bool_]) -> Picture:
-    """The ``foreground`` pixels ``(height, width)`` of an image before the photo."""
-    height, width = foreground.shape
-    background = cv2.resize(photo, (width, height), interpolation=cv2.INTER_AREA)
-    return np.where(foreground[..., None], image, background).astype(np.uint8)
