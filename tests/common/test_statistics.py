@@ -259,3 +259,9 @@ def test_pairs_that_are_repeated_are_no_new_evidence():
     low, high = paired_difference(once)
     again_low, again_high = paired_difference(once * 3)
     assert again_high - again_low == pytest.approx(high - low, rel=0.05)
+
+
+def test_wilson_agrees_with_the_published_example_and_knows_nothing_of_no_cases():
+    low, high = wilson(1, 29)  # Newcombe 1998, Table I: 1 of 29 is 0.0061 to 0.1718
+    assert (round(low, 4), round(high, 4)) == (0.0061, 0.1718)
+    assert wilson(0, 0) == (0.0, 1.0)

@@ -50,7 +50,7 @@ def run(executor: RayExecutor) -> list[Outcome]:
 
 def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path):
     what, options, says = TROUBLES["hung"]
-    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), workers=2, **options))
+    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), **options))
     assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, says)
     assert len(list(tmp_path.iterdir())) == 2
 

@@ -77,17 +77,3 @@ def test_a_bandit_forgets():
             bandit.learn(("camera-position",), 1.0 - pay)
     chosen = [bandit.choose(OPERATORS[:2], rng)[0] for _ in range(100)]
     assert chosen.count("camera-position") > 95
-
-
-def test_a_bandit_chooses_each_operator_once_at_most():
-    bandit, rng = Bandit(), np.random.default_rng(0)
-    for _ in range(100):
-        chosen = bandit.choose(OPERATORS, rng)
-        assert 1 <= len(chosen) == len(set(chosen)) <= 3
-
-
-def test_some_scenes_stay_fresh():
-    strategy = told(failing("a"), failing("b"))
-    asked = strategy.ask(200)
-    fresh = sum(proposal.id not in strategy._parents for proposal in asked)
-    assert 10 < fresh < 60

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
-from vlafuzz.common.statistics import wilson
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.search.scoring import cell, score
 from vlafuzz.worlds.manipulation.rigs.rig import Workspace
@@ -84,16 +83,3 @@ def test_the_workspace_is_a_grid_of_four_by_four_and_its_rim_belongs_to_it(x: fl
 def test_a_cell_does_not_depend_on_small_differences():
     first, second = scene(x=0.01, y=0.01), replace(scene(x=0.02, y=0.05), instruction="take the cube")
     assert cell(first, failed(0.1), {"light": 0.7}, TABLE) == cell(second, failed(0.2), {"light": 0.8}, TABLE)
-
-
-def test_wilson_agrees_with_the_published_example():
-    low, high = wilson(1, 29)  # Newcombe 1998, Table I: 1 of 29 is 0.0061 to 0.1718
-    assert (round(low, 4), round(high, 4)) == (0.0061, 0.1718)
-
-
-def test_wilson_of_nothing_is_everything():
-    assert wilson(0, 0) == (0.0, 1.0)
-
-
-def test_more_confidence_is_a_wider_interval():
-    assert wilson(5, 10, 0.99).low < wilson(5, 10).low < 0.5 < wilson(5, 10).high < wilson(5, 10, 0.99).high

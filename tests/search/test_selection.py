@@ -99,11 +99,8 @@ def test_every_strategy_chooses_each_scene_of_a_pool_once_and_ends(name: str):
     assert sorted(taken) == list(range(40))
 
 
-def test_it_says_how_large_the_pool_is():
+def test_it_says_how_large_the_pool_is_and_why_it_finds_no_causes():
     assert about(Selection(Wishes(), space(), sampled(3), 0)) == "from a pool of 3"
-
-
-def test_it_says_why_it_finds_no_causes():
     selection = Selection(STRATEGIES["causes"], space(), sampled(3), 0, 3)
     assert about(selection) == "from a pool of 3; no list of causes, for which it would have to vary scenes"
     assert not looks_for_causes(selection)

@@ -1,7 +1,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import pytest
 
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.model.outcome import Verdict
@@ -70,13 +69,6 @@ def test_the_oftener_a_guess_fails_the_fewer_scenes_are_fresh():
 def coin(proposal: Proposal) -> Score:
     """Failures that nothing foretells."""
     return FAILED if int(space().decode(proposal.genome).digest, 16) % 2 else PASSED
-
-
-def test_where_the_forest_misleads_all_scenes_are_fresh(monkeypatch: pytest.MonkeyPatch):
-    strategy = Surrogate(space(), 0, 200)
-    played(strategy, coin)
-    monkeypatch.setattr(strategy._forest, "misleads", lambda: True)
-    assert strategy._share_of_fresh() == 1.0
 
 
 def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():

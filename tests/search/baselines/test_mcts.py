@@ -6,7 +6,7 @@ from tests.search.worlds import space
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.baselines import mcts
-from vlafuzz.search.baselines.mcts import EXTENTS, Mcts, _perturbed
+from vlafuzz.search.baselines.mcts import Mcts, _perturbed
 from vlafuzz.search.scoring import Score
 
 NARROW = space("pick-up", "light", "camera-orientation")
@@ -41,22 +41,10 @@ def test_an_extent_says_how_far_a_gene_is_from_nominal(extent: str, low: float, 
         assert low - 0.02 <= gene.distance(gene.grid.value(level)) <= high + 0.02
 
 
-def test_a_path_grows_the_tree_by_one_node():
-    strategy = Mcts(space(), 0)
-    strategy.ask(10)
-    assert strategy._nodes == 11
-
-
 def test_what_was_not_judged_leaves_no_trace():
     strategy = Mcts(space(), 0)
     strategy.tell(strategy.ask(6), [Score(Verdict.INVALID, None, 0.0)] * 6)
     assert (strategy._root.visits, strategy._root.failures) == (0, 0)
-
-
-def test_all_extents_are_tried_before_any_is_tried_twice():
-    strategy = Mcts(space(), 0)
-    strategy.ask(len(EXTENTS))
-    assert [child.visits for child in strategy._root.children.values()] == [1] * len(EXTENTS)
 
 
 def test_the_tree_is_bounded(monkeypatch: pytest.MonkeyPatch):

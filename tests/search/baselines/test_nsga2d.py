@@ -37,20 +37,3 @@ def test_when_no_new_cell_is_reached_for_a_generation_half_the_population_leaves
 def test_a_new_cell_lets_it_go_on():
     strategy = grown([failing("a")] * 20, [failing("a")] * 19, [failing("b")], [failing("a")] * 19)
     assert len(population(strategy)) == 20
-
-
-def test_vacant_places_go_to_fresh_scenes(monkeypatch: pytest.MonkeyPatch):
-    strategy = grown([failing("a")] * 20, [failing("a")] * 20)
-    bred = []
-    children = strategy._children
-    monkeypatch.setattr(strategy, "_children", lambda n, rng: bred.append(n) or children(n, rng))
-    strategy.tell(strategy.ask(10), [SIMPLE] * 10)
-    strategy.tell(strategy.ask(40), [SIMPLE] * 40)
-    assert bred[0] == 0
-    assert bred[1] > 20
-
-
-def test_the_better_half_stays():
-    strategy = grown([failing("a")] + [SIMPLE] * 19, [SIMPLE] * 20)
-    assert len(population(strategy)) == 10
-    assert failing("a") in population(strategy)
