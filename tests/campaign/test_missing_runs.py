@@ -31,7 +31,7 @@ class Told(Watch):
 
 
 @pytest.fixture
-def executors(monkeypatch: pytest.MonkeyPatch) -> list[Plan]:
+def executors(monkeypatch) -> list[Plan]:
     """The plans for which an executor was made; all of them evaluate in closed form."""
     plans: list[Plan] = []
 
@@ -74,7 +74,7 @@ def test_an_interrupted_run_is_resumed(store: Store):
 
 
 @pytest.mark.usefixtures("executors")
-def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch):
     store.begin(wanted(1).plan().manifest)
     told = Told()
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
@@ -105,7 +105,7 @@ def test_progress_counts_the_rollouts_of_all_runs(store: Store):
     assert told.bars[-1] == ("run 2 of 2: seed 2", 6, 6)
 
 
-def test_a_run_that_judges_no_scene_is_an_error(store: Store, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_that_judges_no_scene_is_an_error(store: Store, monkeypatch):
     broken = Always(Outcome.error("no light"))
     monkeypatch.setattr(launch, "make_executor", lambda planned: LocalExecutor(broken))
     with pytest.raises(VlafuzzError, match=r"no scene could be judged: .*no light"):

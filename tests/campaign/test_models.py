@@ -29,7 +29,7 @@ def server() -> Iterator[str]:
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     """Runs happen in a folder of their own, without a simulator."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
@@ -43,9 +43,7 @@ def run(policy: str, *flags: str, store: str = "a.db") -> list[bool]:
         return [trial.duplicate for trial in opened.trials(opened.runs()[-1].id)]
 
 
-def test_behind_an_address_no_stored_outcome_answers_and_the_run_says_so(
-    server: str, capsys: pytest.CaptureFixture[str]
-):
+def test_behind_an_address_no_stored_outcome_answers_and_the_run_says_so(server: str, capsys):
     run(server)
     capsys.readouterr()
     assert not any(run(server))  # the model may have been retrained in between
@@ -64,9 +62,7 @@ def test_findings_and_keys_of_such_runs_are_their_own(server: str):
 
 
 @pytest.mark.parametrize("label", ["&version={}", "--label={}"])
-def test_outcomes_of_a_model_that_is_named_answer_for_that_one_only(
-    server: str, label: str, capsys: pytest.CaptureFixture[str]
-):
+def test_outcomes_of_a_model_that_is_named_answer_for_that_one_only(server: str, label: str, capsys):
     def named(version: str) -> list[bool]:
         how = label.format(version)
         return run(server + how) if how.startswith("&") else run(server, how)
@@ -77,9 +73,7 @@ def test_outcomes_of_a_model_that_is_named_answer_for_that_one_only(
     assert "nothing says which model" not in capsys.readouterr().err
 
 
-def test_a_resumed_run_keeps_its_own_outcomes(
-    server: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_resumed_run_keeps_its_own_outcomes(server: str, monkeypatch, capsys):
     run(server)
     with Store.open(Path("a.db"), "write") as opened:
         opened.finish(1, "interrupted", 1.0)
@@ -97,14 +91,12 @@ def test_built_in_policies_and_your_own_are_known_by_their_code():
     assert plan(RunConfig(policy="frozen")).manifest.label == ""
 
 
-def test_a_label_is_a_short_name(capsys: pytest.CaptureFixture[str]):
+def test_a_label_is_a_short_name(capsys):
     assert main(["run", "--policy", "frozen", "--label", "a b\x1b"]) == 2
     assert "--label 'a b\\x1b': expected up to 100 letters" in capsys.readouterr().err
 
 
-def test_conventions_that_nobody_declares_are_said_one_by_one(
-    server: str, capsys: pytest.CaptureFixture[str]
-):
+def test_conventions_that_nobody_declares_are_said_one_by_one(server: str, capsys):
     address, _, options = server.partition("?")
     declared = [each for each in options.split("&") if each.startswith(("camera", "state", "deterministic"))]
     run(f"{address}?{'&'.join(declared)}&gripper=close_01&rotation=rpy")
@@ -135,9 +127,7 @@ def test_an_edited_profile_is_another_policy(server: str, folder: Path):
     assert key(1) == key(1) != key(2)
 
 
-def test_a_comparison_is_of_one_model_and_goes_on_only_if_that_is_named(
-    server: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_comparison_is_of_one_model_and_goes_on_only_if_that_is_named(server: str, capsys):
     def compared(policy: str, store: str) -> int:
         flags = ("--strategies", "random,feedback", "--repeats", "1", "--budget", "10", "--seed", "1")
         where = ("--triage-rollouts", "0", "--store", store)

@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 from tests.doubles import ClosedForm
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
@@ -14,19 +12,8 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.store.store import Store
 
 IDLE = ("--policy", "python:tests.doubles:make_idle")
-SMALL = (
-    *IDLE,
-    "--strategies",
-    "random,feedback",
-    "--budget",
-    "12",
-    "--repeats",
-    "2",
-    "--seed",
-    "3",
-    "--triage-rollouts",
-    "0",
-)
+_SMALL = "--strategies random,feedback --budget 12 --repeats 2 --seed 3 --triage-rollouts 0"
+SMALL = (*IDLE, *_SMALL.split())
 HERE = ("--store", "a.db", "--out", "out")
 
 
@@ -34,7 +21,7 @@ def dark(scene: Scene) -> bool:
     return scene.light.intensity < 0.5
 
 
-def without_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def without_simulator(tmp_path: Path, monkeypatch) -> Path:
     """In the dark the policy fails."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
@@ -51,7 +38,7 @@ def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
         return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
 
 
-def complaint(capsys: pytest.CaptureFixture[str], *flags: str, code: int = 2) -> str:
+def complaint(capsys, *flags: str, code: int = 2) -> str:
     capsys.readouterr()
     assert main(["compare", *SMALL, *HERE, *flags]) == code
     shown = capsys.readouterr().err.splitlines()

@@ -1,11 +1,11 @@
 """``vlafuzz run`` with a strategy that looks for causes ends with them."""
 
-import json
 import re
 from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.failures.triage.planted import CONDITIONS
 from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
 from vlafuzz.campaign import launch
@@ -19,7 +19,7 @@ CAUSES = (*RUN, "--strategy", "causes", "--budget", "120")
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     """Runs happen in a folder of their own, without a simulator: policies fail in the dark, or if tilted."""
     faults = [lambda scene: DARK(scene) or TILTED(scene)]
     monkeypatch.chdir(tmp_path)
@@ -28,11 +28,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_a_run_prints_its_causes_with_thresholds_and_what_certifying_them_took(
-    capsys: pytest.CaptureFixture[str],
-):
-    assert main([*CAUSES]) == 0
-    shown = capsys.readouterr().out
+def test_a_run_prints_its_causes_with_thresholds_and_what_certifying_them_took(capsys):
+    shown = typed(capsys, [*CAUSES]).out
     assert "light (dark): fails from intensity × 0." in shown
     assert "camera-orientation (+yaw): fails from yaw 2." in shown
     assert re.search(r"\d+ more rollouts certified \d+ of \d+ causes", shown)
@@ -41,11 +38,8 @@ def test_a_run_prints_its_causes_with_thresholds_and_what_certifying_them_took(
     assert shown.splitlines()[-1] == f"see the first cause: vlafuzz replay a.db {first}"
 
 
-def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
-    capsys: pytest.CaptureFixture[str],
-):
-    assert main([*CAUSES, "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(capsys):
+    printed = told(capsys, [*CAUSES, "--json"])
     causes = {cause["signature"]: cause for cause in printed["causes"]}
     assert causes.keys() >= {"pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw"}
     first = causes["pick-up|grasp|light:dark"]
@@ -61,60 +55,48 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(
     with Store.open(Path("a.db")) as store:
         assert certification["rollouts"] == sum(row.policy_rollouts for row in store.triaged())
         assert {row.scene for row in store.triaged()} == {one.scene for one in store.causes(1).causes}
-    assert main(["triage", "a.db", "--limit", "1", "--json"]) == 0
-    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    (run,) = told(capsys, ["triage", "a.db", "--limit", "1", "--json"])["runs"]
     assert run["causes"] == printed["causes"]
     assert main(["report", "a.db", "--no-videos", "--out", "a.html"]) == 0
     assert "light (dark): fails from intensity" in Path("a.html").read_text()
 
 
-def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(
-    capsys: pytest.CaptureFixture[str],
-):
-    assert main([*RUN, "--strategy", "causes", "--budget", "60", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(capsys):
+    printed = told(capsys, [*RUN, "--strategy", "causes", "--budget", "60", "--json"])
     assert printed["certification"]["certified"] == 1 < printed["certification"]["causes"]
     assert [cause["bucket"] for cause in printed["causes"]][:2] == ["minimal", "observed"]
-    assert main(["triage", "a.db", "--json"]) == 0
-    (run,) = json.loads(capsys.readouterr().out)["runs"]
+    (run,) = told(capsys, ["triage", "a.db", "--json"])["runs"]
     assert run["certification"]["certified"] == run["certification"]["causes"]
 
 
-def test_without_certification_the_causes_are_those_of_the_strategy(capsys: pytest.CaptureFixture[str]):
-    assert main([*CAUSES, "--no-certify"]) == 0
-    shown = capsys.readouterr().out
+def test_without_certification_the_causes_are_those_of_the_strategy(capsys):
+    shown = typed(capsys, [*CAUSES, "--no-certify"]).out
     assert "not certified means: a few single rollouts suggest these operators" in shown
     assert re.search(r"`vlafuzz triage a.db --limit \d --trust`.* certifies them", shown)
     assert "more rollouts" not in shown
-    assert main(["triage", "a.db", "--limit", "1"]) == 0
-    assert "certified 1 of " in capsys.readouterr().out
+    assert "certified 1 of " in typed(capsys, ["triage", "a.db", "--limit", "1"]).out
 
 
-def test_after_another_strategy_triage_finds_the_causes(capsys: pytest.CaptureFixture[str]):
+def test_after_another_strategy_triage_finds_the_causes(capsys):
     assert main([*RUN, "--strategy", "random", "--budget", "10"]) == 0
     assert "failures; `vlafuzz triage a.db --trust` finds their causes" in capsys.readouterr().out
-    assert main([*RUN, "--strategy", "random", "--budget", "10", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = told(capsys, [*RUN, "--strategy", "random", "--budget", "10", "--json"])
     assert [printed[key] for key in ("causes", "unexplained", "probability", "certification")] == [None] * 4
 
 
-def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys: pytest.CaptureFixture[str]):
-    assert main([*CAUSES, "--no-certify"]) == 0
-    shown = capsys.readouterr().out
+def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys):
+    shown = typed(capsys, [*CAUSES, "--no-certify"]).out
     assert re.search(r"failures\W+\d+ among 120 guided scenes, which is not the policy's failure rate", shown)
     assert re.search(r"failure probability\W+[\d.]+% of random scenes, 95% interval [\d.]+–[\d.]+%", shown)
     assert shown.count("failure probability") == 1
     assert re.search(r"\d+ of \d+ random scenes failed\b", shown)  # counts: one figure, one interval
     assert "failure share" not in shown
-    assert main([*RUN, "--strategy", "surrogate", "--budget", "10"]) == 0
-    shown = capsys.readouterr().out
+    shown = typed(capsys, [*RUN, "--strategy", "surrogate", "--budget", "10"]).out
     assert "guided scenes" in shown
     assert "failure probability" not in shown
 
 
-def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(capsys, monkeypatch):
     class Interrupted(PlantedRunner):
         def renew(self) -> None:
             super().renew()
@@ -124,22 +106,17 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(
     planted = scene_runner.SimulatorSceneRunner
     faults = [lambda scene: DARK(scene) or TILTED(scene)]
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda *_, **__: Interrupted(faults))
-    assert main([*CAUSES]) == 130
-    printed = capsys.readouterr()
+    printed = typed(capsys, [*CAUSES], code=130)
     assert printed.out.count("· certified: ") == 1 <= printed.out.count("· not certified")
     assert "interrupted: all finished causes are stored" in printed.err
     assert printed.err.splitlines()[-1] == "hint: continue with `vlafuzz triage a.db --limit 1 --trust`"
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", planted)
-    assert main(["triage", "a.db", "--limit", "1"]) == 0
-    assert capsys.readouterr().out.count("· certified: ") == 2
+    assert typed(capsys, ["triage", "a.db", "--limit", "1"]).out.count("· certified: ") == 2
 
 
-def test_no_cause_is_begun_for_which_there_is_no_time(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_no_cause_is_begun_for_which_there_is_no_time(capsys, monkeypatch):
     monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 1e4)
-    assert main([*CAUSES, "--time", "5m"]) == 0
-    printed = capsys.readouterr()
+    printed = typed(capsys, [*CAUSES, "--time", "5m"])
     assert "no cause is certified: one takes about" in printed.err
     assert re.search(
         r"hint: continue with `vlafuzz triage a.db --limit .*` \(about [\d.]+ h; --time bounds it.*\)",

@@ -22,7 +22,7 @@ from vlafuzz.store.store import Store
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     return without_simulator(tmp_path, monkeypatch)
 
 
@@ -68,7 +68,7 @@ def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain: 
     ]  # fmt: skip
 
 
-def test_every_run_pays_for_its_own_rollouts(capsys: pytest.CaptureFixture[str]):
+def test_every_run_pays_for_its_own_rollouts(capsys):
     compare("--strategies", "random,python:tests.doubles:make_random_again", "--json")
     document = json.loads(capsys.readouterr().out)
     assert [row["rollouts"] for row in document["runs"]] == [12] * 4
@@ -76,7 +76,7 @@ def test_every_run_pays_for_its_own_rollouts(capsys: pytest.CaptureFixture[str])
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
-def test_the_json_has_all_figures(capsys: pytest.CaptureFixture[str], folder: Path):
+def test_the_json_has_all_figures(capsys, folder: Path):
     compare("--json")
     document = json.loads(capsys.readouterr().out)
     assert (document["budget"], document["repeats"]) == (12, 2)
@@ -123,7 +123,7 @@ def test_one_strategy_alone_has_a_page_without_tests(folder: Path):
     assert "What can be said" not in page
 
 
-def test_csv_has_a_row_a_strategy(capsys: pytest.CaptureFixture[str]):
+def test_csv_has_a_row_a_strategy(capsys):
     compare("--csv")
     rows = list(csv.DictReader(StringIO(capsys.readouterr().out)))
     assert [row["strategy"] for row in rows] == ["random", "feedback"]
@@ -152,7 +152,7 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made
         assert run["causes_per_100"] == pytest.approx(100 / (12 + run["triage_rollouts"]))
 
 
-def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys: pytest.CaptureFixture[str]):
+def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
     compare("--strategies", "random,feedback,causes", "--triage-rollouts", "0", "--json")
     document = json.loads(capsys.readouterr().out)
     random, feedback, causes = document["standings"]
@@ -178,7 +178,7 @@ def test_without_triage_failures_judge_and_it_says_so(plain: Made):
         assert store.triaged() == []
 
 
-def test_a_limit_that_is_too_low_for_one_failure_is_told(capsys: pytest.CaptureFixture[str]):
+def test_a_limit_that_is_too_low_for_one_failure_is_told(capsys):
     compare("--triage-rollouts", "5")
     assert "in 4 of 4 runs 5 rollouts are too few to triage one failure" in capsys.readouterr().out
 
@@ -190,9 +190,7 @@ class Breaking(PlantedRunner):
         return [Outcome.error("refused") for _ in scenes]
 
 
-def test_failures_that_cannot_be_judged_are_told(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_failures_that_cannot_be_judged_are_told(monkeypatch, capsys):
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
     compare("--strategies", "random", "--triage-rollouts", "50")
     assert "failures could not be judged: the policy broke" in capsys.readouterr().err
@@ -217,7 +215,7 @@ def test_failures_that_cannot_be_judged_are_told(
     ],
 )
 def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
-    capsys: pytest.CaptureFixture[str], folder: Path, flags: tuple[str, ...], says: str
+    capsys, folder: Path, flags: tuple[str, ...], says: str
 ):
     assert says in complaint(capsys, *flags)
     assert list(folder.iterdir()) == []
@@ -229,6 +227,6 @@ def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
     assert (folder / "mine-compare" / "compare.json").is_file()
 
 
-def test_a_policy_that_breaks_ends_it(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert "ended in an error, first: ConnectionError: refused" in complaint(capsys, code=3)

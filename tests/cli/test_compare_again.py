@@ -16,11 +16,11 @@ from vlafuzz.store.store import Store
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     return without_simulator(tmp_path, monkeypatch)
 
 
-def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_done_twice_nothing_is_run_again(capsys, monkeypatch):
     compare("--json")
     first = capsys.readouterr().out
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
@@ -29,9 +29,7 @@ def test_done_twice_nothing_is_run_again(capsys: pytest.CaptureFixture[str], mon
     assert capsys.readouterr().out == first
 
 
-def test_a_larger_limit_goes_on_with_what_was_triaged(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     compare("--triage-rollouts", "1")
     with Store.open(Path("a.db")) as store:
         first = store.triaged()
@@ -55,9 +53,7 @@ class Interrupted(PlantedRunner):
             raise KeyboardInterrupt
 
 
-def test_triage_goes_on_after_an_interruption(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_triage_goes_on_after_an_interruption(monkeypatch, capsys):
     compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
     whole = json.loads(capsys.readouterr().out)
     with monkeypatch.context() as patched:
@@ -89,9 +85,7 @@ class Stopping(ClosedForm):
         return super().outcome(scene)
 
 
-def test_the_same_command_goes_on_after_an_interruption(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_same_command_goes_on_after_an_interruption(monkeypatch, capsys):
     compare("--store", "whole.db", "--json")
     whole = json.loads(capsys.readouterr().out)
     with monkeypatch.context() as patched:
@@ -107,7 +101,7 @@ def test_the_same_command_goes_on_after_an_interruption(
     assert document["curves"] == whole["curves"]
 
 
-def test_a_store_with_runs_of_other_conditions_is_refused(capsys: pytest.CaptureFixture[str]):
+def test_a_store_with_runs_of_other_conditions_is_refused(capsys):
     compare("--repeats", "1")
     other = "a.db: run 1 has other conditions:"
     assert f"{other} budget 12, not 13" in complaint(capsys, "--budget", "13")
@@ -116,7 +110,7 @@ def test_a_store_with_runs_of_other_conditions_is_refused(capsys: pytest.Capture
     assert len(runs()) == 2
 
 
-def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str]):
+def test_a_run_that_others_answered_is_refused(capsys):
     for _ in range(2):
         args = ("--budget", "12", "--seed", "3", "--store", "a.db")
         for strategy in ("random", "python:tests.doubles:make_random_again"):
@@ -127,9 +121,7 @@ def test_a_run_that_others_answered_is_refused(capsys: pytest.CaptureFixture[str
     assert "run 2 reused" in message
 
 
-def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
-):
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys, folder: Path):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert "8 scenes in a row had no answer" in complaint(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]

@@ -1,22 +1,21 @@
 """Flags from a YAML file."""
 
-import json
 from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from vlafuzz.cli import main
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def run(capsys: pytest.CaptureFixture[str], *flags: str) -> dict:
-    assert main(["run", "--config", "run.yaml", "--json", *flags]) == 0
-    return json.loads(capsys.readouterr().out)
+def run(capsys, *flags: str) -> dict:
+    return told(capsys, ["run", "--config", "run.yaml", "--json", *flags])
 
 
 def test_a_file_says_how_to_run_and_the_command_line_wins(folder, capsys):
@@ -49,13 +48,11 @@ def test_options_are_also_given_one_by_one_and_the_last_one_counts(folder, capsy
 )
 def test_a_wrong_file_is_refused_in_a_sentence(folder, capsys, text, says):
     (folder / "run.yaml").write_text(text + "\n")
-    assert main(["run", "--config", "run.yaml"]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["run", "--config", "run.yaml"], code=2).err
     assert says in said
     assert "hint:" in said
 
 
 def test_a_wrong_value_is_refused_as_on_the_command_line(folder, capsys):
     (folder / "run.yaml").write_text("budget: many\n")
-    assert main(["run", "--config", "run.yaml"]) == 2
-    assert "--budget" in capsys.readouterr().err
+    assert "--budget" in typed(capsys, ["run", "--config", "run.yaml"], code=2).err

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.doubles import scene
 from tests.report.stores import store
 from vlafuzz.cli import main
@@ -17,30 +18,26 @@ def scenes(folder: Path) -> Path:
     return path
 
 
-def test_a_file_and_a_store_in_one_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_and_a_store_in_one_table(tmp_path: Path, capsys):
     run = store(tmp_path / "a.db", triaged=0)
-    assert main(["lab", "coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = told(capsys, ["lab", "coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"])
     assert [(row["run"], row["scenes"]) for row in rows] == [(None, 4), (None, 9), (1, 4), (2, 4)]
     assert [row["failures"] is None for row in rows] == [True, True, False, False]
 
 
-def test_rows_as_csv(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rows_as_csv(tmp_path: Path, capsys):
     assert main(["lab", "coverage", str(scenes(tmp_path)), "--csv"]) == 0
     (row,) = csv.DictReader(io.StringIO(capsys.readouterr().out))
     assert (row["task"], row["scenes"], row["positions"]) == ("pick-up", "9", "0.08")
 
 
-def test_vlatests_files_stand_beside_the_papers_figures(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_vlatests_files_stand_beside_the_papers_figures(tmp_path: Path, capsys):
     path = tmp_path / "t-grasp.json"
     upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
     options = {"init_xy": [-0.31, 0.17], "orientation": upright}
     entries = {str(number): {"model_id": "hammer", "obj_init_options": options} for number in range(10)}
     path.write_text(json.dumps(entries))
-    assert main(["lab", "coverage", str(path), "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = told(capsys, ["lab", "coverage", str(path), "--json"])
     assert (row["scenes"], row["positions"], row["published"], row["sites"]) == (10, 0.01, 0.09, None)
 
 
@@ -52,6 +49,5 @@ def test_vlatests_files_stand_beside_the_papers_figures(
         (["a.jsonl", "--first", "0"], "--first"),
     ],
 )
-def test_bad_input_is_a_sentence(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lab", "coverage", *arguments]) == 2
-    assert says in capsys.readouterr().err
+def test_bad_input_is_a_sentence(arguments: list[str], says: str, capsys):
+    assert says in typed(capsys, ["lab", "coverage", *arguments], code=2).err

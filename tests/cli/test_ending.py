@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.doubles import ClosedForm, Idle
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
@@ -22,7 +23,7 @@ HERE = "python:tests.cli.test_ending"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     """Runs happen in a folder of their own, without a simulator."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
@@ -57,7 +58,7 @@ def chatty() -> Idle:
     return Idle()
 
 
-def test_sigterm_ends_a_run_in_order(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_sigterm_ends_a_run_in_order(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Signalled())
     before = signal.getsignal(signal.SIGTERM)
     assert main(["run", "--policy", "frozen", *FLAGS]) == 130
@@ -65,12 +66,9 @@ def test_sigterm_ends_a_run_in_order(monkeypatch: pytest.MonkeyPatch, capsys: py
     assert signal.getsignal(signal.SIGTERM) is before
 
 
-def test_an_interruption_before_anything_is_stored_names_no_run_to_resume(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_an_interruption_before_anything_is_stored_names_no_run_to_resume(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: signal.raise_signal(signal.SIGTERM))
-    assert main(["run", "--policy", "frozen", *FLAGS]) == 130
-    said = capsys.readouterr().err
+    said = typed(capsys, ["run", "--policy", "frozen", *FLAGS], code=130).err
     assert "interrupted: nothing is stored yet" in said
     assert "--resume" not in said
 
@@ -145,10 +143,9 @@ listings.world_with = swallow
     assert (process.returncode, stderr) == (130, "\nended at once: finished trials are stored\n")
 
 
-def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_an_interrupted_command_says_so(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.cli.listings.world_with", lambda *_: signal.raise_signal(signal.SIGINT))
-    assert main(["list", "operators"]) == 130
-    assert capsys.readouterr().err == "error: interrupted\n"
+    assert typed(capsys, ["list", "operators"], code=130).err == "error: interrupted\n"
 
 
 def test_a_second_signal_ends_at_once():
@@ -195,47 +192,38 @@ def test_a_full_stdout_is_one_sentence():
     assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
 
 
-def test_a_factory_that_leaves_the_process_is_an_error(capsys: pytest.CaptureFixture[str]):
+def test_a_factory_that_leaves_the_process_is_an_error(capsys):
     assert main(["run", "--policy", f"{HERE}:leave", *FLAGS]) == 3
     assert f"error: {HERE}:leave: SystemExit: 0\nhint: raised at " in capsys.readouterr().err
 
 
-def test_a_strategy_that_leaves_the_process_is_no_success(capsys: pytest.CaptureFixture[str]):
+def test_a_strategy_that_leaves_the_process_is_no_success(capsys):
     flags = ("--strategy", f"{HERE}:leave", "--policy", "frozen", "--store", "a.db")
     assert main(["run", *flags]) != 0
     assert "SystemExit" in capsys.readouterr().err
 
 
-def test_no_exit_from_within_is_taken_for_success(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_no_exit_from_within_is_taken_for_success(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.cli.listings.world_with", leave)
-    assert main(["list", "operators"]) == 2
-    assert "ended the process: sys.exit(0)" in capsys.readouterr().err
+    assert "ended the process: sys.exit(0)" in typed(capsys, ["list", "operators"], code=2).err
 
 
 @pytest.mark.parametrize(("policy", "says"), [(Unclosable(), "RuntimeError"), (Exiting(), "SystemExit")])
-def test_a_policy_that_cannot_be_closed_costs_no_result(
-    policy: Idle, says: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_policy_that_cannot_be_closed_costs_no_result(policy: Idle, says: str, capsys):
     release(policy)
     assert capsys.readouterr().err.startswith(f"note: idle raised {says} in close: ")
 
 
-def test_what_a_policy_prints_is_not_in_the_data(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", "--policy", f"{HERE}:chatty", *FLAGS, "--json"]) == 0
-    printed = capsys.readouterr()
+def test_what_a_policy_prints_is_not_in_the_data(capsys):
+    printed = typed(capsys, ["run", "--policy", f"{HERE}:chatty", *FLAGS, "--json"])
     assert json.loads(printed.out)["policy"] == f"{HERE}:chatty"
     assert "loading weights …" in printed.err
 
 
-def test_the_address_of_a_live_page_is_data(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_address_of_a_live_page_is_data(monkeypatch, capsys):
     main(["run", "--policy", "frozen", *FLAGS])
     capsys.readouterr()
     monkeypatch.setattr(
         "vlafuzz.report.follow.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM)
     )
-    assert main(["report", "--follow", "a.db", "--no-videos"]) == 0
-    assert capsys.readouterr().out.startswith("http://127.0.0.1:")
+    assert typed(capsys, ["report", "--follow", "a.db", "--no-videos"]).out.startswith("http://127.0.0.1:")

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.cli.typed import typed
 from tests.doctor.faults import FAULTS, Changed
 from vlafuzz.cli import main
 from vlafuzz.doctor import two_processes
@@ -59,13 +60,11 @@ def broken() -> Policy:
     raise FileNotFoundError("weights.pt")
 
 
-def rows(capsys: pytest.CaptureFixture[str]) -> dict[str, dict[str, str]]:
+def rows(capsys) -> dict[str, dict[str, str]]:
     return {row["check"]: row for row in json.loads(capsys.readouterr().out)}
 
 
-def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(monkeypatch, capsys):
     monkeypatch.setattr(two_processes, "check_simulation", lambda *_: iter(()))  # slow: it has its own test
     assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
     checks = rows(capsys)
@@ -73,17 +72,16 @@ def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(
     assert list(checks)[-4:] == ["same answers", "rollouts", "nominal", "wiring"]
 
 
-def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys: pytest.CaptureFixture[str]):
+def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys):
     flags = ("--n", "8", "--time", "0.000001s", "--json")
-    assert main(["doctor", "--policy", f"{HERE}:idle", *flags]) == 3
-    printed = capsys.readouterr()
+    printed = typed(capsys, ["doctor", "--policy", f"{HERE}:idle", *flags], code=3)
     checks = {row["check"]: row["found"] for row in json.loads(printed.out)}
     assert checks["nominal"].startswith("succeeds in 0 of 1 nominal scenes")
     assert checks["wiring"] == "unknown: --time was over after 0 rollouts with corrections"
     assert re.search(r"up to 1\d\d rollouts with corrections, about \d+ (s|min)", printed.err)
 
 
-def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest.CaptureFixture[str]):
+def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         port = listening.getsockname()[1]
@@ -93,7 +91,7 @@ def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys: pytest
     assert row["follows"].startswith("start it first")
 
 
-def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: pytest.CaptureFixture[str]):
+def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys):
     assert main(["doctor", "--policy", f"{HERE}:broken", "--json"]) == 3
     checks = rows(capsys)["connects"]
     assert checks["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
@@ -101,28 +99,24 @@ def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys: py
     assert checks["follows"].endswith(': raise FileNotFoundError("weights.pt")')
 
 
-def test_a_run_of_code_that_raises_is_refused_in_a_sentence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_of_code_that_raises_is_refused_in_a_sentence(tmp_path: Path, capsys):
     assert run(tmp_path, f"{HERE}:broken") == 3
     assert f"error: {HERE}:broken: FileNotFoundError: weights.pt\n" in capsys.readouterr().err
 
 
-def test_code_whose_import_raises_is_refused_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_code_whose_import_raises_is_refused_in_a_sentence(tmp_path: Path, monkeypatch, capsys):
     (tmp_path / "lacks_a_package.py").write_text("import unheard_of\n")
     monkeypatch.syspath_prepend(tmp_path)
     assert run(tmp_path, "python:lacks_a_package:make") == 3
     assert "ModuleNotFoundError: No module named 'unheard_of'\nhint: raised at " in capsys.readouterr().err
 
 
-def test_a_protocol_without_an_address_is_refused_with_its_form(capsys: pytest.CaptureFixture[str]):
+def test_a_protocol_without_an_address_is_refused_with_its_form(capsys):
     assert main(["doctor", "--policy", "openpi"]) == 2
     assert "hint: expected openpi:ws://host:port?option=value" in capsys.readouterr().err
 
 
-def test_ctrl_c_leaves_what_was_found_by_then(capsys: pytest.CaptureFixture[str]):
+def test_ctrl_c_leaves_what_was_found_by_then(capsys):
     assert main(["doctor", "--policy", f"{HERE}:interrupted", "--json"]) == 130
     assert list(rows(capsys)) == ["spec", "connects", "actions"]
 
@@ -136,11 +130,8 @@ def test_ctrl_c_leaves_what_was_found_by_then(capsys: pytest.CaptureFixture[str]
         (["--policy", "pinhole", "--task", "put_on"], "unknown task 'put_on'"),
     ],
 )
-def test_a_wrong_flag_of_the_doctor_is_a_sentence(
-    capsys: pytest.CaptureFixture[str], flags: list[str], says: str
-):
-    assert main(["doctor", *flags]) == 2
-    assert says in capsys.readouterr().err
+def test_a_wrong_flag_of_the_doctor_is_a_sentence(capsys, flags: list[str], says: str):
+    assert says in typed(capsys, ["doctor", *flags], code=2).err
 
 
 def run(folder: Path, name: str, *flags: str) -> int:
@@ -148,9 +139,7 @@ def run(folder: Path, name: str, *flags: str) -> int:
     return main(["run", "--policy", name, "--strategy", "random", "--budget", "1", *store, "--json", *flags])
 
 
-def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(tmp_path: Path, capsys):
     assert run(tmp_path, f"{HERE}:constant") == 3
     message, hint = capsys.readouterr().err.splitlines()
     assert message.startswith(f"error: {HERE}:constant is not run: 24 times the same: 0.01, 0.01, 0.01")
@@ -159,14 +148,12 @@ def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(
     assert not (tmp_path / "a.db").exists()
 
 
-def test_a_run_that_was_not_to_look_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_run_that_was_not_to_look_says_so(tmp_path: Path, capsys):
     assert run(tmp_path, f"{HERE}:constant", "--unchecked") == 0
     assert json.loads(capsys.readouterr().out)["checkup"] == "unchecked"
 
 
-def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(tmp_path: Path, capsys):
     assert run(tmp_path, f"{HERE}:deaf") == 0
     shown = capsys.readouterr()
     label = json.loads(shown.out)["checkup"]
@@ -177,18 +164,15 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(
         assert ("Policy checkup", label) in view_of_store(store).facts
 
 
-def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys):
     assert run(tmp_path, "frozen") == 0
     assert json.loads(capsys.readouterr().out)["checkup"] == ""
 
 
 @pytest.mark.slow
-def test_a_run_says_before_it_starts_how_long_it_will_take(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_says_before_it_starts_how_long_it_will_take(tmp_path: Path, capsys):
     flags = ["--policy", f"{HERE}:drowsy", "--budget", "20", "--store", str(tmp_path / "a.db"), "--json"]
-    assert main(["run", *flags, "--strategy", "random"]) == 0
-    printed = capsys.readouterr()
+    printed = typed(capsys, ["run", *flags, "--strategy", "random"])
     said = re.search(
         r"20 rollouts of up to 80 steps take (\d+) (s|min) to (\d+) (s|min); measured", printed.err
     )

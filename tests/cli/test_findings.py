@@ -6,6 +6,7 @@ from dataclasses import asdict
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.report.stores import store as made_up
 from vlafuzz.api import open_store
 from vlafuzz.cli import main
@@ -19,34 +20,29 @@ def store(tmp_path_factory):
 
 
 def test_each_finding_has_its_cause_evidence_and_id(store, capsys):
-    assert main(["report", str(store), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = told(capsys, ["report", str(store), "--json"])
     minimal = [one for one in found if one["evidence"] == "minimal"]
     assert minimal
     assert found[: len(minimal)] == minimal  # the most evidence first
     assert all(one["operators"] and one["signature"] and "rollouts" in one["detail"] for one in minimal)
-    assert main(["report", str(store)]) == 0
-    shown = capsys.readouterr().out
+    shown = typed(capsys, ["report", str(store)]).out
     assert minimal[0]["scene"][:12] in shown
     assert f"see number 1: vlafuzz replay {store} {minimal[0]['scene'][:12]}" in shown
 
 
 def test_json_is_the_rows_of_python(store, capsys):
-    assert main(["report", str(store), "--json"]) == 0
-    printed = {row["found"]: row for row in json.loads(capsys.readouterr().out)}
+    printed = {row["found"]: row for row in told(capsys, ["report", str(store), "--json"])}
     rows = open_store(store).findings()
     assert printed == {row.found: json.loads(json.dumps(asdict(row))) for row in rows}
     assert any(row["necessary"] and row["rate"] for row in printed.values())
 
 
 def test_what_to_do_next_is_said(store, capsys):
-    assert main(["report", str(store)]) == 0
-    assert f"vlafuzz triage {store}" in capsys.readouterr().out
+    assert f"vlafuzz triage {store}" in typed(capsys, ["report", str(store)]).out
 
 
 def test_a_limit_says_how_many_are_left_out(store, capsys):
-    assert main(["report", str(store), "--json"]) == 0
-    number = len(json.loads(capsys.readouterr().out))
+    number = len(told(capsys, ["report", str(store), "--json"]))
     assert main(["report", str(store), "--limit", "1"]) == 0
     assert f"{number - 1} more: --limit 0 shows all of them" in capsys.readouterr().out
 
@@ -58,15 +54,13 @@ def test_evidence_selects(store, capsys):
 
 @pytest.mark.parametrize("flags", [["--evidence", "proven"], ["--limit", "-1"]], ids=" ".join)
 def test_wrong_flags_are_refused_with_a_hint(store, flags, capsys):
-    assert main(["report", str(store), *flags]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["report", str(store), *flags], code=2).err
     assert flags[0] in said
     assert "hint:" in said
 
 
 def test_a_corpus_has_findings_too(capsys):
-    assert main(["report", "mini-pick-up", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    found = told(capsys, ["report", "mini-pick-up", "--json"])
     assert len(found) >= 20
     assert {one["witness"] for one in found} <= {"expert", "seeing"}
     assert {one["run"] for one in found} == {None}
@@ -75,8 +69,7 @@ def test_a_corpus_has_findings_too(capsys):
 def test_a_corpus_that_takes_hours_is_said_to(tmp_path, monkeypatch, capsys):
     path = made_up(tmp_path / "a.db")
     monkeypatch.setattr("vlafuzz.failures.corpus.export.pace", lambda *_: 18.0)
-    assert main(["report", str(path)]) == 0
-    said = capsys.readouterr().out
+    said = typed(capsys, ["report", str(path)]).out
     assert re.search(
         r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said
     )

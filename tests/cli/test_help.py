@@ -4,7 +4,8 @@ import shlex
 
 import pytest
 
-from vlafuzz.cli import COMMANDS, load, main
+from tests.cli.typed import typed
+from vlafuzz.cli import COMMANDS, load
 from vlafuzz.cli.help import EXAMPLES, MANY
 
 
@@ -19,8 +20,7 @@ def test_every_flag_of_a_command_with_many_is_in_a_panel(name):
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_help_ends_with_two_examples_that_the_parser_takes(name, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "150")
-    assert main([name, "--help"]) == 0
-    shown = capsys.readouterr().out
+    shown = typed(capsys, [name, "--help"]).out
     for example in EXAMPLES[name]:
         assert example in shown
         program, used, *words = shlex.split(example)

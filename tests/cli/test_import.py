@@ -1,8 +1,6 @@
 import json
 from pathlib import Path
 
-import pytest
-
 from vlafuzz.cli import main
 from vlafuzz.model.scene_lines import load_scenes
 
@@ -17,7 +15,7 @@ def scene_file(folder: Path, *models: str) -> Path:
     return path
 
 
-def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_files_become_one_in_order(tmp_path: Path, capsys):
     out = tmp_path / "scenes.jsonl"
     files = [scene_file(tmp_path, "apple", "hammer", "orange"), scene_file(tmp_path, "sponge")]
     assert main(["export", *map(str, files), "--out", str(out), "--json"]) == 0
@@ -30,20 +28,20 @@ def test_several_files_become_one_in_order(tmp_path: Path, capsys: pytest.Captur
     assert "1 scenes are left out" in message.err
 
 
-def test_nowhere_to_write(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_nowhere_to_write(tmp_path: Path, capsys):
     file = scene_file(tmp_path, "apple")
     assert main(["export", str(file), "--out", str(tmp_path / "no" / "x.jsonl")]) == 2
     assert capsys.readouterr().err.startswith("error: --out: cannot write")
 
 
-def test_another_file_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_file_is_a_usage_error(tmp_path: Path, capsys):
     path = tmp_path / "x.json"
     path.write_text("[]")
     assert main(["export", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
     assert "not a scene file of VLATest" in capsys.readouterr().err
 
 
-def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys):
     out = tmp_path / "scenes.jsonl"
     file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
     assert main(["export", str(file), "--out", str(out), "--frame", "original"]) == 0
@@ -54,9 +52,7 @@ def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err == ""
 
 
-def test_scenes_that_an_export_would_move_are_noted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_scenes_that_an_export_would_move_are_noted(tmp_path: Path, capsys):
     kept, back = tmp_path / "kept.jsonl", tmp_path / "back.json"
     assert main(["export", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"]) == 0
     assert "would move these scenes" in capsys.readouterr().err

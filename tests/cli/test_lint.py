@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from vlafuzz.cli import main
 from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.model.scene_lines import write_scenes
@@ -24,18 +25,14 @@ def scenes(folder: Path, *scenes: Scene) -> Path:
     return path
 
 
-def test_fair_scenes_are_fine(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lint", "--static", str(scenes(tmp_path, FAIR, FAIR))]) == 0
-    assert "scenes.jsonl" in capsys.readouterr().out
+def test_fair_scenes_are_fine(tmp_path: Path, capsys):
+    assert "scenes.jsonl" in typed(capsys, ["lint", "--static", str(scenes(tmp_path, FAIR, FAIR))]).out
 
 
-def test_each_rejection_has_its_line_check_and_reason(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_each_rejection_has_its_line_check_and_reason(tmp_path: Path, capsys):
     path = scenes(tmp_path, FAIR, CROWDED, UNKNOWN)
     path.write_text(path.read_text() + '\n{"task": 3}\n')
-    assert main(["lint", "--static", "--json", str(path)]) == 1
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = told(capsys, ["lint", "--static", "--json", str(path)], code=1)
     assert {key: row[key] for key in ("scenes", "valid", "semantic", "geometry", "settling", "broken")} == {
         "scenes": 3, "valid": 1, "semantic": 1, "geometry": 1, "settling": 0, "broken": 1,
     }  # fmt: skip
@@ -47,70 +44,60 @@ def test_each_rejection_has_its_line_check_and_reason(
     assert row["rejections"][1]["reason"] == "unknown object 'duck'"
 
 
-def test_verbose_names_file_and_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verbose_names_file_and_line(tmp_path: Path, capsys):
     path = scenes(tmp_path, FAIR, CROWDED)
     assert main(["lint", "--static", "--verbose", str(path)]) == 1
     assert f"{path}:2: geometry: apple and orange: 0.100 m between" in capsys.readouterr().out
 
 
-def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(tmp_path: Path, capsys):
     path = scenes(tmp_path, FAIR, replace(FAIR, light=Light(0.0001)))
-    assert main(["lint", "--static", "--json", str(path)]) == 1
-    printed = capsys.readouterr()
+    printed = typed(capsys, ["lint", "--static", "--json", str(path)], code=1)
     (row,) = json.loads(printed.out)
     assert (row["valid"], row["unseen"]) == (1, 1)
     assert row["rejections"][0]["reason"].startswith("apple: ")
     assert "8/255 apart from its surroundings" in " ".join(printed.err.split())
 
 
-def test_min_distance_can_be_chosen(tmp_path: Path) -> None:
+def test_min_distance_can_be_chosen(tmp_path: Path):
     path = scenes(tmp_path, CROWDED)
     assert main(["lint", "--static", str(path)]) == 1
     assert main(["lint", "--static", "--min-distance", "0.05", str(path)]) == 0
     assert main(["lint", "--static", "--min-distance", "-1", str(path)]) == 2
 
 
-def test_a_file_that_is_not_there_is_a_usage_error(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_not_there_is_a_usage_error(capsys):
     assert main(["lint", "--static", "nowhere.jsonl"]) == 2
     assert capsys.readouterr().err.startswith("error: nowhere.jsonl: cannot be read")
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, '{"0": ' + "9" * 5000 + "}"], ids=["deep", "digits"])
-def test_json_that_nobody_can_read_is_a_sentence(
-    tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_json_that_nobody_can_read_is_a_sentence(tmp_path: Path, text: str, capsys):
     (tmp_path / "odd.json").write_text(text)
     assert main(["lint", str(tmp_path / "odd.json")]) == 2
     assert capsys.readouterr().err.startswith(f"error: {tmp_path / 'odd.json'}: ")
 
 
-def test_an_empty_file_is_not_fair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_file_is_not_fair(tmp_path: Path, capsys):
     (tmp_path / "none.jsonl").write_text("")
-    assert main(["lint", str(tmp_path / "none.jsonl")]) == 2
-    assert "none.jsonl: no scenes in it" in capsys.readouterr().err
+    assert "none.jsonl: no scenes in it" in typed(capsys, ["lint", str(tmp_path / "none.jsonl")], code=2).err
 
 
-def test_what_rolls_away_fails_settling(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_rolls_away_fails_settling(tmp_path: Path, capsys):
     tilted = Placement("coke_can", "standing", 0.0, 0.0, quaternion=(0.9239, 0.3827, 0.0, 0.0))
     path = scenes(tmp_path, FAIR, Scene("pick-up", (tilted,), "pick up coke can"))
-    assert main(["lint", "--json", str(path)]) == 1
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = told(capsys, ["lint", "--json", str(path)], code=1)
     assert (row["valid"], row["settling"]) == (1, 1)
 
 
-def test_what_moves_and_what_is_solved_already_is_counted_fair_or_not(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_moves_and_what_is_solved_already_is_counted_fair_or_not(tmp_path: Path, capsys):
     """A can on the table's edge, and two that are near from the start; the third one nobody knows."""
     edge = Placement("coke_can", "standing", 0.36, 0.1)
     near = tuple(Placement(name, "flat", 0.0, y) for name, y in (("green_cube", 0.0), ("yellow_cube", 0.05)))
     scene = Scene("move-near", near, "move green cube near yellow cube")
     path = scenes(tmp_path, Scene("pick-up", (edge,), "pick up coke can"), scene, UNKNOWN)
     for placement in ("resting", "published"):
-        assert main(["lint", "--json", "--placement", placement, str(path)]) == 1
-        (row,) = json.loads(capsys.readouterr().out)
+        (row,) = told(capsys, ["lint", "--json", "--placement", placement, str(path)], code=1)
         assert (row["moved > 0.05 m"], row["solved already"], row["as published"]) == (0.5, 0.5, 0.0)
     assert main(["lint", "--placement", "thrown", str(path)]) == 2
 
@@ -127,19 +114,14 @@ def vlatest(folder: Path, apart: float) -> Path:
     return path
 
 
-def test_vlatests_files_are_read_without_the_simulator(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vlatests_files_are_read_without_the_simulator(tmp_path: Path, capsys, monkeypatch):
     monkeypatch.setattr("vlafuzz.worlds.tabletop.lint._settle", None)
-    assert main(["lint", "--json", str(vlatest(tmp_path, 0.04))]) == 1
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = told(capsys, ["lint", "--json", str(vlatest(tmp_path, 0.04))], code=1)
     assert (row["scenes"], row["geometry"]) == (1, 1)
     assert (row["< 0.15 m"], row["< 0.05 m"], row["overlap"]) == (1.0, 1.0, 1.0)
 
 
-def test_how_objects_are_put_down_is_never_left_out_in_silence(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_how_objects_are_put_down_is_never_left_out_in_silence(tmp_path: Path, capsys):
     path = str(vlatest(tmp_path, 0.06))
     main(["lint", "--json", "--placement", "published", path])
     (row,) = json.loads(capsys.readouterr().out)
@@ -148,22 +130,20 @@ def test_how_objects_are_put_down_is_never_left_out_in_silence(
     assert capsys.readouterr().err.startswith("error: --placement: with --static nothing is put down")
 
 
-def test_objects_of_packs_that_were_not_given_are_said(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_objects_of_packs_that_were_not_given_are_said(tmp_path: Path, capsys):
     packed = Scene("pick-up", (Placement("custom:apple", "resting", 0.0, 0.0),), "pick up apple")
     assert main(["lint", "--static", str(scenes(tmp_path, packed, UNKNOWN))]) == 1
     assert "note: 1 scenes have objects of packs that were not given" in capsys.readouterr().err
 
 
-def test_in_their_own_frame_their_distances_count(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_in_their_own_frame_their_distances_count(tmp_path: Path, capsys):
     main(["lint", "--json", "--frame", "original", str(vlatest(tmp_path, 0.06))])
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["< 0.15 m"], row["< 0.05 m"], row["overlap"]) == (1.0, 0.0, None)
 
 
 @pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
-def test_the_published_files_are_as_close_as_known(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_published_files_are_as_close_as_known(capsys):
     main(["lint", "--json", "--frame", "original", *map(str, FILES)])
     rows = {
         Path(row["file"]).name.partition("_n-1000")[0]: row for row in json.loads(capsys.readouterr().out)

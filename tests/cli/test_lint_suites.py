@@ -1,8 +1,7 @@
-import json
-
 import pytest
 
-from vlafuzz.cli import main, suites
+from tests.cli.typed import told, typed
+from vlafuzz.cli import suites
 from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
 
 BROKEN = AuditedTask("s/1", "take the bowl", 3, (Defect(2, "slides", "bowl slides by 6.2 cm", 0.062),))
@@ -26,21 +25,18 @@ class Toy:
 
 
 def test_a_sound_suite_is_fine(audited, capsys):
-    assert main(["lint", "toy:s"]) == 0
-    assert "with Toy 1.0" in capsys.readouterr().err
+    assert "with Toy 1.0" in typed(capsys, ["lint", "toy:s"]).err
 
 
 def test_a_defect_is_shown_with_its_state_and_fails_the_command(audited, capsys):
     audited.append(BROKEN)
-    assert main(["lint", "-v", "toy:s"]) == 1
-    out = capsys.readouterr().out
+    out = typed(capsys, ["lint", "-v", "toy:s"], code=1).out
     assert out.startswith("s/1 state 2: slides: bowl slides by 6.2 cm")
 
 
 def test_json_has_counts_defects_and_versions(audited, capsys):
     audited.append(BROKEN)
-    assert main(["lint", "--json", "toy:s"]) == 1
-    (suite,) = json.loads(capsys.readouterr().out)
+    (suite,) = told(capsys, ["lint", "--json", "toy:s"], code=1)
     assert suite["with"] == "Toy 1.0"
     assert [task["sound"] for task in suite["tasks"]] == [3, 2]
     assert suite["tasks"][1]["slides"] == 1
@@ -57,13 +53,11 @@ def test_json_has_counts_defects_and_versions(audited, capsys):
     ],
 )
 def test_what_does_not_fit_is_refused(audited, words, message, capsys):
-    assert main(words.split()) == 2
-    assert message in capsys.readouterr().err
+    assert message in typed(capsys, words.split(), code=2).err
 
 
 def test_without_the_packages_of_a_world_one_sentence_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.worlds.libero.packages._NEEDED", ("no_such_package",))
-    assert main(["lint", "libero:libero_goal"]) == 3
-    err = capsys.readouterr().err
+    err = typed(capsys, ["lint", "libero:libero_goal"], code=3).err
     assert "not installed: no_such_package" in err
     assert "scripts/setup-libero" in err

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
 from vlafuzz.model.scene import Placement, Scene
@@ -15,7 +16,7 @@ from vlafuzz.store.store import Store
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path / "nowhere"))
     monkeypatch.setenv("VLAFUZZ_PACKS", "")
     sticks = {f"opened_{colour}_stick": box(0.03, 0.04, 0.08) for colour in ("red", "blue", "green", "grey")}
@@ -23,8 +24,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
-    assert main(["list", "objects", "--pack", str(folder), "--json"]) == 0
-    shown = capsys.readouterr()
+    shown = typed(capsys, ["list", "objects", "--pack", str(folder), "--json"])
     rows = json.loads(shown.out)
     assert [row["object"] for row in rows] == [
         f"mine:opened_{colour}_stick" for colour in ("blue", "green", "grey", "red")
@@ -34,8 +34,7 @@ def test_objects_lists_a_packs_own_and_says_once_what_they_lack(folder, capsys):
 
 
 def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
-    assert main(["list", "objects", "--pack", str(tmp_path)]) == 2
-    message = capsys.readouterr().err
+    message = typed(capsys, ["list", "objects", "--pack", str(tmp_path)], code=2).err
     assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in message
     assert "hint: a pack has info_*.json and models/NAME/collision.obj" in message
 
@@ -70,18 +69,15 @@ def test_the_pinhole_knows_a_packs_objects(folder, capsys):
 def test_replay_finds_the_pack_again_and_says_so_when_it_is_gone(folder, capsys, monkeypatch):
     store = run(folder, "frozen")
     capsys.readouterr()
-    assert main(["replay", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
+    assert told(capsys, ["replay", str(store), "--json"])["same trajectory as stored"] is True
     monkeypatch.setenv("VLAFUZZ_PACKS", "")
     moved = shutil.move(folder, folder.parent / "moved")
     for command in (["replay"], ["triage"], ["report", "--out", "never.html"]):
-        assert main([*command, str(store)]) == 2
-        assert "it needs the pack 'mine'" in capsys.readouterr().err
+        assert "it needs the pack 'mine'" in typed(capsys, [*command, str(store)], code=2).err
     assert main(["replay", str(store), "--json", "--pack", str(moved)]) == 0
     assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
     monkeypatch.setenv("VLAFUZZ_PACKS", str(moved))
-    assert main(["replay", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["same trajectory as stored"] is True
+    assert told(capsys, ["replay", str(store), "--json"])["same trajectory as stored"] is True
 
 
 def test_a_run_that_ended_early_goes_on_with_its_pack(folder, capsys):
@@ -91,7 +87,6 @@ def test_a_run_that_ended_early_goes_on_with_its_pack(folder, capsys):
     raw.commit()
     raw.close()
     capsys.readouterr()
-    assert main(["run", "--resume", "--store", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rollouts"] == 6
+    assert told(capsys, ["run", "--resume", "--store", str(store), "--json"])["rollouts"] == 6
     with Store.open(store) as opened:
         assert {trial.scene.targets[0].object.partition(":")[0] for trial in opened.trials(1)} == {"mine"}

@@ -1,17 +1,17 @@
 """``vlafuzz read``: what it prints, what it writes, and how it ends."""
 
-import json
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.logs.samples import suite_csv
 from vlafuzz.cli import main
 
 
 @pytest.fixture(autouse=True)
-def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def logs(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     suite_csv(Path("old.csv"), goal="s" * 18 + "ff", long="s" * 10)
     suite_csv(Path("worse.csv"), goal="f" * 18 + "ff", long="s" * 9 + "e")
@@ -19,8 +19,7 @@ def logs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_log_alone_is_fine_whatever_it_says(capsys):
-    assert main(["read", "worse.csv"]) == 0
-    shown = capsys.readouterr().out
+    shown = typed(capsys, ["read", "worse.csv"]).out
     assert "0% (0–16.1%)" in shown
     assert "A comparison with another log of the same episodes would notice" in shown
 
@@ -38,8 +37,7 @@ def test_the_exit_code_says_whether_it_got_worse(log, code, capsys):
 
 
 def test_json_has_the_figures_and_the_verdict(capsys):
-    assert main(["read", "worse.csv", "--against", "old.csv", "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
+    document = told(capsys, ["read", "worse.csv", "--against", "old.csv", "--json"], code=1)
     rate = document["rates"][1]
     assert (rate["suite"], rate["episodes"], rate["errors"]) == ("goal", 20, 0)
     assert rate["success"] == {"count": 0, "rate": 0, "low": 0, "high": pytest.approx(0.1611, abs=1e-4)}
@@ -72,5 +70,4 @@ def test_markdown_page_and_junit_say_the_same(capsys):
     ],
 )
 def test_a_wrong_flag_is_one_sentence(words, message, capsys):
-    assert main(["read", "old.csv", *words]) == 2
-    assert message in capsys.readouterr().err
+    assert message in typed(capsys, ["read", "old.csv", *words], code=2).err

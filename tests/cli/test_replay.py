@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.doubles import failed, manifest, passed
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
@@ -19,28 +20,13 @@ from vlafuzz.store.store import Store
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     path = tmp_path_factory.mktemp("replay") / "s.db"
-    assert (
-        main(
-            [
-                "run",
-                "--policy",
-                "frozen",
-                "--budget",
-                "3",
-                "--store",
-                str(path),
-                "--config",
-                "stop-early=true",
-            ]
-        )
-        == 0
-    )
+    flags = f"--policy frozen --budget 3 --store {path} --config stop-early=true"
+    assert main(["run", *flags.split()]) == 0
     return path
 
 
 def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
-    assert main(["replay", str(store), "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = told(capsys, ["replay", str(store), "--json"])
     assert (report["verdict"], report["lost stage"]) == ("failed", "grasp")
     assert report["same trajectory as stored"] is True
 
@@ -59,16 +45,14 @@ def test_it_shows_what_the_run_named_and_not_what_was_stored_first(tmp_path, cap
 
 
 def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, capsys, monkeypatch):
-    assert main(["replay", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["stored trajectory made"] is None
+    assert told(capsys, ["replay", str(store), "--json"])["stored trajectory made"] is None
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
     assert main(["replay", str(store), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["stored trajectory made"].startswith("at another place: ")
 
 
 def test_another_policy_is_another_trajectory(store, capsys):
-    assert main(["replay", str(store), "--policy", "expert", "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    report = told(capsys, ["replay", str(store), "--policy", "expert", "--json"])
     assert (report["verdict"], report["same trajectory as stored"]) == ("passed", None)
 
 
@@ -103,10 +87,8 @@ def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkey
 def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
     flags = ["--scenes", str(tmp_path / "s.jsonl"), "--policy", "expert", "--config", "stop-early=true"]
-    assert main(["run", *flags, "--store", str(tmp_path / "s.db")]) == 0
-    capsys.readouterr()
-    assert main(["replay", str(tmp_path / "s.db"), nominal("pick-up").digest, "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+    typed(capsys, ["run", *flags, "--store", str(tmp_path / "s.db")])
+    report = told(capsys, ["replay", str(tmp_path / "s.db"), nominal("pick-up").digest, "--json"])
     assert (report["verdict"], report["same trajectory as stored"]) == ("passed", True)
 
 
@@ -129,8 +111,7 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
                 shrunk=left,
             )
         )
-    assert main(["replay", str(tmp_path / "s.db"), left.digest, "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["policy"] == "frozen"
+    assert told(capsys, ["replay", str(tmp_path / "s.db"), left.digest, "--json"])["policy"] == "frozen"
 
 
 @pytest.mark.parametrize("given", ["", nominal("pick-up").digest])
@@ -159,8 +140,7 @@ def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, cap
     with Store.open(path) as store:
         v2 = store.findings(2)[0].scene
     for label, same in (("v2", True), ("v3", None)):
-        assert main(["replay", str(path), v2.digest, "--label", label, "--json"]) == 0
-        report = json.loads(capsys.readouterr().out)
+        report = told(capsys, ["replay", str(path), v2.digest, "--label", label, "--json"])
         assert (report["policy"], report["same trajectory as stored"]) == (f"{label} (frozen)", same)
     assert find(path, label="v2").scene == v2
 
@@ -212,8 +192,7 @@ def test_video_and_picture_show_the_rollout(store, tmp_path, capsys):
     ],
 )
 def test_bad_input_is_one_sentence_with_a_hint(store, arguments, says, capsys):
-    assert main(["replay", *(word.format(store=store) for word in arguments)]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["replay", *(word.format(store=store) for word in arguments)], code=2).err
     assert said.startswith("error: ")
     assert says in said
     assert "hint: " in said
@@ -230,8 +209,7 @@ def test_a_replay_says_what_is_unusual_in_the_scene(tmp_path, capsys):
 def test_a_film_marks_what_comes_after_the_last_progress(store, capsys):
     import cv2
 
-    assert main(["replay", str(store)]) == 0
-    film = Path(capsys.readouterr().err.split("written: ")[1].strip())
+    film = Path(typed(capsys, ["replay", str(store)]).err.split("written: ")[1].strip())
     assert film.parent == store.parent
     video = cv2.VideoCapture(str(film))
     frames = [video.read()[1] for _ in range(int(video.get(cv2.CAP_PROP_FRAME_COUNT)))]

@@ -2,6 +2,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
 from vlafuzz.cli import main
@@ -30,7 +31,7 @@ class FilmDesk:
 
 
 @pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def place(tmp_path: Path, monkeypatch) -> Path:
     """A folder with a triaged store, on a machine that renders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(FilmDesk, "made", [])
@@ -44,9 +45,8 @@ def videos(page: Path) -> int:
     return page.read_text(encoding="utf-8").count("<video")
 
 
-def test_a_page_is_written_with_films_of_all_findings(capsys: pytest.CaptureFixture[str]):
-    assert main(["report", "a.db", "--out", "page.html"]) == 0
-    printed = capsys.readouterr()
+def test_a_page_is_written_with_films_of_all_findings(capsys):
+    printed = typed(capsys, ["report", "a.db", "--out", "page.html"])
     assert printed.out == ""
     assert printed.err.startswith("written: page.html (")
     assert videos(Path("page.html")) == 6 + 2
@@ -59,12 +59,9 @@ def test_films_can_be_fewer(options, films):
     assert videos(Path("page.html")) == films
 
 
-def test_without_a_renderer_the_page_says_why_there_are_no_videos(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_without_a_renderer_the_page_says_why_there_are_no_videos(monkeypatch, capsys):
     monkeypatch.setattr(renderer, "probe_once", lambda: Renderer(None, None, "no Vulkan device"))
-    assert main(["report", "a.db", "--out", "page.html"]) == 0
-    assert "note: no videos: " in capsys.readouterr().err
+    assert "note: no videos: " in typed(capsys, ["report", "a.db", "--out", "page.html"]).err
     assert "No videos: " in Path("page.html").read_text()
     assert videos(Path("page.html")) == 0
 
@@ -86,7 +83,7 @@ def test_an_exported_corpus_has_a_page_too(place: Path):
     assert videos(Path("page.html")) == 2
 
 
-def test_interrupted_it_leaves_nothing(monkeypatch: pytest.MonkeyPatch, place: Path):
+def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
     def interrupt(*_):
         raise KeyboardInterrupt
 
@@ -108,11 +105,8 @@ def test_interrupted_it_leaves_nothing(monkeypatch: pytest.MonkeyPatch, place: P
         (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit says nothing to a .md file"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(
-    arguments, said, capsys: pytest.CaptureFixture[str], place: Path
-):
+def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys, place: Path):
     (place / "empty").mkdir()
-    assert main(["report", *arguments]) == 2
-    error = capsys.readouterr().err
+    error = typed(capsys, ["report", *arguments], code=2).err
     assert error.startswith(said)
     assert "\nhint: " in error

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, Raising, scene
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Forecast, Speed
@@ -21,7 +22,7 @@ IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certi
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
@@ -31,7 +32,7 @@ def run(*flags: str, code: int = 0) -> None:
     assert main(["run", *IDLE, *flags]) == code
 
 
-def cut(monkeypatch: pytest.MonkeyPatch, *flags: str, after: int = 5) -> None:
+def cut(monkeypatch, *flags: str, after: int = 5) -> None:
     """A run that Ctrl-C ends."""
     with monkeypatch.context() as patched:
         patched.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=after))
@@ -48,29 +49,25 @@ def proposed(store: str, number: int = 1) -> list[tuple[object, ...]]:
         ]
 
 
-def printed(capsys: pytest.CaptureFixture[str]) -> str:
+def printed(capsys) -> str:
     return capsys.readouterr().out
 
 
-def complaint(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
+def complaint(capsys, *arguments: str) -> str:
     """The one sentence and the hint that a wrong use ends with."""
     capsys.readouterr()
-    assert main([*arguments]) == 2
-    shown = capsys.readouterr().err.splitlines()
+    shown = typed(capsys, [*arguments], code=2).err.splitlines()
     assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
     return "\n".join(shown)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
-def test_a_run_is_gone_on_with_by_its_store_alone(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], strategy: str
-):
+def test_a_run_is_gone_on_with_by_its_store_alone(monkeypatch, capsys, strategy: str):
     flags = ("--strategy", strategy, "--budget", "48", "--seed", "3", "--vary", "light,target-position")
     run(*flags, "--store", "whole.db", "--json")
     cut(monkeypatch, *flags, "--store", "a.db", after=33)
     expected = json.loads(capsys.readouterr().out)
-    assert main(["run", "--resume", "--trust", "--store", "a.db", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = told(capsys, ["run", "--resume", "--trust", "--store", "a.db", "--json"])
     assert proposed("a.db") == proposed("whole.db")
     for row in (summary, expected):
         for name in ("store", "seconds", "search_seconds", "store_seconds"):
@@ -78,13 +75,13 @@ def test_a_run_is_gone_on_with_by_its_store_alone(
     assert summary == expected
 
 
-def test_the_same_command_with_resume_goes_on_with_it(monkeypatch: pytest.MonkeyPatch):
+def test_the_same_command_with_resume_goes_on_with_it(monkeypatch):
     cut(monkeypatch, "--budget", "20", "--task", "put-on")
     run("--budget", "20", "--task", "put-on", "--resume")
     assert len(proposed("runs/put-on-python-tests.doubles-make_idle-0.db")) >= 20
 
 
-def test_only_what_is_left_is_foreseen(monkeypatch: pytest.MonkeyPatch):
+def test_only_what_is_left_is_foreseen(monkeypatch):
     cut(monkeypatch, "--budget", "20", "--store", "a.db", after=5)
     with Store.open(Path("a.db")) as store:
         done = sum(len(trial.outcome.rollouts) for trial in store.trials(1))
@@ -97,9 +94,7 @@ def test_only_what_is_left_is_foreseen(monkeypatch: pytest.MonkeyPatch):
     assert f": the other {20 - done} rollouts of up to 80 steps take" in str(rest)
 
 
-def test_operators_come_from_the_store_though_their_file_is_gone(
-    monkeypatch: pytest.MonkeyPatch, folder: Path
-):
+def test_operators_come_from_the_store_though_their_file_is_gone(monkeypatch, folder: Path):
     (folder / "mine.yaml").write_text(
         "extends: paper\noperators:\n  light:\n    intensity: {low: 0.5, high: 2.0, step: 0.05, nominal: 1}\n"
     )
@@ -111,9 +106,7 @@ def test_operators_come_from_the_store_though_their_file_is_gone(
     assert proposed("a.db") == proposed("whole.db")
 
 
-def test_a_file_of_scenes_is_found_again_and_another_is_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], folder: Path
-):
+def test_a_file_of_scenes_is_found_again_and_another_is_refused(monkeypatch, capsys, folder: Path):
     write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
     cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
     write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
@@ -126,7 +119,7 @@ def test_a_file_of_scenes_is_found_again_and_another_is_refused(
     assert len(proposed("a.db")) == 9
 
 
-def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatch):
+def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch):
     for _ in range(2):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", after=3)
     assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
@@ -134,7 +127,7 @@ def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch: pytest.MonkeyPatc
         assert [row.status for row in store.runs()] == ["interrupted", "finished"]
 
 
-def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_flags_choose_among_several(monkeypatch, capsys):
     for seed in ("1", "2", "3"):
         cut(monkeypatch, "--budget", "20", "--store", "a.db", "--seed", seed, after=3)
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
@@ -157,18 +150,14 @@ def test_flags_choose_among_several(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         (["--operators", "paper"], "other operators, or other ranges"),
     ],
 )
-def test_other_flags_than_then_are_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], flags: list[str], says: str
-):
+def test_other_flags_than_then_are_refused(monkeypatch, capsys, flags: list[str], says: str):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db", *flags)
     assert "a.db: no run that ended early fits: run 1 has" in message
     assert says in message
 
 
-def test_another_version_than_then_is_refused(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_another_version_than_then_is_refused(monkeypatch, capsys):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
     monkeypatch.setattr("vlafuzz.worlds.provenance.commit", lambda: "another")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
@@ -176,9 +165,7 @@ def test_another_version_than_then_is_refused(
     assert "another now)" in message
 
 
-def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(monkeypatch, capsys):
     flags = ("--budget", "20", "--strategy", "random", "--store", "a.db")
     cut(monkeypatch, *flags)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
@@ -189,9 +176,7 @@ def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(
     assert not any(duplicate for _, _, duplicate, _ in proposed("a.db", 2))
 
 
-def test_a_run_of_an_unknown_place_can_only_be_started_anew(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_of_an_unknown_place_can_only_be_started_anew(monkeypatch, capsys):
     with monkeypatch.context() as earlier:
         earlier.setattr("vlafuzz.worlds.provenance.place.here", lambda *_, **__: "")
         cut(monkeypatch, "--budget", "20", "--store", "a.db")
@@ -200,7 +185,7 @@ def test_a_run_of_an_unknown_place_can_only_be_started_anew(
     assert "hint: leave out --resume to start a new run, which reuses none of its outcomes" in message
 
 
-def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str]):
+def test_there_must_be_something_to_go_on_with(capsys):
     assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     run("--budget", "3", "--store", "a.db")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
@@ -208,9 +193,7 @@ def test_there_must_be_something_to_go_on_with(capsys: pytest.CaptureFixture[str
     assert "leave out --resume" in message
 
 
-def test_a_second_run_in_a_store_is_told_at_once_who_writes(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_second_run_in_a_store_is_told_at_once_who_writes(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
     with Store.open(Path("a.db"), "write"):
         message = complaint(capsys, "run", *IDLE, "--store", "a.db")
@@ -219,14 +202,14 @@ def test_a_second_run_in_a_store_is_told_at_once_who_writes(
 
 
 @pytest.mark.parametrize("flags", [("--resume",), IDLE])
-def test_a_damaged_store_is_a_sentence(capsys: pytest.CaptureFixture[str], flags: tuple[str, ...]):
+def test_a_damaged_store_is_a_sentence(capsys, flags: tuple[str, ...]):
     run("--budget", "60", "--store", "a.db")
     data = Path("a.db").read_bytes()
     Path("a.db").write_bytes(data[: len(data) // 2])
     assert "a.db: is damaged" in complaint(capsys, "run", *flags, "--store", "a.db")
 
 
-def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str]):
+def test_a_guided_run_is_shown_beside_random(capsys):
     run("--strategy", "nsga2", "--budget", "30", "--store", "a.db")
     shown = capsys.readouterr().out
     assert "beside random: unknown, the store has no random run" in shown
@@ -240,7 +223,7 @@ def test_a_guided_run_is_shown_beside_random(capsys: pytest.CaptureFixture[str])
     assert beside["low"] < beside["difference"] < beside["high"]
 
 
-def test_both_shares_are_shown_with_the_interval_of_their_difference(capsys: pytest.CaptureFixture[str]):
+def test_both_shares_are_shown_with_the_interval_of_their_difference(capsys):
     for strategy in ("random", "nsga2"):
         run("--strategy", strategy, "--budget", "30", "--store", "a.db")
     (share,) = re.findall(r"failure share\W+([\d.]+%), 95% interval", shown := printed(capsys))
@@ -250,7 +233,7 @@ def test_both_shares_are_shown_with_the_interval_of_their_difference(capsys: pyt
     assert re.search(rf" random ones {share}: [+-][\d.]+ points, 95% interval", shown)
 
 
-def test_a_strategy_says_what_it_chose_by_itself(capsys: pytest.CaptureFixture[str]):
+def test_a_strategy_says_what_it_chose_by_itself(capsys):
     flags = ("--strategy", "nsga2", "--budget", "90")
     run(*flags, "--store", "a.db")
     assert re.search(r"strategy\W+population of 8, 11 generations", printed(capsys))
@@ -260,18 +243,10 @@ def test_a_strategy_says_what_it_chose_by_itself(capsys: pytest.CaptureFixture[s
     assert "population" not in printed(capsys)
 
 
-def test_two_runs_of_few_scenes_are_too_few_to_tell(capsys: pytest.CaptureFixture[str]):
-    for strategy in ("random", "nsga2"):
-        run("--strategy", strategy, "--budget", "4", "--store", "a.db")
-    assert "points, 95% interval" in (shown := capsys.readouterr().out)
-    assert ": too few to tell" in shown
-
-
-def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
+def test_stores_are_merged(capsys):
     run("--budget", "5", "--store", "a.db")
     run("--budget", "5", "--store", "b.db", "--seed", "1")
-    assert main(["export", "--format", "store", "a.db", "b.db", "--out", "c.db"]) == 0
-    assert "2 runs, " in capsys.readouterr().err
+    assert "2 runs, " in typed(capsys, ["export", "--format", "store", "a.db", "b.db", "--out", "c.db"]).err
     assert proposed("c.db", 2) == proposed("b.db")
 
 
@@ -283,15 +258,7 @@ def test_stores_are_merged(capsys: pytest.CaptureFixture[str]):
         (["a.db", "no.db", "--out", "c.db"], "no.db: no such store"),
     ],
 )
-def test_a_wrong_merge_is_a_sentence(capsys: pytest.CaptureFixture[str], arguments: list[str], says: str):
+def test_a_wrong_merge_is_a_sentence(capsys, arguments: list[str], says: str):
     run("--budget", "3", "--store", "a.db")
     assert says in complaint(capsys, "export", "--format", "store", *arguments)
     assert not Path("c.db").exists()
-
-
-def test_strategies_are_listed_with_a_sentence_each(capsys: pytest.CaptureFixture[str]):
-    assert main(["list", "strategies", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert rows[0]["strategy"].startswith("causes")  # the default
-    assert {row["strategy"] for row in rows} == set(STRATEGIES)
-    assert all(len(row["is"]) > 20 for row in rows)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, Gone, Raising, scene
 from tests.failures.triage.planted import CONDITIONS
 from tests.failures.triage.runners import PlantedRunner
@@ -21,22 +22,25 @@ NAMES = ["failed", "passed", "invalid", "error"]
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
 
 
-def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--budget", "30", "--store", "a.db", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
-    assert (summary["rollouts"], summary["task"], summary["strategy"], summary["seed"]) == (
+def run(flags: str, code: int = 0) -> None:
+    assert main(["run", *IDLE, *flags.split()]) == code
+
+
+def test_a_run_prints_one_json_object_and_keeps_a_store(capsys):
+    summary = told(capsys, ["run", *IDLE, "--budget", "30", "--store", "a.db", "--json"])
+    assert [summary[name] for name in ("rollouts", "task", "strategy", "seed")] == [
         30,
         "pick-up",
         "causes",
         0,
-    )
+    ]
     assert list(summary["verdicts"]) == NAMES
     assert 0 < summary["search_seconds"] + summary["store_seconds"] < summary["seconds"]
     assert summary["findings"] == summary["verdicts"]["failed"] >= summary["clusters"] > 0
@@ -44,18 +48,15 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys: pytest.CaptureFi
         assert len(store.findings(summary["run"])) == summary["findings"]
 
 
-def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--strategy", "random", "--budget", "30", "--store", "a.db"]) == 0
-    shown = capsys.readouterr().out
+def test_a_run_prints_a_table_that_says_how_to_see_its_first_failure(capsys):
+    shown = typed(capsys, ["run", *IDLE, "--strategy", "random", "--budget", "30", "--store", "a.db"]).out
     assert re.search(r"failure share\W+[\d.]+%, 95% interval [\d.]+–[\d.]+%", shown)
     store, digest = re.search(r"vlafuzz replay (\S+) (\w+)", shown).groups()  # type: ignore[union-attr]
     with Store.open(Path(store)) as opened:
         assert opened.scene(digest) in [finding.scene for finding in opened.findings()]
 
 
-def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(capsys, monkeypatch):
     class Short(Deadline):
         """Passes after twenty looks."""
 
@@ -72,15 +73,12 @@ def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(
     assert main(["run", *IDLE, "--time", "soon"]) == 2
     assert capsys.readouterr().err.startswith("error: --time: expected a time, got 'soon'")
     monkeypatch.setattr("vlafuzz.common.deadline.deadline", lambda flag, text: Short())
-    assert main(["run", *IDLE, "--budget", "100", "--store", "a.db", "--time", "1h", "--json"]) == 0
-    printed = capsys.readouterr()
+    printed = typed(capsys, ["run", *IDLE, "--budget", "100", "--store", "a.db", "--time", "1h", "--json"])
     assert 0 < json.loads(printed.out)["rollouts"] < 20
     assert "stopped: its time is over; with --resume it goes on" in printed.err
 
 
-def test_before_a_run_with_a_time_it_says_how_far_that_gets(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_before_a_run_with_a_time_it_says_how_far_that_gets(capsys, monkeypatch):
     monkeypatch.setattr(before_run, "usual_speed", lambda _: Speed(answer=9.0, simulator=0.0, words="slow"))
     few = ("--workers", "1", "--budget", "3", "--no-certify", "--store", "a.db")
     assert main(["run", "--policy", "frozen", *few, "--time", "20m"]) == 0
@@ -90,23 +88,7 @@ def test_before_a_run_with_a_time_it_says_how_far_that_gets(
 
 def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):
     for name, batch in (("a.db", "5"), ("b.db", "20")):
-        assert (
-            main(
-                [
-                    "run",
-                    *IDLE,
-                    "--strategy",
-                    "random",
-                    "--budget",
-                    "20",
-                    "--store",
-                    name,
-                    "--config",
-                    f"batch={batch}",
-                ]
-            )
-            == 0
-        )
+        run(f"--strategy random --budget 20 --store {name} --config batch={batch}")
     proposed = []
     for name in ("a.db", "b.db"):
         with Store.open(folder / name) as store:
@@ -124,20 +106,7 @@ def test_the_default_store_is_named_after_the_task_and_policy_and_gets_one_run_m
 
 
 def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
-    main(
-        [
-            "run",
-            *IDLE,
-            "--budget",
-            "3",
-            "--store",
-            "a.db",
-            "--vary",
-            "light,target-position",
-            "--config",
-            "repeats=3",
-        ]
-    )
+    run("--budget 3 --store a.db --vary light,target-position --config repeats=3")
     with Store.open(folder / "a.db") as store:
         made = store.runs()[0].manifest
     assert json.loads(made.operators)["varied"] == ["light", "target-position"]
@@ -148,22 +117,20 @@ def test_a_manifest_says_how_to_do_the_run_again(folder: Path):
     assert made.versions["numpy"]
 
 
-def test_a_file_of_scenes_is_run_once_each(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_file_of_scenes_is_run_once_each(folder: Path, capsys):
     write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number, light=4.0) for number in range(9)])
-    assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = told(capsys, ["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db", "--json"])
     assert (summary["rollouts"], summary["budget"], summary["strategy"]) == (9, 9, "pool")
 
 
-def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys):
     (folder / "t-grasp.json").write_text('{"0": {"model_id": "apple"}, "seed": 1, "num": 1}')
-    assert main(["run", *IDLE, "--scenes", "t-grasp.json"]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["run", *IDLE, "--scenes", "t-grasp.json"], code=2).err
     assert "t-grasp.json: not JSON lines" in said
     assert "vlafuzz export FILE.json" in said
 
 
-def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys):
     write_scenes(folder / "pool.jsonl", [scene(x=0.1)])
     assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db"]) == 2
     export = "vlafuzz export a.db --verdict all --out F.jsonl"
@@ -175,53 +142,31 @@ def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys
 def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, code: int):
     write_scenes(folder / "pool.jsonl", [scene(light)])
     for _ in range(2):  # answered from the store, it is a finding all the same
-        assert (
-            main(
-                [
-                    "run",
-                    *IDLE,
-                    "--scenes",
-                    "pool.jsonl",
-                    "--store",
-                    "a.db",
-                    "--config",
-                    "fail-on-finding=true",
-                ]
-            )
-            == code
-        )
+        run("--scenes pool.jsonl --store a.db --config fail-on-finding=true", code)
 
 
-def test_a_run_in_which_nothing_was_judged_is_no_success(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_in_which_nothing_was_judged_is_no_success(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
-    assert main(["run", *IDLE, "--store", "a.db", "--config", "fail-on-finding=true"]) == 3
-    shown = capsys.readouterr()
+    shown = typed(capsys, ["run", *IDLE, "--store", "a.db", "--config", "fail-on-finding=true"], code=3)
     assert "ConnectionError: refused" in shown.out
     assert "stopped: all of the first 8 scenes ended in the same error: ConnectionError: refused" in shown.err
     assert "error: no scene could be judged: all " in shown.err
     assert " rollouts ended in an error, first: ConnectionError: refused\n" in shown.err
 
 
-def test_a_label_is_named_before_the_policy(capsys: pytest.CaptureFixture[str]):
+def test_a_label_is_named_before_the_policy(capsys):
     named = ("--label", "step-40000", "--budget", "10", "--store", "a.db")
     assert main(["run", *IDLE, *named]) == 0
     called = "step-40000 (python:tests.doubles:make_idle)"
     assert f"run 1: pick-up, {called}, causes, seed 0" in capsys.readouterr().out
-    assert main(["report", "a.db"]) == 0
-    assert ": step-40000 on pick-up" in capsys.readouterr().out
-    assert main(["report", "a.db", "--json"]) == 0
-    row = json.loads(capsys.readouterr().out)[0]
+    assert ": step-40000 on pick-up" in typed(capsys, ["report", "a.db"]).out
+    row = told(capsys, ["report", "a.db", "--json"])[0]
     assert (row["policy"], row["label"]) == ("python:tests.doubles:make_idle", "step-40000")
 
 
-def test_a_run_whose_policy_goes_away_says_how_to_go_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_whose_policy_goes_away_says_how_to_go_on(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
-    assert main(["run", *IDLE, "--store", "a.db", "--json"]) == 3
-    assert capsys.readouterr().err.splitlines() == [
+    assert typed(capsys, ["run", *IDLE, "--store", "a.db", "--json"], code=3).err.splitlines() == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db --trust`",
     ]
@@ -230,9 +175,7 @@ def test_a_run_whose_policy_goes_away_says_how_to_go_on(
 
 
 @pytest.mark.parametrize("flag", ["--scenes=", "--config=pool="])
-def test_a_run_of_given_scenes_finds_them_again(
-    folder: Path, flag: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_run_of_given_scenes_finds_them_again(folder: Path, flag: str, monkeypatch, capsys):
     lights = [2.0**power for power in range(-4, 5)]
     write_scenes(folder / "given.jsonl", [scene(light, y=0.05 * y) for light in lights for y in range(-2, 3)])
     given = ["run", *IDLE, "--store", "a.db", f"{flag}given.jsonl"]
@@ -242,16 +185,14 @@ def test_a_run_of_given_scenes_finds_them_again(
     (folder / "given.jsonl").rename(folder / "moved.jsonl")
     write_scenes(folder / "given.jsonl", [scene()])
     capsys.readouterr()
-    assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["run", "--resume", "--trust", "--store", "a.db"], code=2).err
     assert f"run 1 had other scenes than {folder / 'given.jsonl'} holds" in said
     (folder / "moved.jsonl").rename(folder / "given.jsonl")
-    assert main(["run", "--resume", "--trust", "--store", "a.db", "--json"]) == 0
-    summary = json.loads(capsys.readouterr().out)
+    summary = told(capsys, ["run", "--resume", "--trust", "--store", "a.db", "--json"])
     assert summary["rollouts"] == 45
 
 
-def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys):
     write_scenes(folder / "pool.jsonl", [scene(2.0**power) for power in range(-4, 5)])
     assert main(["run", *IDLE, "--store", "a.db", "--config", "pool=pool.jsonl", "--strategy", "random"]) == 0
     assert main(["run", *IDLE, "--store", "a.db", "--strategy", "feedback", "--budget", "20"]) == 0
@@ -259,43 +200,31 @@ def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys:
 
 
 def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    folder: Path, monkeypatch, capsys
 ):
     monkeypatch.syspath_prepend(folder)
     code = "from tests.doubles import make_idle as make\n"
     rollouts = []
     for version in ("", "# mended\n", "# mended\n"):
         (folder / "of_mine.py").write_text(code + version)
-        asked = [
-            "run",
-            "--policy",
-            "python:of_mine:make",
-            "--unchecked",
-            "--store",
-            "a.db",
-            "--budget",
-            "20",
-        ]
-        assert main([*asked, "--strategy", "random", "--json"]) == 0
-        rollouts.append(json.loads(capsys.readouterr().out)["earlier"])
+        asked = "--policy python:of_mine:make --unchecked --store a.db --budget 20 --strategy random --json"
+        rollouts.append(told(capsys, ["run", *asked.split()])["earlier"])
     assert rollouts[:2] == [0, 0]
     assert rollouts[2] >= 20
 
 
 @pytest.mark.parametrize("store", [".", "runs"])
-def test_a_folder_is_no_store(folder: Path, store: str, capsys: pytest.CaptureFixture[str]):
+def test_a_folder_is_no_store(folder: Path, store: str, capsys):
     (folder / "runs").mkdir()
-    assert main(["run", *IDLE, "--store", store]) == 2
-    assert capsys.readouterr().err.splitlines() == [
+    assert typed(capsys, ["run", *IDLE, "--store", store], code=2).err.splitlines() == [
         f"error: {store}: is a folder",
         "hint: give the file of a store in it",
     ]
 
 
-def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_ctrl_c_says_what_is_stored(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=5))
-    assert main(["run", *IDLE, "--store", "a.db"]) == 130
-    assert capsys.readouterr().err.splitlines() == [
+    assert typed(capsys, ["run", *IDLE, "--store", "a.db"], code=130).err.splitlines() == [
         "interrupted: all trials so far are stored in a.db",
         "hint: continue with `vlafuzz run --resume --store a.db --trust`",
     ]
@@ -326,11 +255,10 @@ def test_ctrl_c_says_what_is_stored(monkeypatch: pytest.MonkeyPatch, capsys: pyt
     ],
 )
 def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
-    folder: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+    folder: Path, capsys, arguments: list[str], says: str
 ):
     write_scenes(folder / "pool.jsonl", [scene()])
-    assert main(["run", *IDLE, "--store", "a.db", *arguments]) == 2
-    first, *rest = capsys.readouterr().err.splitlines()
+    first, *rest = typed(capsys, ["run", *IDLE, "--store", "a.db", *arguments], code=2).err.splitlines()
     assert first.startswith("error: ")
     assert says in first
     assert rest[0].startswith("hint: ")
@@ -339,9 +267,7 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
 
 # "auto" finds whatever cluster runs on the machine, such as that of a test beside this one.
 @pytest.mark.parametrize("address", [pytest.param("auto", marks=pytest.mark.slow), "127.0.0.1:1"])
-def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], address: str
-):
+def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(monkeypatch, capsys, address: str):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     assert main(["run", *IDLE, "--store", "a.db", "--executor", f"ray:{address}"]) == 3
     first, hint = capsys.readouterr().err.splitlines()
@@ -349,20 +275,17 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(
     assert hint.startswith("hint: `ray start --head` starts one")
 
 
-def test_triage_follows_a_run_when_so_wished(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_triage_follows_a_run_when_so_wished(monkeypatch, capsys):
     monkeypatch.setattr(
         runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([CONDITIONS["light"][0]])
     )
-    assert main(["run", *IDLE, "--budget", "8", "--config", "triage=true", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = told(capsys, ["run", *IDLE, "--budget", "8", "--config", "triage=true", "--json"])
     assert printed["findings"] == printed["triage"]["triaged"] > 0
     assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--config", "triage=true"]) == 0
     assert "distinct causes" in capsys.readouterr().out
 
 
-def test_one_failure_has_its_cause(capsys: pytest.CaptureFixture[str], folder: Path):
+def test_one_failure_has_its_cause(capsys, folder: Path):
     write_scenes(folder / "dark.jsonl", [scene(light=0.3)])
     assert main(["run", *IDLE, "--scenes", "dark.jsonl", "--store", "a.db"]) == 0
     assert "1 failure; `vlafuzz triage a.db --trust` finds its cause\n" in capsys.readouterr().out

@@ -1,7 +1,5 @@
 """What `vlafuzz run` says of defaults that follow from the machine."""
 
-import pytest
-
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.cli.one_run import note_defaults
 from vlafuzz.worlds.tabletop.renderer import Renderer
@@ -11,9 +9,7 @@ def planned(**flags) -> Plan:
     return plan(RunConfig(policy="frozen", strategy="random", **flags))
 
 
-def test_a_run_says_when_its_batch_leaves_cores_idle(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_says_when_its_batch_leaves_cores_idle(capsys, monkeypatch):
     monkeypatch.setenv("VLAFUZZ_WORKERS", "16")
     note_defaults(planned(batch=2), {})
     assert (
@@ -23,9 +19,7 @@ def test_a_run_says_when_its_batch_leaves_cores_idle(
     assert capsys.readouterr().err == ""
 
 
-def test_a_run_says_why_its_policy_needs_no_pictures(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
     monkeypatch.setattr(
         "vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device")
     )

@@ -1,12 +1,12 @@
 """Several tasks and policies in one store: with real spaces and strategies, without a simulator."""
 
-import json
 import shlex
 import shutil
 from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import told
 from tests.doubles import ClosedForm, Raising
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
@@ -19,7 +19,7 @@ IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certi
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
@@ -42,9 +42,7 @@ def mixed(made: Path, folder: Path) -> Path:
     return Path(shutil.copy(made, folder))
 
 
-def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(
-    mixed: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(mixed: Path, capsys):
     for command in (
         ["report", str(mixed)],
         ["report", str(mixed), "--json"],
@@ -79,9 +77,8 @@ def test_scenes_of_two_tasks_are_never_alike(mixed: Path):
     assert len(view.causes[0].rows) == 3
 
 
-def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.CaptureFixture[str]):
-    assert main(["run", *IDLE, "--task", "all", "--strategy", "random", "--json"]) == 0
-    shown = json.loads(capsys.readouterr().out)
+def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys):
+    shown = told(capsys, ["run", *IDLE, "--task", "all", "--strategy", "random", "--json"])
     tasks = ["pick-up", "move-near", "put-on", "put-in"]
     assert [one["task"] for one in shown["tasks"]] == tasks
     assert [one["task"] for one in shown["standings"]] == tasks
@@ -92,9 +89,7 @@ def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys: pytest.C
     assert Path("rates.md").read_text().count("\n") == 2 + len(tasks)
 
 
-def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_an_interrupted_list_of_tasks_goes_on_where_it_was(monkeypatch, capsys):
     wanted = [*IDLE, "--task", "pick-up,put-on,put-in", "--strategy", "random", "--store", "s.db"]
 
     def evaluator(manifest: Manifest, _: object) -> ClosedForm:
@@ -112,7 +107,7 @@ def test_an_interrupted_list_of_tasks_goes_on_where_it_was(
     assert runs == [(task, "finished", 12) for task in ("pick-up", "put-on", "put-in")]
 
 
-def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys: pytest.CaptureFixture[str]):
+def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys):
     assert main(["run", *IDLE, "--task", "pick-up,put-under", "--store", "s.db"]) == 2
     assert "unknown task 'put-under'" in capsys.readouterr().err
     assert not Path("s.db").exists()

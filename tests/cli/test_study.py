@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.doubles import Always, ClosedForm, Gone, failed, passed, rollout
 from tests.packs import box, write_pack
 from vlafuzz.campaign import launch
@@ -19,7 +20,7 @@ SMALL = ("--policy", "python:tests.doubles:make_idle", "--scenes", "6", "--out",
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path / "out"
@@ -34,9 +35,7 @@ def runs(folder: Path) -> list[tuple[str, str]]:
         return [(run.manifest.task, run.status) for run in store.runs()]
 
 
-def test_rq1_has_a_run_of_every_task_and_the_papers_figures(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rq1_has_a_run_of_every_task_and_the_papers_figures(folder: Path, capsys):
     study("rq1", "--json")
     document = json.loads(capsys.readouterr().out)
     assert [row["task"] for row in document["standings"]] == ["pick-up", "move-near", "put-on", "put-in"]
@@ -48,7 +47,7 @@ def test_rq1_has_a_run_of_every_task_and_the_papers_figures(
     assert (folder / "rq1.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_what_is_stored_is_not_run_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_stored_is_not_run_again(folder: Path, capsys):
     study("rq1", "--task", "pick-up")
     study("rq1", "--task", "pick-up", "--task", "put-on")
     assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
@@ -57,7 +56,7 @@ def test_what_is_stored_is_not_run_again(folder: Path, capsys: pytest.CaptureFix
     assert "pick-up" in capsys.readouterr().out
 
 
-def test_an_interrupted_study_goes_on(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupted_study_goes_on(folder: Path, monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -69,7 +68,7 @@ def test_an_interrupted_study_goes_on(folder: Path, monkeypatch: pytest.MonkeyPa
     assert runs(folder) == [("pick-up", "finished")]
 
 
-def test_several_policies_stand_in_one_table(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_policies_stand_in_one_table(folder: Path, capsys):
     study("rq1", "--task", "pick-up", "--policy", "expert")
     shown = capsys.readouterr().out
     assert "expert" in shown
@@ -77,7 +76,7 @@ def test_several_policies_stand_in_one_table(folder: Path, capsys: pytest.Captur
     assert len(runs(folder)) == 2
 
 
-def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stores_can_be_counted_without_a_run(folder: Path, capsys):
     study("rq1", "--task", "pick-up", "--json")
     first = json.loads(capsys.readouterr().out)
     study("rq3", "--task", "pick-up")  # its mutants are of scenes that were passed: no sample
@@ -87,25 +86,20 @@ def test_stores_can_be_counted_without_a_run(folder: Path, capsys: pytest.Captur
     assert not Path("again/study.db").exists()
 
 
-def test_a_robot_that_nobody_knows_is_refused_before_anything_is_written(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_robot_that_nobody_knows_is_refused_before_anything_is_written(folder: Path, capsys):
     assert main(["lab", "study", "rq1", "--robot", "widow", *SMALL]) == 2
     assert "unknown robot 'widow'" in capsys.readouterr().err
     assert not folder.exists()
 
 
-def test_a_guided_run_is_no_sample(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_guided_run_is_no_sample(tmp_path: Path, capsys):
     flags = ["--strategy", "feedback", "--budget", "4", "--store", "a.db", "--unchecked", *SMALL[:2]]
-    assert main(["run", *flags]) == 0
-    capsys.readouterr()
+    typed(capsys, ["run", *flags])
     assert main(["lab", "study", "rq1", "--from", "a.db", "--out", "out"]) == 2
     assert "a.db: no run with scenes of strategy random or pool" in capsys.readouterr().err
 
 
-def test_rq2_has_a_run_of_every_number_of_confounders(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_rq2_has_a_run_of_every_number_of_confounders(folder: Path, capsys):
     study("rq2", "--task", "move-near", "--json")
     document = json.loads(capsys.readouterr().out)
     assert [row["confounders"] for row in document["standings"]] == [0, 1, 2, 3, 4]
@@ -114,7 +108,7 @@ def test_rq2_has_a_run_of_every_number_of_confounders(
     assert similar["similar"] + similar["other"] == 24
 
 
-def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys):
     tight = Path("tight.yaml")
     tight.write_text("extends: paper-rq1\nmin_distance: 0.3\n")
     study("rq2", "--task", "pick-up", "--operators", str(tight), "--json")
@@ -124,13 +118,10 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys: pytest
         assert "pick-up, 4 confounders: pick-up: no scene of" in " ".join(said.split())
 
 
-def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(folder: Path, monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
     flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
-    assert main(["lab", "study", *flags]) == 3
-    assert capsys.readouterr().err.splitlines()[-2:] == [
+    assert typed(capsys, ["lab", "study", *flags], code=3).err.splitlines()[-2:] == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: repeat the command once the policy answers",
     ]
@@ -141,9 +132,7 @@ def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(
 
 
 @pytest.mark.parametrize("flag", ["--task", "--policy", "--robot", "--operators"])
-def test_what_chooses_runs_goes_with_none_that_are_there(
-    flag: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_chooses_runs_goes_with_none_that_are_there(flag: str, capsys):
     value = {"--task": "put-in", "--robot": "panda"}.get(flag, "mine")
     assert main(["lab", "study", "rq1", "--from", "a.db", "--out", "out", flag, value]) == 2
     assert f"{flag} and --from: nothing is run" in capsys.readouterr().err
@@ -168,18 +157,18 @@ class Literal(ClosedForm):
         return Outcome.of((rollout(0.5, ("grasp",)),), TASKS[scene.task].stage_names)
 
 
-def using(evaluator: type[ClosedForm], monkeypatch: pytest.MonkeyPatch) -> None:
+def using(evaluator: type[ClosedForm], monkeypatch) -> None:
     monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: evaluator(manifest.repeats))
 
 
-def document(capsys: pytest.CaptureFixture[str], *flags: str) -> dict[str, Any]:
+def document(capsys, *flags: str) -> dict[str, Any]:
     study(*flags, "--json")
     return dict(json.loads(capsys.readouterr().out))
 
 
 def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+    folder: Path, capsys, monkeypatch
+):
     using(Dim, monkeypatch)
     made = document(capsys, "rq3", "--task", "pick-up", "--task", "put-on")
     one, other, whole = made["kept"]
@@ -196,7 +185,7 @@ def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control
     assert (folder / "rq3.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys: pytest.CaptureFixture[str]) -> None:
+def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys):
     flags = ("rq3", "--task", "pick-up", "--scenes", "20")
     share = {}
     for alpha in ("linear", "log"):
@@ -206,7 +195,7 @@ def test_alpha_can_be_drawn_evenly_in_its_logarithm(capsys: pytest.CaptureFixtur
     assert share["log"] < 0.5 < share["linear"]
 
 
-def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys):
     (kept,) = document(capsys, "rq4", "--task", "pick-up")["kept"]
     assert (kept["default"], kept["mutated"]["count"]) == (6, 18)
     with Store.open(folder / "study.db") as store:
@@ -216,9 +205,7 @@ def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys: pytest.Captur
     assert all(row.camera == Camera() for row in scenes[::4])
 
 
-def test_studies_with_one_folder_share_its_runs_and_go_on(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_studies_with_one_folder_share_its_runs_and_go_on(folder: Path, monkeypatch, capsys):
     study("rq1", "--task", "pick-up")
     assert len(runs(folder)) == 1
     with monkeypatch.context() as patched:
@@ -230,9 +217,7 @@ def test_studies_with_one_folder_share_its_runs_and_go_on(
     assert [status for _, status in runs(folder)] == ["finished"] * 3
 
 
-def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(folder: Path, capsys, monkeypatch):
     using(Literal, monkeypatch)
     pack = write_pack(Path("mine"), stick=box(0.03, 0.04, 0.08), brick=box(0.03, 0.05, 0.06))
     narrow = Path("narrow.yaml")
@@ -249,9 +234,7 @@ def test_rq5_tests_over_three_policies_and_over_scenes_with_fewer(
     assert (test["policies"], test["p"]) == (3, None)  # all three differ by as much
 
 
-def test_rq6_says_every_scene_in_ten_other_ways(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rq6_says_every_scene_in_ten_other_ways(folder: Path, capsys, monkeypatch):
     using(Literal, monkeypatch)
     made = document(capsys, "rq6", "--task", "pick-up")
     plain, *others = made["prompts"]
@@ -263,9 +246,7 @@ def test_rq6_says_every_scene_in_ten_other_ways(
     assert "lift the {a} off the table" in (folder / "rq6.md").read_text()
 
 
-def test_prompts_tell_two_steps_at_once_and_one_by_one(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_prompts_tell_two_steps_at_once_and_one_by_one(folder: Path, capsys, monkeypatch):
     using(Literal, monkeypatch)
     made = document(capsys, "prompts")
     assert list(dict.fromkeys(row["task"] for row in made["prompts"])) == ["move-near", "put-on", "put-in"]
@@ -277,9 +258,7 @@ def test_prompts_tell_two_steps_at_once_and_one_by_one(
     assert [row.split()[0] for row in last.then] == ["put"]
 
 
-def test_who_passed_nothing_has_nothing_to_lose(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_passed_nothing_has_nothing_to_lose(folder: Path, capsys, monkeypatch):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Always(failed()))
     (kept,) = document(capsys, "rq3", "--task", "pick-up")["kept"]
     assert (kept["default"], kept["mutated"]["of"]) == (0, 0)
@@ -300,6 +279,5 @@ def test_who_passed_nothing_has_nothing_to_lose(
         (["prompts", "--task", "pick-up"], "pick-up has one step only"),
     ],
 )
-def test_bad_input_is_a_sentence(flags: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["lab", "study", *flags[:1], *SMALL, *flags[1:]]) == 2
-    assert says in capsys.readouterr().err
+def test_bad_input_is_a_sentence(flags: list[str], says: str, capsys):
+    assert says in typed(capsys, ["lab", "study", *flags[:1], *SMALL, *flags[1:]], code=2).err

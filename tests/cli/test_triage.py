@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
+from tests.cli.typed import told, typed
 from tests.doubles import failed, manifest
 from tests.failures.triage.planted import CONDITIONS, Planted
 from tests.failures.triage.runners import PlantedRunner
@@ -18,7 +19,7 @@ TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def store(tmp_path: Path, monkeypatch) -> Path:
     """Three findings of a policy that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([TILTED]))
@@ -38,9 +39,8 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "a.db"
 
 
-def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
-    assert main(["triage", "a.db", "--json"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+def test_triage_prints_one_json_object(capsys):
+    printed = told(capsys, ["triage", "a.db", "--json"])
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
     assert printed["buckets"] == {
         "minimal": 3,
@@ -66,9 +66,7 @@ def test_triage_prints_one_json_object(capsys: pytest.CaptureFixture[str]):
         (Outcome.invalid("static", "unfair"), 0, "3 failures could not be judged: no longer fair"),
     ],
 )
-def test_findings_that_could_not_be_judged_say_why(
-    ends: Outcome, code: int, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_findings_that_could_not_be_judged_say_why(ends: Outcome, code: int, said: str, monkeypatch, capsys):
     monkeypatch.setattr(PlantedRunner, "evaluate", lambda _, scenes, numbers: [ends] * len(scenes))
     assert main(["triage", "a.db", "--json"]) == code
     printed = capsys.readouterr()
@@ -77,38 +75,31 @@ def test_findings_that_could_not_be_judged_say_why(
     assert (found["unjudged"], found["broken"], found["triaged"]) == (3, 3 if code else 0, 0)
 
 
-def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys: pytest.CaptureFixture[str]):
-    assert main(["triage", "a.db"]) == 0
-    printed = capsys.readouterr().out
+def test_it_prints_a_table_of_buckets_and_one_of_bugs(capsys):
+    printed = typed(capsys, ["triage", "a.db"]).out
     assert "3 (100%)" in printed
     assert "pick-up|grasp|camera-orientation:+yaw" in printed
 
 
-def test_it_goes_on_where_it_ended(capsys: pytest.CaptureFixture[str]):
+def test_it_goes_on_where_it_ended(capsys):
     for limit, done in ((2, 2), (2, 3), (2, 3)):
-        assert main(["triage", "a.db", "--limit", str(limit), "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["triaged"] == done
+        assert told(capsys, ["triage", "a.db", "--limit", str(limit), "--json"])["triaged"] == done
 
 
-def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys: pytest.CaptureFixture[str]):
-    assert main(["triage", "a.db", "--rollouts", "1", "--json"]) == 0
-    printed = capsys.readouterr()
+def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys):
+    printed = typed(capsys, ["triage", "a.db", "--rollouts", "1", "--json"])
     assert json.loads(printed.out)["triaged"] == 1
     assert "2 failures are left: --rollouts are used up\nhint: continue with" in printed.err
 
 
-def test_with_a_time_it_says_how_many_findings_that_is(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_with_a_time_it_says_how_many_findings_that_is(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.failures.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
     assert main(["triage", "a.db", "--time", "2m"]) == 0
     said = "in 120 s (--time): about 1 of 3 failures, which take about 60 s each"
     assert said in capsys.readouterr().err
 
 
-def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], store: Path
-):
+def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(monkeypatch, capsys, store: Path):
     class Interrupted(PlantedRunner):
         def renew(self) -> None:
             super().renew()
@@ -116,15 +107,12 @@ def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(
                 raise KeyboardInterrupt
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Interrupted([TILTED]))
-    assert main(["triage", "a.db"]) == 130
-    assert "hint: continue with `vlafuzz triage a.db`" in capsys.readouterr().err
+    assert "hint: continue with `vlafuzz triage a.db`" in typed(capsys, ["triage", "a.db"], code=130).err
     with Store.open(store) as opened:
         assert len(opened.triaged()) == 1
 
 
-def test_findings_of_another_version_are_said_to_be_so(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_findings_of_another_version_are_said_to_be_so(monkeypatch, capsys):
     class Newer(PlantedRunner):
         changed = ("commit", "simulator")
 
@@ -133,9 +121,7 @@ def test_findings_of_another_version_are_said_to_be_so(
     assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
 
 
-def test_findings_of_another_place_are_said_to_be_so(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_findings_of_another_place_are_said_to_be_so(monkeypatch, capsys):
     class Elsewhere(PlantedRunner):
         changed, elsewhere = ("commit",), "at another place: AVX2 instead of AVX512"
 
@@ -154,9 +140,8 @@ def test_findings_of_another_place_are_said_to_be_so(
         (["a.db", "--max-rollouts", "0"], "error: --max-rollouts: expected at least 1, got 0"),
     ],
 )
-def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys: pytest.CaptureFixture[str]):
+def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys):
     write_scenes(Path("scenes.jsonl"), [Planted([TILTED]).finding(0)])
-    assert main(["triage", *arguments]) == 2
-    error = capsys.readouterr().err
+    error = typed(capsys, ["triage", *arguments], code=2).err
     assert error.startswith(said)
     assert "\nhint: " in error

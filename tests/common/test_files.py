@@ -99,7 +99,7 @@ def test_a_picture_is_a_picture(tmp_path: Path):
     assert cv2.imread(str(tmp_path / "seen")).shape == PICTURE.shape
 
 
-def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "file"))
     with pytest.raises(PrerequisiteError, match=r"the cache .*/file/meshes cannot be written") as caught:
@@ -108,9 +108,7 @@ def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypa
     assert kept("answer", lambda: 42) == 42  # which needs no cache
 
 
-def test_drafts_of_processes_that_were_killed_leave_the_cache(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_drafts_of_processes_that_were_killed_leave_the_cache(tmp_path: Path, monkeypatch):
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     for name in (".abandoned", ".present"):
         (tmp_path / "meshes" / name).mkdir(parents=True)

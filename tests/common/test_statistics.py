@@ -42,11 +42,6 @@ def test_a12_is_how_often_ours_is_larger(ours, theirs, expected):
     assert a12(ours, theirs) == expected
 
 
-def test_the_p_value_counts_all_ways_to_deal_out():
-    assert mann_whitney([4, 5, 6], [1, 2, 3]) == pytest.approx(2 / 20)
-    assert mann_whitney([5, 6, 7, 8], [1, 2, 3, 4]) == pytest.approx(2 / 70)
-
-
 def test_with_ties_it_is_exact_too():
     # Of the 6 ways to deal 1, 2, 2, 3 out in pairs, 4 put the 1 and the 3 into different ones.
     assert mann_whitney([1, 2], [2, 3]) == pytest.approx(4 / 6)
@@ -55,20 +50,6 @@ def test_with_ties_it_is_exact_too():
 def test_equal_samples_and_single_ones_say_nothing():
     assert mann_whitney([2, 2, 2], [2, 2, 2]) == 1.0
     assert mann_whitney([1], [9]) == 1.0
-
-
-def test_without_ties_it_is_scipys_exact_test():
-    rng = np.random.default_rng([0, 1])
-    ours, theirs = rng.random(6).tolist(), rng.random(7).tolist()
-    assert mann_whitney(ours, theirs) == pytest.approx(
-        stats.mannwhitneyu(ours, theirs, method="exact").pvalue
-    )
-
-
-def test_alike_samples_are_called_different_in_at_most_one_of_twenty_cases():
-    rng = np.random.default_rng([0, 2])
-    alarms = sum(mann_whitney(*rng.poisson(4, (2, 5)).tolist()) <= 0.05 for _ in range(300))
-    assert alarms <= 15 + 2 * math.sqrt(15)
 
 
 def test_the_signed_rank_test_counts_all_changes_of_signs():
@@ -92,19 +73,6 @@ def test_a_run_that_never_fails_ranks_beyond_all_others():
 def test_without_ties_it_is_wilcoxons_test(pairs: int):
     ours, theirs = np.random.default_rng([0, pairs]).normal([[0.4], [0]], 1, (2, pairs))
     assert signed_rank(ours, theirs).p == pytest.approx(stats.wilcoxon(ours, theirs).pvalue)
-
-
-def test_paired_runs_that_are_alike_are_called_different_in_at_most_one_of_twenty_cases():
-    rng = np.random.default_rng([0, 5])
-    alarms = sum(signed_rank(*rng.poisson(rng.gamma(2, 2, 8), (2, 8)).tolist()).p <= 0.05 for _ in range(400))
-    assert alarms <= 20 + 2 * math.sqrt(20)
-
-
-def test_it_finds_a_difference_that_the_spread_from_seed_to_seed_hides_from_an_unpaired_test():
-    theirs = [3, 40, 8, 90, 15, 60, 25, 120]
-    ours = [value + 4 for value in theirs]
-    assert signed_rank(ours, theirs).p == 2 / 256
-    assert mann_whitney(ours, theirs) > 0.5
 
 
 def test_what_few_pairs_cannot_tell():

@@ -7,8 +7,7 @@ import pytest
 from tests.logs.samples import episodes
 from vlafuzz.common.statistics import sign_test, wilson
 from vlafuzz.logs.against import noticeable_loss, power
-from vlafuzz.logs.episodes import Episode
-from vlafuzz.logs.figures import rates, recurrence
+from vlafuzz.logs.episodes import Episode, rates, recurrence
 
 
 def test_rates_are_of_all_and_of_each_suite_and_errors_count_for_neither():

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv, write_csv, write_json
 from vlafuzz.common.reading import read_json
 from vlafuzz.errors import UsageError
-from vlafuzz.logs.figures import rates
+from vlafuzz.logs.episodes import rates
 from vlafuzz.logs.formats import read_logs, read_table
 
 LEROBOT = Path(__file__).with_name("eval_info.json")  # of `lerobot-eval` 0.4.4, but for the paths of videos

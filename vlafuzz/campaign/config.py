@@ -103,7 +103,7 @@ def plan(
             named,
             space,
             policy,
-            scene_file_json(config.scenes, config.pool, scenes),
+            _scene_file(config.scenes, config.pool, scenes),
             workers=place.kind != "local",
         ),
         task=task,
@@ -155,7 +155,7 @@ def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
     return load_scenes(path) if path else []
 
 
-def scene_file_json(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
+def _scene_file(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
     """The file as a manifest keeps it: purpose, path and digest of its scenes; empty without a file."""
     path = scenes or pool
     if path is None:
@@ -180,11 +180,7 @@ def _check_numbers(config: RunConfig) -> None:
 def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
     """The task that the user names, or that of the scenes of a file."""
     wanted = config.task or (scenes[0].task if scenes else default_task())
-    for number, scene in enumerate(scenes, start=1):
-        if scene.task != wanted:
-            problem = f"scene {number} is of task {scene.task!r}, not {wanted!r}"
-            hint = "a run has one task: split the file, or leave out --task"
-            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
+    _check_scenes(config, scenes, "task", wanted)
     return world_of(wanted).task(wanted)
 
 
@@ -195,12 +191,17 @@ def named_robot(config: RunConfig, scenes: Sequence[Scene], task: str) -> str:
     if robot not in world.robots:
         hint = world.former.get(robot) or suggestion(robot, world.robots)
         raise UsageError(f"--robot {robot}: not for {task}", hint=hint)
-    for number, scene in enumerate(scenes, start=1):
-        if scene.robot != robot:
-            problem = f"scene {number} is for {scene.robot!r}, not {robot!r}"
-            hint = "a run has one robot: split the file, or leave out --robot"
-            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
+    _check_scenes(config, scenes, "robot", robot)
     return robot
+
+
+def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted: str) -> None:
+    """Raise a SceneError if one of a file's scenes is of another task or robot than the run."""
+    for number, scene in enumerate(scenes, start=1):
+        if (found := getattr(scene, what)) != wanted:
+            problem = f"scene {number} is of {what} {found!r}, not {wanted!r}"
+            hint = f"a run has one {what}: split the file, or leave out --{what}"
+            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
 
 
 def wanted_scenes(config: RunConfig, task: str, robot: str) -> Wanted:

@@ -18,7 +18,7 @@ from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes, overlaps
-from vlafuzz.search.scoring import Measure, Objective, cell, score
+from vlafuzz.search.scoring import Measure, cell, score
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 
@@ -40,7 +40,6 @@ def fuzz(
     strategy: Strategy,
     executor: Executor,
     store: Store,
-    objective: Objective = score,
     embed: Embed | None = None,
     patience: int | None = PATIENCE,
     resume: int | None = None,
@@ -78,7 +77,6 @@ def fuzz(
         strategy=strategy,
         executor=executor,
         store=store,
-        objective=objective,
         own=own,
         watch=keeping_causes(watch, strategy, space, store),
         patience=patience,
@@ -87,10 +85,8 @@ def fuzz(
     try:
         campaign.loop()
         status = "interrupted" if tally.broken else "stopped" if tally.stopped else "finished"
-    except _CrashedError:
-        status, tally.stopped = "interrupted", tally.crashed
     except TimeOverError:
-        status, tally.stopped = "interrupted", TIME_OVER
+        status, tally.stopped = "interrupted", (patience is not None and tally.crashed) or TIME_OVER
     except (KeyboardInterrupt, PolicyError):
         status = "interrupted"
         raise
@@ -101,10 +97,6 @@ def fuzz(
     failures = [finding.scene for finding in store.findings(run)] if embed else []
     groups = clusters(failures, embed) if embed else None
     return tally.summary(str(store.path), groups)
-
-
-class _CrashedError(Exception):
-    """All scenes so far ended in the same error."""
 
 
 @dataclass(eq=False)
@@ -145,7 +137,6 @@ class _Campaign:
     strategy: Strategy
     executor: Executor
     store: Store
-    objective: Objective
     own: int | None  # the only run whose outcomes are reused
     watch: Callable[[Tally], None]
     patience: int | None
@@ -249,8 +240,7 @@ class _Campaign:
         self.told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
         if not self.tally.stopped:
             self.tally.judge(scenes, outcomes, self.patience)
-        pairs = zip(scenes, outcomes, strict=True)
-        scores = [self.objective(*pair, self.space) for pair in pairs]
+        scores = [score(*pair, self.space) for pair in zip(scenes, outcomes, strict=True)]
         with self.tally.search:
             self.strategy.tell([asked.proposal for asked in group], scores)
             if looks_for_causes(self.strategy):
@@ -287,7 +277,7 @@ class _Campaign:
         self.tally.count(trial)
         self.watch(self.tally)
         if self.patience is not None and self.tally.crashed:
-            raise _CrashedError
+            raise TimeOverError
 
     def _trial(self, asked: _Asked) -> Trial:
         scene, place = asked.scene, None

@@ -54,11 +54,12 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     check_trusted(run.manifest.policy, run.manifest.strategy)
     stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}
-    if not scenes:
-        anew |= stored_flag(run.manifest)
+    file = _scene_file(run.manifest)
+    if file and not scenes:
+        anew[file["flag"]] = Path(file["file"])
     space = stored_space(path, run.manifest)
     planned = plan(RunConfig(**stored, **anew, store=path), space=space)
-    check_scene_file(path, run.id, run.manifest, planned.manifest)
+    _check_scene_file(path, run.id, file, planned.manifest)
     check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
 
@@ -128,19 +129,18 @@ def check_version(path: object, run: Run, here: Manifest) -> None:
         raise StoreError(f"{path}: {problem}", hint=f"use the version that began it, or {AFRESH}")
 
 
-def stored_flag(manifest: Manifest) -> dict[str, Path]:
-    """The flag that names a run's file of scenes, with the file; empty for a run without one."""
-    mark = json.loads(manifest.scene_file or "{}")
-    return {mark["flag"]: Path(mark["file"])} if mark else {}
-
-
-def check_scene_file(path: object, run: int, was: Manifest, now: Manifest) -> None:
+def _check_scene_file(path: object, run: int, before: Mapping[str, str], now: Manifest) -> None:
     """Raise a StoreError if the file of scenes no longer holds those of the run."""
-    before, here = (json.loads(manifest.scene_file or "{}") for manifest in (was, now))
+    here = _scene_file(now)
     if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
         problem = f"run {run} had other scenes than {here.get('file', 'there are now')} holds"
         hint = f"give --{before['flag']} {before['file']} as it was then"
         raise StoreError(f"{path}: {problem}", hint)
+
+
+def _scene_file(manifest: Manifest) -> dict[str, str]:
+    """The flag that names a run's file of scenes, the file and its digest; empty for a run without one."""
+    return dict(json.loads(manifest.scene_file or "{}"))
 
 
 def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:

@@ -13,7 +13,10 @@ import typer
 from vlafuzz.campaign.options import OPTIONS
 from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.flags import (
+    CsvFlag,
     ExecutorFlag,
+    JsonFlag,
+    MarkdownFlag,
     OperatorsFlag,
     PolicyFlag,
     VaryFlag,
@@ -59,9 +62,9 @@ def command(
     out: Annotated[
         Path | None, typer.Option(help="Folder for page, plots and tables.", show_default="runs/compare-…")
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV, one row per strategy.")] = False,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print markdown.")] = False,
+    json: JsonFlag = False,
+    csv: CsvFlag = False,
+    markdown: MarkdownFlag = False,
     config: ConfigFlag = None,
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
@@ -78,7 +81,7 @@ def command(
     from vlafuzz.worlds import default_policy, default_task
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
-    _check(names, repeats, seed, limit, sum((json, csv, markdown)))
+    _check(repeats, seed, limit, sum((json, csv, markdown)))
     task = task or default_task()
     policy = policy or default_policy(task)
     default = f"compare-{default_store(task, policy, 0).stem[:-2]}"
@@ -108,19 +111,21 @@ def command(
 
 
 def _names(strategies: str) -> list[str]:
+    from vlafuzz.search.registry import strategy_factory
+
     names = [name for name in listed(strategies) or () if name]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
+    if twice := [name for name in names if names.count(name) > 1]:
         raise UsageError(f"--strategies: {twice[0]!r} is there twice", hint="name every strategy once")
     if not names:
         raise UsageError(f"--strategies: expected names, got {strategies!r}", hint="random,causes")
+    for name in names:
+        strategy_factory(name)
     return names
 
 
-def _check(names: list[str], repeats: int, seed: int, limit: int, formats: int) -> None:
+def _check(repeats: int, seed: int, limit: int, formats: int) -> None:
     """Check the flags before anything is planned."""
     from vlafuzz.campaign import config
-    from vlafuzz.search.registry import strategy_factory
 
     check_number("--repeats", repeats, 1)
     check_number("--triage-rollouts", limit, 0)
@@ -128,8 +133,6 @@ def _check(names: list[str], repeats: int, seed: int, limit: int, formats: int) 
         raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
     if formats > 1:
         raise UsageError("--json, --csv and --markdown exclude each other", hint="give one of them")
-    for name in names:
-        strategy_factory(name)
 
 
 def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:
@@ -146,7 +149,7 @@ def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> No
 
 
 def print_comparison(compared: Comparison) -> None:
-    """Print the tables of a comparison, and what its tests say."""
+    """Print the tables of a comparison; what its tests say stands below the first."""
     from vlafuzz.lab.compare import page
 
     lines = page.sentences(compared)

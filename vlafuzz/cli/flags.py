@@ -108,8 +108,9 @@ PlacementFlag = Annotated[
 TimeFlag = Annotated[
     str | None, _option("--time", "Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit")
 ]
-
-
+JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+CsvFlag = Annotated[bool, typer.Option("--csv", help="Print CSV.")]
+MarkdownFlag = Annotated[bool, typer.Option("--markdown", help="Print Markdown.")]
 TrustFlag = Annotated[
     bool,
     typer.Option(

@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import OperatorsFlag, PackFlag, RobotFlag, opened
+from vlafuzz.cli.flags import CsvFlag, JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened
 from vlafuzz.cli.output import print_rows
 from vlafuzz.worlds import world_with
 from vlafuzz.worlds.capabilities import Catalogued, ListedObject
@@ -15,8 +15,8 @@ def operators(
     task: Annotated[str | None, typer.Option(help="The ranges in this task, where they differ.")] = None,
     robot: RobotFlag = None,
     pack: PackFlag = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+    json: JsonFlag = False,
+    csv: CsvFlag = False,
 ) -> None:
     """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
     listed = world_with(Catalogued).listed_operators(operators, task, robot, opened(pack))
@@ -27,8 +27,8 @@ def operators(
 
 def objects(
     pack: PackFlag = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+    json: JsonFlag = False,
+    csv: CsvFlag = False,
 ) -> None:
     """List the objects of the catalogue, or of packs.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from vlafuzz.cli.flags import JsonFlag, MarkdownFlag
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stdout
 from vlafuzz.errors import PrerequisiteError, UsageError, printable, suggestion
 
@@ -35,8 +36,8 @@ def command(
     alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
     out: Annotated[Path | None, typer.Option(help="Write a page.", show_default=False)] = None,
     junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.", show_default=False)] = None,
-    markdown: Annotated[bool, typer.Option("--markdown", help="Print Markdown.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    markdown: MarkdownFlag = False,
+    json: JsonFlag = False,
 ) -> None:
     """Read the logs of an evaluation that you already run: success rates, repeats, and two logs compared.
 
@@ -64,7 +65,10 @@ def command(
         show.write_junit(reading, junit)
     for path in filter(None, (out, junit)):
         Bar.note(f"written: {path}")
-    _end(reading)
+    if (compared := reading.against) and compared.worse:  # exit codes as of `regress`
+        raise typer.Exit(1)
+    if compared and not compared.tells:
+        raise PrerequisiteError(compared.verdict, hint="compare logs with more episodes of the same suites")
 
 
 def _print(reading: Reading, *, json: bool, markdown: bool) -> None:
@@ -79,14 +83,6 @@ def _print(reading: Reading, *, json: bool, markdown: bool) -> None:
             print_rows(rows, title=title)
         for sentence in show.sentences(reading):
             stdout().print(sentence, soft_wrap=True)
-
-
-def _end(reading: Reading) -> None:
-    """Exit as `regress` does."""
-    if (compared := reading.against) and compared.worse:
-        raise typer.Exit(1)
-    if compared and not compared.tells:
-        raise PrerequisiteError(compared.verdict, hint="compare logs with more episodes of the same suites")
 
 
 def _name(paths: list[Path]) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, TrustFlag, label_option, opened
+from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
@@ -48,7 +48,7 @@ def command(
         ),
     ] = None,
     trust: TrustFlag = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Run one scene or failure again, and show it: what is unusual in it, and a film of what goes wrong."""
     if digest and first_failure:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import TrustFlag, label_option
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option
 from vlafuzz.cli.output import Bar, data, interruptible
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.text import size
@@ -62,7 +62,7 @@ def command(
         typer.Option(help="Where --follow listens on this machine.", show_default="any port that is free"),
     ] = None,
     trust: TrustFlag = False,
-    json: Annotated[bool, typer.Option("--json", help="List all of them as JSON.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Say what was found: in the terminal, or with --out as one HTML page that needs no other file.
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from vlafuzz.cli.config_file import ConfigFlag
-from vlafuzz.cli.flags import TimeFlag, TrustFlag, configured, with_run_options
+from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, configured, with_run_options
 from vlafuzz.cli.one_run import Asked, checked, end, run_plan
 from vlafuzz.cli.output import print_json
 
@@ -48,7 +48,7 @@ def command(
     ] = False,
     trust: TrustFlag = False,
     config: ConfigFlag = None,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    json: JsonFlag = False,
     fail_on_finding: Annotated[
         bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.", hidden=True)
     ] = False,

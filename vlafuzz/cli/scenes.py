@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import Frame, PackFlag, PlacementFlag, opened
+from vlafuzz.cli.flags import CsvFlag, Frame, JsonFlag, PackFlag, PlacementFlag, opened
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr, table
 from vlafuzz.cli.suites import is_suite, lint_suites
 from vlafuzz.common.files import writing
@@ -90,7 +90,7 @@ def lint(
         typer.Option(help="Of a suite: folder for a picture of each task's first state with each defect."),
     ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON, each rejection with its line.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Check whether the scenes of a file are fair.
 
@@ -194,8 +194,8 @@ def coverage(
             show_default="tabletop",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
-    csv: Annotated[bool, typer.Option("--csv", help="Print CSV.")] = False,
+    json: JsonFlag = False,
+    csv: CsvFlag = False,
 ) -> None:
     """Measure how much of the space scenes or runs cover.
 

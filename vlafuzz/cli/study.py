@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import PackFlag, RobotFlag, WorkersFlag, opened
+from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, WorkersFlag, opened
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.worlds import usual_world
@@ -62,7 +62,7 @@ def command(
         list[Path] | None,
         typer.Option("--from", help="Run nothing: rq1 of the runs of this store; may be repeated."),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Do an experiment of the VLATest paper with policies, side by side.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import TimeFlag, TrustFlag, WorkersFlag
+from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, WorkersFlag
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
@@ -56,7 +56,7 @@ def command(
     ] = False,
     workers: WorkersFlag = None,
     trust: TrustFlag = False,
-    json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
 

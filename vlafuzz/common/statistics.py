@@ -16,6 +16,8 @@ from vlafuzz.common.text import interval, percent
 _EXACT = 20_000  # permutations of two samples, up to which all are counted
 _STAKE = 0.7  # share of the wealth that is on a rate near 1
 _TINY = 1e-9
+_TAIL = 0.975  # of intervals of 95 %
+_Z = NormalDist().inv_cdf(_TAIL)
 
 
 class Interval(NamedTuple):
@@ -58,16 +60,15 @@ class Share:
         return f"{percent(self.share)} ({interval(self.low, self.high)})" if self.of else "–"
 
 
-def wilson(k: float, n: float, confidence: float = 0.95) -> Interval:
-    """Wilson's score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
+def wilson(k: float, n: float) -> Interval:
+    """Wilson's 95 % score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
 
     SciPy's takes integers only, ``share_interval`` needs effective counts.
     """
     if n == 0:
         return Interval(0.0, 1.0)
-    z = NormalDist().inv_cdf((1 + confidence) / 2)
-    centre = (k + z**2 / 2) / (n + z**2)
-    half = z * math.sqrt(k * (n - k) / n + z**2 / 4) / (n + z**2)
+    centre = (k + _Z**2 / 2) / (n + _Z**2)
+    half = _Z * math.sqrt(k * (n - k) / n + _Z**2 / 4) / (n + _Z**2)
     return Interval(0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
 
 
@@ -271,8 +272,8 @@ def _half_width(values: NDArray[np.float64]) -> float:
     return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
 
 
-def share_interval(cases: Sequence[tuple[Hashable, bool]], confidence: float = 0.95) -> Interval:
-    """Confidence interval of the share of positive cases that come from several runs.
+def share_interval(cases: Sequence[tuple[Hashable, bool]]) -> Interval:
+    """95 % interval of the share of positive cases that come from several runs.
 
     Cases of one run resemble each other, so they carry less information than as many independent ones. This
     is Wilson's interval for the effective number of cases: the number of independent cases that would vary
@@ -287,19 +288,19 @@ def share_interval(cases: Sequence[tuple[Hashable, bool]], confidence: float = 0
     groups: dict[Hashable, list[bool]] = {}
     for of, positive in cases:
         groups.setdefault(of, []).append(positive)
-    return _of_groups([(sum(group), len(group)) for group in groups.values()], confidence)
+    return _of_groups([(sum(group), len(group)) for group in groups.values()])
 
 
-def _of_groups(groups: Sequence[tuple[int, int]], confidence: float = 0.95) -> Interval:
+def _of_groups(groups: Sequence[tuple[int, int]]) -> Interval:
     hits, number = (sum(count) for count in zip(*groups, strict=True)) if groups else (0, 0)
     alone = hits in (0, number)
     counts = [(size, positive, positive) for positive, size in groups]
-    effective = number if alone else _effective(counts, (1 + confidence) / 2)
-    return wilson(hits / max(number, 1) * effective, effective, confidence)
+    effective = number if alone else _effective(counts)
+    return wilson(hits / max(number, 1) * effective, effective)
 
 
-def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float = 0.95) -> Interval:
-    """Confidence interval of the mean of paired differences of -1, 0 or 1, such as of success.
+def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
+    """95 % interval of the mean of paired differences of -1, 0 or 1, such as of success.
 
     Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs where
     several belong to one group, as in ``share_interval``.
@@ -307,21 +308,21 @@ def paired_difference(cases: Sequence[tuple[Hashable, int]], confidence: float =
     Args:
         cases: the group of each pair, and its difference.
     """
-    number, tail = len(cases), (1 + confidence) / 2
+    number = len(cases)
     groups: dict[Hashable, list[int]] = {}
     for of, difference in cases:
         groups.setdefault(of, []).append(difference)
     counts = [(len(group), sum(group), sum(map(abs, group))) for group in groups.values()]
-    pairs = number if len(groups) == number else _effective(counts, tail)
+    pairs = number if len(groups) == number else _effective(counts)
     more, fewer = (
         (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2)
         for sign in (1, -1)
     )
-    half = NormalDist().inv_cdf(tail) * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
+    half = _Z * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
     return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))
 
 
-def _effective(groups: Sequence[tuple[int, int, int]], tail: float) -> float:
+def _effective(groups: Sequence[tuple[int, int, int]]) -> float:
     """The number of independent cases whose mean would vary as that of cases in groups does.
 
     Args:
@@ -336,7 +337,7 @@ def _effective(groups: Sequence[tuple[int, int, int]], tail: float) -> float:
     from scipy.special import stdtrit
 
     variance = apart / number**2 * len(groups) / (len(groups) - 1)
-    few = (NormalDist().inv_cdf(tail) / float(stdtrit(len(groups) - 1, tail))) ** 2
+    few = (_Z / float(stdtrit(len(groups) - 1, _TAIL))) ** 2
     return float(min(number, few * (squares / number - mean**2) / variance))
 
 

@@ -18,8 +18,7 @@ from vlafuzz.common.statistics import (
     sign_test,
 )
 from vlafuzz.common.text import named
-from vlafuzz.logs.episodes import CONTROL, Episode, judged
-from vlafuzz.logs.figures import grouped, share, starts
+from vlafuzz.logs.episodes import CONTROL, Episode, grouped, judged, share, starts
 
 ALL = "all"
 POWER = 0.9

@@ -1,8 +1,12 @@
-"""An episode of an evaluation, as its log tells it."""
+"""Episodes of an evaluation as its log tells them: success rates, and whether the same ones fail again."""
 
-from collections.abc import Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
+from vlafuzz.common.statistics import Share
+
+Key = TypeVar("Key", bound=Hashable)
 CONTROL = "control"  # the condition of an episode without a change
 
 
@@ -43,3 +47,103 @@ class Episode:
 def judged(episodes: Iterable[Episode]) -> list[Episode]:
     """Those that did not end in an error."""
     return [episode for episode in episodes if episode.success is not None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rate:
+    """How often episodes succeed; ``errors``: further ones that ended in an error, counted for neither."""
+
+    suite: str = ""
+    task: str = ""
+    condition: str = ""
+    success: Share
+    errors: int
+
+    @property
+    def failure(self) -> Share:
+        success = self.success
+        return Share(success.of - success.count, success.of, 1 - success.high, 1 - success.low)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recurrence:
+    """Whether failures come again where the same episode is repeated.
+
+    Attributes:
+        again: of the ordered pairs of repeats whose first one fails, those whose second one fails, too.
+        failures: of all repeats, the share by which chance alone would let a failure come again.
+        failing: episodes with a failure; ``mixed``: of these, those with a success, too.
+    """
+
+    again: Share
+    failures: Share
+    episodes: int
+    failing: int
+    mixed: int
+
+
+def rates(episodes: Sequence[Episode]) -> list[Rate]:
+    """By suite, then by condition, then by task, where there are several; the first one is of all.
+
+    Controls are a condition, and else not counted: how many there are decides no rate.
+    """
+
+    def by(those: Sequence[Episode], *names: str) -> list[Rate]:
+        groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
+        return [
+            Rate(
+                **dict(zip(names, key, strict=True)),
+                success=share(group),
+                errors=len(group) - len(judged(group)),
+            )
+            for key, group in groups.items()
+        ]
+
+    counted = [episode for episode in episodes if episode.condition != CONTROL] or episodes
+    suites, conditions = by(counted, "suite"), by(episodes, "condition")
+    tasks = by(counted, "suite", "task")
+    return [
+        *(by(counted) if len(suites) > 1 else []),
+        *suites,
+        *(conditions if len(conditions) > 1 else []),
+        *(tasks if len(tasks) > len(suites) else []),
+    ]
+
+
+def share(episodes: Iterable[Episode]) -> Share:
+    """Of the judged ones those that succeed; where several have the same start, these are a group."""
+    counted = judged(episodes)
+    if starts(counted) == len(counted):
+        return Share.of_counts(sum(bool(episode.success) for episode in counted), len(counted))
+    return Share.grouped([(episode.start, bool(episode.success)) for episode in counted])
+
+
+def starts(episodes: Iterable[Episode]) -> int:
+    """How many different starts they have."""
+    return len({episode.start for episode in episodes})
+
+
+def recurrence(episodes: Sequence[Episode]) -> Recurrence | None:
+    """None where no episode is repeated."""
+    by_episode = grouped(judged(episodes), lambda episode: episode.same)
+    repeated = [those for same, those in by_episode.items() if same is not None and len(those) > 1]
+    if not repeated:
+        return None
+    counts = [(sum(not episode.success for episode in those), len(those)) for those in repeated]
+    return Recurrence(
+        again=Share.of_groups(
+            [(failed * (failed - 1), failed * (of - 1)) for failed, of in counts if failed]
+        ),
+        failures=Share.of_groups(counts),
+        episodes=len(counts),
+        failing=sum(failed > 0 for failed, _ in counts),
+        mixed=sum(0 < failed < of for failed, of in counts),
+    )
+
+
+def grouped(episodes: Iterable[Episode], key: Callable[[Episode], Key]) -> dict[Key, list[Episode]]:
+    """The episodes by a key, in order."""
+    groups: dict[Key, list[Episode]] = {}
+    for episode in episodes:
+        groups.setdefault(key(episode), []).append(episode)
+    return groups

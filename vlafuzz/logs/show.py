@@ -9,8 +9,7 @@ from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, markdown_table, percent, plural, points
 from vlafuzz.logs.against import ALL, Comparison, changed, compare, noticeable_loss, tests
-from vlafuzz.logs.episodes import CONTROL, Episode, judged
-from vlafuzz.logs.figures import Rate, Recurrence, rates, recurrence, starts
+from vlafuzz.logs.episodes import CONTROL, Episode, Rate, Recurrence, judged, rates, recurrence, starts
 
 _MOST = 5  # tasks in a table
 

@@ -1,7 +1,7 @@
 """Scores of outcomes for strategies, and the cells of failures."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -66,11 +66,8 @@ class Score:
         return math.inf if self.progress is None else self.progress + self.slack
 
 
-Objective = Callable[[Scene, Outcome, Measure], Score]
-
-
 def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
-    """The default objective."""
+    """How a scene ended, as strategies are told."""
     severities = space.severities(scene)
     known = outcome.verdict >= Verdict.PASSED and math.isfinite(outcome.progress)
     passed, failed = outcome.verdict is Verdict.PASSED, outcome.verdict is Verdict.FAILED
