@@ -33,11 +33,12 @@ from vlafuzz.failures.corpus.pairs import probes
 from vlafuzz.failures.triage.witness import Player
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION, VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import (
+from vlafuzz.policies.clients.vla_eval import (
+    PROTOCOL_VERSION,
     DeclaredModel,
     Hello,
     Parameters,
+    VlaEval,
     declared_actions,
     declared_observations,
 )

@@ -13,7 +13,6 @@ import pytest
 
 from tests.policies.clients import listening
 from tests.policies.clients.served import black, failure, seen, start
-from vlafuzz.errors import PolicyError
 from vlafuzz.policies.clients.openvla import decode, encode, request
 from vlafuzz.rollouts.policies import make_policy
 
@@ -156,10 +155,3 @@ class TestWrongAnswers:
         with scripted(5.0) as (name, *_):
             error = failure(f"{name}?camera=0&timeout=0.2")
         assert (error.cause, error.message.split(": ")[-1]) == ("timeout", "no reply within 0.2 s")
-
-    def test_a_server_that_has_gone_makes_scenes_errors(self):
-        with scripted() as (name, *_):
-            policy = make_policy(name)
-        with pytest.raises(PolicyError, match="Connection refused") as caught:
-            policy.reset([start("one")])
-        assert caught.value.cause == "connect"

@@ -17,8 +17,7 @@ from vlafuzz.policies.clients.openvla import ActOptions, OpenVla
 from vlafuzz.policies.clients.options import ProfiledOptions, VlaEvalOptions
 from vlafuzz.policies.clients.profiles import known_profiles
 from vlafuzz.policies.clients.servers import client, parse
-from vlafuzz.policies.clients.vla_eval import VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
+from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, VlaEval
 from vlafuzz.rollouts.policies import check_policy_name
 
 PAGE = text("docs/servers.md")

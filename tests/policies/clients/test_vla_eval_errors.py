@@ -23,20 +23,15 @@ from tests.policies.clients.served import (
     start,
     still_open,
 )
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.policies.clients import websocket_connection as sockets
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
-SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
 STILL = [0.0] * 6 + [1.0]
 
 
@@ -168,18 +163,6 @@ class TestWrongAnswers:
 
 
 class TestServerThatGoesAway:
-    def test_while_it_is_away_scenes_are_errors(self):
-        with serving(Rounded(Random())) as name:
-            policy = make_policy(name)
-        evaluator = ManiSkillEvaluator(
-            Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
-        )
-        (outcome,) = evaluator.evaluate(SCENES[:1])
-        assert outcome.verdict is Verdict.ERROR
-        assert outcome.detail.endswith("Connection refused")
-        assert outcome.detail.startswith("policy: connect: ")
-        evaluator.close()
-
     def test_a_rollout_that_it_leaves_is_not_gone_on_with(self):
         with serving(Rounded(Random())) as name:
             policy = make_policy(name)

@@ -11,7 +11,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN
 from vlafuzz.policies.clients.options import VlaEvalOptions
-from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
+from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello
 
 RGB, BOTH = "rgb_hwc_uint8", ["third_person", "wrist"]
 OTHER = "eef_pos3_quat4_gripper1"

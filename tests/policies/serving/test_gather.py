@@ -11,7 +11,6 @@ import pytest
 
 from tests.policies.clients.served import Attentive, seen, start
 from tests.rollouts.models import Counter
-from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.batching import Request
 from vlafuzz.policies.serving.serve import PROTOCOLS, serving
@@ -108,18 +107,6 @@ def test_requests_that_come_one_after_the_other_are_gathered_although_all_take_l
 
     at_once(later, 5)
     assert policy.batches == [5]
-
-
-def test_an_error_reaches_who_asked_and_nobody_else():
-    gathered = rolling(Counter(), 3)
-
-    def answer(caller: int) -> object:
-        try:
-            return gathered.ask(caller, act("jump" if caller == 1 else "move"))[0].actions[0, 0]
-        except PolicyError as error:
-            return error.message
-
-    assert at_once(answer, 3) == [1.0, "counter raised ValueError: cannot jump", 1.0]
 
 
 def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():

@@ -15,8 +15,7 @@ from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.policies.clients.vla_eval import VlaEval
-from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello, Parameters
+from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, Parameters, VlaEval
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator

@@ -1,23 +1,184 @@
-"""Models behind servers of vla-eval's protocol."""
+"""Models behind servers of vla-eval's protocol, and what such servers declare, from and to our specs."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from dataclasses import replace
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+from scipy.spatial.transform import Rotation
 
 from vlafuzz import __version__
-from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.options import CommonOptions, VlaEvalOptions
+from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN, layout_width, sent
+from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.options import SIDE, CommonOptions, ProfiledOptions, VlaEvalOptions
 from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.sessions import Session, Sessions
-from vlafuzz.policies.clients.vla_eval_spec import DeclaredModel, Hello
 
 PROTOCOL_VERSION = 1
 GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PROTOCOL_VERSION}
+UNDECLARED = "raw"  # vla-eval's word for "no convention declared"
+POSITION, PICTURE = "delta_xyz", "rgb_hwc_uint8"
+# vla-eval's euler_xyz is extrinsic, according to its rotation module; ours of that name is intrinsic.
+ROTATIONS = {"axis_angle": "axis_angle", "euler_xyz": "rpy"}
+GRIPPERS = {
+    "binary_close_positive": "close_positive",
+    "binary_close_negative": "open_positive",
+    "binary_close_01": "close_01",
+    "continuous_01": "open_01",
+}
+PICTURES = {"front": "agentview", "wrist": "wrist"}  # by our cameras, in vla-eval's own benchmark
+Name = Annotated[str, Field(max_length=1000)]  # stores keep them with every run
+
+
+class Component(BaseModel, frozen=True):
+    """A part of an action or observation."""
+
+    format: Name = UNDECLARED
+
+
+class Parameters(BaseModel, frozen=True):
+    """What a server wants to be sent, besides what its specs say."""
+
+    send_state: bool | None = None
+    send_wrist_image: bool | None = None
+    quat_no_antipodal: bool | None = None
+    absolute_action: bool | None = None
+
+
+class Hello(BaseModel, frozen=True, protected_namespaces=()):
+    """The fields of a server's greeting that are used here."""
+
+    protocol_version: int
+    harness_version: Name = "unknown"
+    model_server: Name = "unknown"
+    action_spec: Mapping[str, Component] = {}
+    observation_spec: Mapping[str, Component] = {}
+    observation_params: Parameters = Parameters()
+
+
+class DeclaredModel(Model):
+    """A model by its options, else by what its server declares, else by the defaults.
+
+    Raises:
+        UsageError: the server declares something unsupported, and no option overrides it.
+    """
+
+    def __init__(self, name: str, hello: Hello, options: VlaEvalOptions) -> None:
+        _check_components(name, hello)
+        rotation, rotation_from = _convention(name, hello, "rotation", ROTATIONS, options.rotation)
+        gripper, gripper_from = _convention(name, hello, "gripper", GRIPPERS, options.gripper)
+        pictures = [part for part in hello.observation_spec.values() if part.format == PICTURE]
+        if len(pictures) > 2 and options.wrist is None:
+            message = f"{name}: the server wants {len(pictures)} pictures"
+            raise UsageError(message, hint="supported: one, and with wrist=1 a second one from the wrist")
+        asked = hello.observation_params
+        wrist = bool(len(pictures) > 1 or asked.send_wrist_image) if options.wrist is None else options.wrist
+        plain = (SIDE, SIDE) if pictures or wrist or not hello.observation_spec else (0, 0)
+        settled = {
+            "version": options.version or hello.harness_version,
+            "rotation": rotation or "axis_angle",
+            "gripper": gripper,
+            "state": _layout(name, hello, options) or "0",
+            "camera": options.camera or plain,
+            "wrist": wrist,
+        }
+        super().__init__(name, ProfiledOptions.model_construct(**(vars(options) | settled)))
+        provenance = {"server": hello.model_server, "rotation": rotation_from, "gripper": gripper_from}
+        provenance |= {"state": self.layout or "none"} | (options.provenance() if options.profile else {})
+        self.spec = replace(self.spec, provenance=provenance)
+        known = PICTURES if options.benchmark else {}
+        self._names = {camera.name: known.get(camera.name, camera.name) for camera in self.spec.cameras}
+        # Rotation vectors as that benchmark sends them unasked: no longer than half a turn.
+        self._short = bool(options.benchmark) and not asked.quat_no_antipodal
+
+    def message(self, seen: Observation) -> dict[str, Any]:
+        """An observation as vla-eval sends it: servers identify pictures by their order or by their names."""
+        message: dict[str, Any] = {
+            "images": {name: seen.images[camera] for camera, name in self._names.items()},
+            "task_description": seen.instruction,
+        }
+        if self.layout is not None and seen.state is not None:
+            state = sent(self.layout, seen)
+            if self._short:
+                state[3:6] = Rotation.from_rotvec(state[3:6]).as_rotvec()
+            message |= {"state": state, "states": state}  # servers read either of the two
+        return message
+
+
+def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
+    """Our actions in vla-eval's terms, as far as there are any."""
+    rotations = {name: declared for declared, name in ROTATIONS.items()}
+    grippers = {name: declared for declared, name in GRIPPERS.items()}
+    return {
+        "position": {"name": "position", "dims": 3, "format": POSITION},
+        "rotation": {"name": "rotation", "dims": 3, "format": rotations.get(spec.rotation, UNDECLARED)},
+        "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.gripper]},
+    }
+
+
+def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) -> dict[str, dict[str, Any]]:
+    """Our observations in vla-eval's terms. ``layout``: of the proprioception, None for none."""
+    parts = {camera.name: (PICTURE, 0) for camera in cameras}
+    if layout is not None:
+        parts["state"] = (layout, layout_width(layout))
+    parts["language"] = ("language", 0)
+    return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in parts.items()}
+
+
+def _layout(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
+    """The layout in which proprioception is sent, None if it is not; UsageError for an unsupported one."""
+    asked = options.state == "1" or (options.state is None and hello.observation_params.send_state)
+    declared = hello.observation_spec.get("state")
+    if options.state not in (None, "0", "1"):
+        return options.state
+    if options.benchmark and options.state != "0":
+        return MEASURED if asked else None
+    if options.state == "0" or not (asked or declared):
+        return None
+    if declared is None or declared.format == UNDECLARED:
+        return OWN
+    if declared.format not in LAYOUTS:
+        raise _unsupported(name, "state", declared.format, LAYOUTS)
+    return declared.format
+
+
+def _check_components(name: str, hello: Hello) -> None:
+    if hello.observation_params.absolute_action:
+        message = f"{name}: the server's actions are poses of the hand (absolute_action)"
+        raise UsageError(message, hint="supported: moves of the hand (delta_xyz)")
+    known = {"position": (UNDECLARED, POSITION), "actions": (UNDECLARED,)}
+    for component, declared in hello.action_spec.items():
+        if component in ("rotation", "gripper"):
+            continue  # an option may override it
+        if declared.format not in known.get(component, ()):
+            message = f"{name}: the server's actions have {component} {declared.format!r}"
+            raise UsageError(message, hint="supported: position (delta_xyz), rotation and gripper")
+
+
+def _convention(
+    name: str, hello: Hello, component: str, known: Mapping[str, str], option: str | None
+) -> tuple[str | None, str]:
+    """Our name of a convention, None for the default, and the source: option, server or default."""
+    declared = hello.action_spec.get(component, Component()).format
+    if option is not None:
+        return option, "option"
+    if declared == UNDECLARED:
+        return None, "default"
+    if declared not in known:
+        raise _unsupported(name, component, declared, known)
+    return known[declared], "server"
+
+
+def _unsupported(name: str, component: str, declared: str, known: Mapping[str, Any]) -> UsageError:
+    hint = f"supported: {', '.join(known)}; if it declares wrongly, the option {component}=… wins"
+    return UsageError(f"{name}: the server declares {component} {declared!r}", hint)
 
 
 class VlaEval(Sessions):

@@ -10,7 +10,7 @@ from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
 from vlafuzz.policies.clients.options import CONVENTIONS
 from vlafuzz.policies.clients.servers import needed
-from vlafuzz.policies.clients.vla_eval_spec import UNDECLARED, declared_actions
+from vlafuzz.policies.clients.vla_eval import UNDECLARED, declared_actions
 from vlafuzz.policies.serving.sessions import ServedPolicy
 
 # Prefix and suffix of the name for every protocol, around host and port.

@@ -17,8 +17,7 @@ from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
 from vlafuzz.policies.clients.openpi import OpenPiOptions
-from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION
-from vlafuzz.policies.clients.vla_eval_spec import declared_actions, declared_observations
+from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION, declared_actions, declared_observations
 from vlafuzz.policies.clients.wire import ROLLOUT, short
 from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession, RolloutHeader, ServedPolicy
 
