@@ -1,10 +1,12 @@
 #!/usr/bin/env python
-"""How often `vlafuzz bisect` names the right one of 16 checkpoints, and how often it raises a false alarm.
+"""How often `vlafuzz bisect` names the right one of 16 checkpoints, and how often it is certain and wrong.
 
 By the same code as on the command line, in the controls of a shipped corpus; only the outcomes are made up,
-of policies that pass with known probabilities. One checkpoint loses 20 points, and those after it as much
-(`step`) or 5 points more each (`growing`). Checkpoints before it are as good as the baseline: `independent`
-of it and of each other, or `related`, equal to the baseline in nine of ten scenes.
+of policies that pass with known probabilities. A random checkpoint loses 20 or 10 points, and those after it
+as much (`20 points`, `10 points`), or 5 points more each (`growing`); or two random ones lose 15 points each
+(`twice`), or 30 points get lost little by little from a random one on (`gradual`). The last three are no
+single step, so that it is wrong to be certain. Working checkpoints are `independent` of the baseline and each
+other, or `related`, equal to the baseline in nine of ten scenes.
 
 The kind `mini` has real outcomes, which `--record` makes: of `mini` with weights that are hardly disturbed,
 and from the broken checkpoint on with growing noise on them; the controls come in another order each time.
@@ -37,11 +39,14 @@ from vlafuzz.model.outcome import Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"
 OUTCOMES = Path(__file__).parent / "results" / "bisect-mini.json"
-CHECKPOINTS, LOSS, MORE, OWN = 16, 0.2, 0.05, 0.1
+CHECKPOINTS, OWN = 16, 0.1
+COURSES = ("20 points", "10 points", "growing", "gradual", "twice")
+SINGLE = ("20 points", "10 points")
 HARMLESS, HARMFUL = (0.01,) * 4, (0.2, 0.24, 0.28, 0.32, 0.36)  # noise, as a share of the weights' spread
-FRESH = 10_000  # the model of the outcomes was chosen with smaller seeds
+FRESH = 20_000  # the model of the outcomes was chosen with smaller seeds
 
 Booleans = NDArray[np.bool_]
+Draw = Callable[[np.random.Generator], tuple[list[Booleans], int]]
 # Probability of passing by a number that is uniform over scenes, and its mean.
 KINDS: dict[str, tuple[Callable[[NDArray[np.float64]], NDArray[np.floating]], float]] = {
     "the same in all scenes, 0.5": (lambda u: 0.5 + 0 * u, 0.5),
@@ -64,12 +69,6 @@ class Given:
         return Answer(Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
 
 
-def _of_kind(
-    kind: str, broken: int, rng: np.random.Generator, *, related: bool, growing: bool
-) -> list[Booleans]:
-    return made_up(kind, losses_from(broken, growing=growing), 200, rng, related=related)
-
-
 def made_up(
     kind: str, losses: Sequence[float], scenes: int, rng: np.random.Generator, *, related: bool
 ) -> list[Booleans]:
@@ -83,21 +82,28 @@ def made_up(
     return rows
 
 
-def losses_from(broken: int | None, *, growing: bool) -> list[float]:
-    """Of every checkpoint, the first ``broken`` of which work; None: all."""
-    if broken is None:
-        return [0.0] * CHECKPOINTS
-    more = MORE if growing else 0.0
-    return [min(LOSS + more * (at - broken), 0.45) if at >= broken else 0.0 for at in range(CHECKPOINTS)]
+def course(name: str, rng: np.random.Generator) -> tuple[list[float], int]:
+    """The loss of every checkpoint, and the first one that has any."""
+    first, second = sorted(map(int, rng.choice(CHECKPOINTS, 2, replace=False)))
+    if name == "gradual":
+        first //= 2
+    at = np.arange(CHECKPOINTS)
+    losses = {
+        "20 points": np.full(CHECKPOINTS, 0.2),
+        "10 points": np.full(CHECKPOINTS, 0.1),
+        "growing": np.minimum(0.2 + 0.05 * (at - first), 0.45),
+        "twice": np.where(at >= second, 0.3, 0.15),
+        "gradual": 0.3 * (at - first + 1) / (CHECKPOINTS - first),
+    }[name]
+    return [float(loss) for loss in np.where(at >= first, losses, 0.0)], first
 
 
-def of_mini(broken: int | None, outcomes: dict[str, str], rng: np.random.Generator) -> list[Booleans]:
+def of_mini(broken: int, outcomes: dict[str, str], rng: np.random.Generator) -> list[Booleans]:
     """Outcomes of the baseline as recorded in the corpus, and of disturbed copies of `mini`."""
     order = rng.permutation(len(outcomes["recorded"]))
     harmless = [name for name in outcomes if name.startswith("harmless")]
     harmful = [name for name in outcomes if name.startswith("harmful")]
-    working = CHECKPOINTS if broken is None else broken
-    names = [*rng.choice(harmless, working), *harmful, *[harmful[-1]] * CHECKPOINTS][:CHECKPOINTS]
+    names = [*rng.choice(harmless, broken), *harmful, *[harmful[-1]] * CHECKPOINTS][:CHECKPOINTS]
     return [(np.array(list(outcomes[name])) == "1")[order] for name in ("recorded", *names)]
 
 
@@ -107,30 +113,30 @@ def search(rows: Sequence[Booleans], scenes: Sequence[Probe]) -> Bisection:
     return bisect(numbered, list(sides), lambda name: nullcontext(sides[name]), Recorded("baseline"))
 
 
-def simulate(
-    label: str, draw: Callable[[int | None, np.random.Generator], list[Booleans]], seeds: range
-) -> str:
-    """One line of the table."""
+def simulate(label: str, draw: Draw, seeds: range, *, single: bool) -> tuple[str, Counter[str]]:
+    """One line of the table, and its counts.
+
+    Args:
+        single: whether the loss comes in one step.
+    """
     scenes = [probe for probe in probes(read_corpus(CORPUS)) if probe.group == "control"]
     counts: Counter[str] = Counter()
     rollouts: list[int] = []
     for seed in seeds:
-        rng = np.random.default_rng([seed, *label.encode()])
-        broken = int(rng.integers(CHECKPOINTS))
-        result = search(draw(broken, rng), scenes)
+        rows, broken = draw(np.random.default_rng([seed, *label.encode()]))
+        result = search(rows, scenes)
         assert len(result.steps) <= most_comparisons(CHECKPOINTS) == 6
         counts["alarm"] += result.alarm
         counts["right"] += result.named == str(broken)
         counts["certain"] += result.certain
-        counts["certain, wrong"] += result.certain and result.named != str(broken)
+        counts["certain, wrong"] += result.certain and not (single and result.named == str(broken))
         counts["in the set"] += broken in result.likely
-        counts["false alarm"] += search(draw(None, rng), scenes).alarm
         rollouts.append(result.rollouts)
     shares = "".join(f"{share(counts[name], len(seeds)):>22}" for name in COLUMNS)
-    return f"{label:52}{shares}{np.median(rollouts):>10.0f}"
+    return f"{label:52}{shares}{np.median(rollouts):>10.0f}", counts
 
 
-COLUMNS = ("alarm", "right", "certain", "certain, wrong", "in the set", "false alarm")
+COLUMNS = ("alarm", "right", "certain", "certain, wrong", "in the set")
 
 
 def share(count: int, of: int) -> str:
@@ -138,21 +144,26 @@ def share(count: int, of: int) -> str:
     return f"{count / of:.1%} ({low:.1%}-{high:.1%})"
 
 
-def draws() -> Iterator[tuple[str, Callable[[int | None, np.random.Generator], list[Booleans]]]]:
-    """What is simulated, with its name."""
-    for kind in KINDS:
-        for related in (False, True):
-            for growing in (False, True):
-                name = (
-                    f"{kind}, {'related' if related else 'independent'}, {'growing' if growing else 'step'}"
-                )
-                yield (
-                    name,
-                    partial(_of_kind, kind, related=related, growing=growing),
-                )
+def draws() -> Iterator[tuple[str, str, Draw]]:
+    """What is simulated, with its course and name."""
+
+    def draw(rng: np.random.Generator, *, kind: str, name: str, related: bool) -> tuple[list[Booleans], int]:
+        losses, first = course(name, rng)
+        return made_up(kind, losses, 200, rng, related=related), first
+
+    for name in COURSES:
+        for kind in KINDS:
+            for related in (False, True):
+                label = f"{kind}, {'related' if related else 'independent'}, {name}"
+                yield name, label, partial(draw, kind=kind, name=name, related=related)
     if OUTCOMES.is_file():
         outcomes = json.loads(OUTCOMES.read_text())
-        yield "mini, growing noise", lambda broken, rng: of_mini(broken, outcomes, rng)
+
+        def of_noise(rng: np.random.Generator) -> tuple[list[Booleans], int]:
+            broken = int(rng.integers(CHECKPOINTS))
+            return of_mini(broken, outcomes, rng), broken
+
+        yield "mini", "mini, growing noise", of_noise
 
 
 def record() -> None:
@@ -207,10 +218,16 @@ def main() -> None:
     if options.record:
         record()
     print(f"{'':52}{''.join(f'{name:>22}' for name in COLUMNS)}{'rollouts':>10}")
-    for label, draw in draws():
+    seeds = range(options.seed, options.seed + options.simulations)
+    totals: dict[str, Counter[str]] = {}
+    for name, label, draw in draws():
         if options.only in label:
-            seeds = range(options.seed, options.seed + options.simulations)
-            print(simulate(label, draw, seeds), flush=True)
+            line, counts = simulate(label, draw, seeds, single=name in SINGLE)
+            totals.setdefault(name, Counter()).update(counts + Counter({"of": len(seeds)}))
+            print(line, flush=True)
+    for name, counts in totals.items():
+        shares = "".join(f"{share(counts[column], counts['of']):>22}" for column in COLUMNS)
+        print(f"{f'all: {name}':52}{shares}")
 
 
 if __name__ == "__main__":

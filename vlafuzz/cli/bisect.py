@@ -43,7 +43,7 @@ def command(
     ] = None,
     alpha: AlphaFlag = 0.05,
     error: Annotated[
-        float, typer.Option(help="Probability up to which another checkpoint may be the first broken one.")
+        float, typer.Option(help="Probability up to which something else may have happened.")
     ] = 0.05,
     comparisons: Annotated[
         int | None, typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2")
@@ -57,7 +57,7 @@ def command(
 
     First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress`
     does. If it is worse, a binary search that expects noise compares few of the others, each until it is
-    clear whether it is broken.
+    clear whether it is broken, and then whether all of the loss came in one step.
 
     Checkpoints that are served at one address in turn are told apart by their labels. Whenever another
     one has to answer, the exit code is 3, and a message says which.

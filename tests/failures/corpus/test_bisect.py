@@ -10,7 +10,7 @@ from tests.failures.corpus.sides import Planned, flaky, probes
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.bisect import bisect, most_comparisons
-from vlafuzz.failures.corpus.breaking import first_broken, likeliest
+from vlafuzz.failures.corpus.breaking import believe, likeliest
 from vlafuzz.failures.corpus.sides import Recorded
 from vlafuzz.model.outcome import Verdict
 
@@ -118,22 +118,53 @@ def test_it_takes_two_different_checkpoints(names):
 
 
 def test_probabilities_follow_the_outcomes():
-    baseline = np.array([1.0, 0.0] * 50)
-    outcomes = np.full((3, 100), np.nan)
-    assert first_broken(baseline, outcomes).tolist() == pytest.approx([1 / 3] * 3)
+    baseline, outcomes = np.array([1.0, 0.0] * 50), np.full((3, 100), np.nan)
+    outcomes[2] = 0.0
+    assert believe(baseline, outcomes).if_one_step == pytest.approx([1 / 3] * 3)
     outcomes[1] = baseline
-    assert first_broken(baseline, outcomes)[2] > 0.99
-    outcomes[1, :] = 0.0
+    assert believe(baseline, outcomes).one_step[2] > 0.9
+    outcomes[1] = 0.0
     outcomes[0] = baseline
-    assert first_broken(baseline, outcomes)[1] > 0.99
+    assert believe(baseline, outcomes).one_step[1] > 0.9
+
+
+def losing(*losses: float) -> np.ndarray:
+    """Outcomes of checkpoints that lose so much of what the baseline passes, in turn."""
+    return np.array([np.arange(200) % 100 < 80 * (1 - loss) for loss in losses], float)
+
+
+@pytest.mark.parametrize(
+    ("shape", "losses"),
+    [
+        ("one step", (0, 0, 0, 0.6, 0.6, 0.6, 0.6, 0.6)),
+        ("two steps", (0, 0, 0.4, 0.4, 0.4, 0.4, 1, 1)),
+        ("gradual or growing", (0.1, 0.25, 0.35, 0.5, 0.6, 0.75, 0.85, 1)),
+        ("no order", (0, 0.8, 0, 0, 0.8, 0, 0, 0.8)),
+    ],
+)
+def test_it_says_how_the_loss_came(shape, losses):
+    baseline = losing(0)[0]
+    shapes = believe(baseline, losing(*losses)).shapes
+    assert sum(shapes.values()) == pytest.approx(1)
+    assert max(shapes, key=shapes.get) in shape
+
+
+def test_a_loss_in_two_steps_is_not_said_to_be_one():
+    passing = {name: 0.9 if n < 4 else 0.6 if n < 10 else 0.2 for n, name in enumerate(NAMES)}
+    rng = np.random.default_rng(3)
+    sides = {name: flaky(1 - passing[name], rng, name) for name in NAMES}
+    _, result = search(sides, flaky(0.1, rng, "before"))
+    assert (result.alarm, result.certain, result.shape) == (True, False, "two steps")
+    assert result.verdict.startswith("the policy broke more than once (")
 
 
 def test_an_error_is_no_evidence():
     baseline, outcomes = np.array([1.0, 0.0] * 50), np.full((2, 100), np.nan)
+    outcomes[1, :60] = 0.0
     outcomes[0, :60] = baseline[:60]
-    expected = first_broken(baseline, outcomes)
-    fewer = first_broken(baseline[:60], outcomes[:, :60])
-    assert np.abs(expected - fewer).max() < 0.02
+    expected = believe(baseline, outcomes).first
+    fewer = believe(baseline[:60], outcomes[:, :60]).first
+    assert np.abs(expected - fewer).max() < 0.03
 
 
 def test_the_likeliest_are_the_fewest_that_hold_the_share():

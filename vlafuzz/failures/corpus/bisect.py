@@ -3,7 +3,8 @@
 Outcomes are noisy, so a comparison excludes no checkpoint: it makes some less likely (see ``breaking``). The
 checkpoint whose probability of being broken is nearest to one half is the next one, and it is compared only
 until that is clear (Horstein 1963, <https://doi.org/10.1109/TIT.1963.1057832>; Waeber et al. 2013,
-<https://doi.org/10.1137/120861898>). All comparisons are in the controls of a corpus, see ``regress``.
+<https://doi.org/10.1137/120861898>). Then those around the likeliest one are compared until it is clear that
+all of the loss came in this one step. All comparisons are in the controls of a corpus, see ``regress``.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,20 +13,19 @@ from dataclasses import dataclass
 from math import ceil, log2
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import percent
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.failures.corpus.breaking import first_broken, likeliest
+from vlafuzz.failures.corpus.breaking import Belief, Shape, believe, likeliest
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Comparison, Progress, compare
 from vlafuzz.failures.corpus.sides import Answers, Recorded, Side
 from vlafuzz.model.label import Model
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
-Watch = Callable[[str, int, int], None]  # a checkpoint, its rollouts, and their largest number
 CLEAR = 10  # a comparison ends where its checkpoint is broken or works but for this part of the error
+Watch = Callable[[str, int, int], None]  # a checkpoint, its rollouts, and their largest number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +34,7 @@ class Step:
 
     Attributes:
         of: controls that both could be judged in; of these each passed so many.
-        broken: probability that the checkpoint is broken, after this comparison.
+        broken: probability that the checkpoint has, after this comparison, if the loss comes in one step.
     """
 
     checkpoint: str
@@ -49,10 +49,10 @@ class Bisection:
     """The result.
 
     Attributes:
-        error: a checkpoint is named with certainty if the probability of another one is at most this.
+        error: a checkpoint is named with certainty if the probability of anything else is at most this.
         last: the comparison of the last checkpoint with the baseline.
         steps: all comparisons, this one first.
-        probabilities: that a checkpoint is the first broken one, given that the last one is broken.
+        belief: what follows from all outcomes, given that the last checkpoint is broken.
         rollouts: of checkpoints.
         in_time: whether the search ended before its deadline.
     """
@@ -62,7 +62,7 @@ class Bisection:
     error: float
     last: Comparison
     steps: tuple[Step, ...]
-    probabilities: tuple[float, ...]
+    belief: Belief
     rollouts: int
     in_time: bool = True
 
@@ -72,14 +72,19 @@ class Bisection:
         return self.last.alarm
 
     @property
+    def probabilities(self) -> tuple[float, ...]:
+        """That a checkpoint is the first broken one."""
+        return tuple(map(float, self.belief.first))
+
+    @property
     def named(self) -> str | None:
         """The likeliest first broken checkpoint; None without an alarm."""
         return self.checkpoints[self.likely[0]] if self.alarm else None
 
     @property
     def certain(self) -> bool:
-        """Whether the one that is named is the right one, but for the error."""
-        return self.alarm and max(self.probabilities) >= 1 - self.error
+        """Whether all of the loss came with the one that is named, but for the error."""
+        return self.alarm and bool(self.belief.one_step.max() >= 1 - self.error)
 
     @property
     def likely(self) -> tuple[int, ...]:
@@ -87,16 +92,31 @@ class Bisection:
         return likeliest(self.probabilities, 1 - self.error) if self.alarm else ()
 
     @property
+    def shape(self) -> Shape | None:
+        """How the loss came, most likely; None without an alarm."""
+        shapes = self.belief.shapes
+        likeliest_one: Shape = max(shapes, key=lambda shape: shapes[shape])
+        return likeliest_one if self.alarm else None
+
+    @property
     def verdict(self) -> str:
         """The result in one sentence."""
         if not self.alarm:
             return self.last.verdict
-        first, *others = (
-            f"{self.checkpoints[at]} ({_in_words(self.probabilities[at])})" for at in self.likely
-        )
+        at, *others = (f"{self.checkpoints[at]} ({_in_words(self.probabilities[at])})" for at in self.likely)
         if self.certain:
-            return f"the first broken checkpoint is {first}"
-        return f"the first broken checkpoint is probably {first}; it may also be {', '.join(others)}"
+            return f"the first broken checkpoint is {at}"
+        also = f"; it may also be {', '.join(others)}" if others else ""
+        probably = f"the first broken checkpoint is probably {at}{also}"
+        if self.shape in (None, "one step"):
+            return probably
+        seen = {
+            "two steps": "the policy broke more than once",
+            "growing": "the policy broke and has become worse since",
+            "gradual": "the policy gets worse gradually",
+            "no order": "checkpoints are better and worse in no order",
+        }[self.shape]
+        return f"{seen} ({_in_words(self.belief.shapes[self.shape])}); {probably}"
 
 
 def _in_words(probability: float) -> str:
@@ -136,7 +156,7 @@ def bisect(
         probes: the controls.
         open_side: rolls out a checkpoint, by its name.
         alpha: bound on the probability of a false alarm.
-        error: the search ends where the probability that another one broke is at most this.
+        error: the search ends where the probability that anything else happened is at most this.
         comparisons: at most; by default ``most_comparisons``.
         deadline: after which no rollout is begun.
         watch: called after every rollout.
@@ -166,8 +186,8 @@ def bisect(
         error=error,
         last=last,
         steps=tuple(search.steps),
-        probabilities=tuple(map(float, search.probabilities)),
-        rollouts=search.rollouts,
+        belief=search.belief,
+        rollouts=sum(search.ran),
         in_time=in_time,
     )
 
@@ -190,14 +210,9 @@ class _Search:
         recorded = [probe.passed if isinstance(baseline, Recorded) else None for probe in probes]
         self._of_baseline = np.array([np.nan if passed is None else float(passed) for passed in recorded])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)
-        self._ran = [0] * len(checkpoints)
+        self.ran = [0] * len(checkpoints)  # rollouts
         self.steps: list[Step] = []
-        self.probabilities: NDArray[np.float64] = np.full(len(checkpoints), 1 / len(checkpoints))
-
-    @property
-    def rollouts(self) -> int:
-        """Of checkpoints, so far."""
-        return sum(self._ran)
+        self.belief = Belief.unknown(len(checkpoints))
 
     def begin(self, side: Side, alpha: float) -> Comparison:
         """Compare the last checkpoint with the baseline until it is shown to be worse."""
@@ -218,17 +233,23 @@ class _Search:
 
     def next(self) -> int | None:
         """The checkpoint to be compared next; None where one is named, or nothing is left to be run."""
-        if self.probabilities.max() >= 1 - self._error:
+        if self._certain:
             return None
-        broken = np.cumsum(self.probabilities)[:-1]
-        left = [index for index in range(len(broken)) if self._ran[index] < len(self._probes)]
-        return min(left, key=lambda index: abs(broken[index] - 0.5), default=None)
+        left = [index for index in range(len(self.ran)) if self.ran[index] < len(self._probes)]
+        if_one_step = self.belief.if_one_step
+        likely = int(if_one_step.argmax())
+        if if_one_step[likely] >= 1 - self._error:
+            # If it is one step, it is this; whether it is, the checkpoints around it tell, and the last.
+            near = {likely - 1, likely, len(self.ran) - 1} & set(left)
+            return min(near, key=self.ran.__getitem__, default=None)
+        return min(left[:-1] or left, key=lambda index: abs(self._broken(index) - 0.5), default=None)
 
     def compare(self, index: int, side: Side) -> None:
-        """Run a checkpoint in further controls until it is clear whether it is broken."""
+        """Run a checkpoint in further controls until it is clear whether it is broken, or until all is."""
         blocks: list[Comparison] = []
         clear = self._error / CLEAR
-        while block := self._probes[self._ran[index] :][:BLOCK]:
+        located = self.belief.if_one_step.max() >= 1 - self._error
+        while block := self._probes[self.ran[index] :][:BLOCK]:
             compared = compare(
                 block, side, self._baseline, whole=True, deadline=self._deadline, watch=self._progress(index)
             )
@@ -237,20 +258,25 @@ class _Search:
                 raise unjudged(side, compared)
             self._see(index, compared)
             blocks.append(compared)
-            self.probabilities = first_broken(self._of_baseline, self._outcomes)
-            if over or not clear < self._broken(index) < 1 - clear:
+            told = not located and not clear < self._broken(index) < 1 - clear
+            if over or told or self._certain:
                 break
         self._end(index, blocks)
+
+    @property
+    def _certain(self) -> bool:
+        return bool(self.belief.one_step.max() >= 1 - self._error)
 
     def _see(self, index: int, compared: Comparison) -> None:
         """Keep the outcomes of the next controls."""
         pairs = [pair for scene in compared.compared for pair in scene.pairs]
-        for place, pair in enumerate(pairs, start=self._ran[index]):
+        for place, pair in enumerate(pairs, start=self.ran[index]):
             if pair.baseline.judged:
                 self._of_baseline[place] = pair.baseline.passed
             if pair.policy.judged:
                 self._outcomes[index, place] = pair.policy.passed
-        self._ran[index] += len(pairs)
+        self.ran[index] += len(pairs)
+        self.belief = believe(self._of_baseline, self._outcomes)
 
     def _end(self, index: int, parts: Sequence[Comparison]) -> None:
         tallies = [part.controls for part in parts]
@@ -265,10 +291,11 @@ class _Search:
         )
 
     def _broken(self, index: int) -> float:
-        return float(self.probabilities[: index + 1].sum())
+        """The probability that a checkpoint is broken, if the loss comes in one step."""
+        return min(float(self.belief.if_one_step[: index + 1].sum()), 1.0)
 
     def _progress(self, index: int) -> Callable[[Progress], None]:
-        begun, name = self._ran[index], self._checkpoints[index]
+        begun, name = self.ran[index], self._checkpoints[index]
         return lambda now: self._watch(name, begun + now.done, len(self._probes))
 
 

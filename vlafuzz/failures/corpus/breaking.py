@@ -1,89 +1,147 @@
-"""Which of several checkpoints broke first, as probabilities, from their outcomes in the same scenes.
+"""What became of checkpoints in a row, and which of them broke first, as probabilities from noisy outcomes.
 
-In a scene, all working checkpoints pass with the same probability, as the baseline does. Over scenes, this
-probability has a beta distribution, anything from "the same in every scene" to "always or never". A broken
-checkpoint passes less often in every scene, by a factor of its own, and loses at least 15 points on average.
-All checkpoints before the first broken one work, and none after it does.
+A working checkpoint passes in a scene with the probability that the baseline's outcome there suggests. Over
+scenes, this has a beta distribution: anything from "the same in every scene" to "always or never". One that
+has lost something passes less often in every scene, by a factor. How the loss goes on along the checkpoints
+has one of several shapes: one step, two steps, a step after which it grows, a gradual loss, or no order.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
+from itertools import combinations
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import betaln, logsumexp
+from scipy.special import logsumexp
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Shape = Literal["one step", "two steps", "growing", "gradual", "no order"]
 
-LOSS = 0.15  # of the pass rate, at least
-FACTORS = np.arange(10) / 9  # between that and everything, of a broken checkpoint
-ALIKE = (
-    0.1,
-    1.0,
-    10.0,
-    100.0,
-)  # concentrations of the beta distribution: from "always or never" to "the same"
-RATES = (np.arange(9) + 0.5) / 9  # quantiles of the pass rate, given the baseline's outcomes
+PRIOR: dict[Shape, float] = {
+    "one step": 0.67,
+    "two steps": 0.12,
+    "growing": 0.1,
+    "gradual": 0.1,
+    "no order": 0.01,
+}
+GRID = np.arange(21) / 20  # losses, as shares of the pass rate
+STEPS = (2, 3, 4, 5, 6, 8, 10, 12, 14, 17, 20)  # of these, those that a step may have; a gradual one likewise
+# Concentrations of the beta distribution: from "always or never" to "the same".
+ALIKE = (0.1, 1.0, 10.0, 100.0)
+RATES = (np.arange(5) + 0.5) / 5  # quantiles of the pass rate, given the baseline's outcomes
 
 
-def first_broken(baseline: Floats, outcomes: Floats) -> Floats:
-    """The probability of each checkpoint to be the first broken one, given that the last one is broken.
+@dataclass(frozen=True, eq=False)
+class Belief:
+    """What is known, given that the last checkpoint is worse.
+
+    Attributes:
+        first: probability of each checkpoint to be the first that has lost something.
+        one_step: probability that it has, and that nothing changes after it.
+        shapes: probability of each shape.
+    """
+
+    first: Floats
+    one_step: Floats
+    shapes: dict[Shape, float]
+
+    @property
+    def if_one_step(self) -> Floats:
+        """Probability of each checkpoint to be the first, if the loss comes in one step."""
+        total = float(self.one_step.sum())
+        return self.one_step / total if total > 0 else self.first
+
+    @staticmethod
+    def unknown(checkpoints: int) -> "Belief":
+        """Before any outcome."""
+        return Belief(np.full(checkpoints, 1 / checkpoints), np.zeros(checkpoints), dict(PRIOR))
+
+
+def believe(baseline: Floats, outcomes: Floats) -> Belief:
+    """What the outcomes say.
 
     Args:
         baseline: 1 where the baseline passed, 0 where it failed, NaN where that is not known: (scenes,).
         outcomes: likewise those of the checkpoints, in order: (checkpoints, scenes).
-
-    Returns:
-        Probabilities whose sum is 1, before the data equal: (checkpoints,).
     """
-    ran = [row for row in range(len(outcomes)) if not np.isnan(outcomes[row]).all()]
-    patterns, counts = np.unique(
-        np.nan_to_num(np.vstack([baseline, outcomes[ran]]), nan=-1.0), axis=1, return_counts=True
-    )
+    number = len(outcomes)
+    ran = np.flatnonzero(~np.isnan(outcomes).all(axis=1))
+    logs = _log_likelihoods(baseline, outcomes[ran])  # (ran, losses, latent)
+    by_shape: dict[Shape, tuple[Floats, Integers]] = {}
+    for shape, (profiles, firsts) in _profiles(number).items():
+        total = sum((logs[row, profiles[:, at]] for row, at in enumerate(ran)), np.zeros(logs.shape[-1]))
+        total = np.broadcast_to(total, (len(profiles), logs.shape[-1]))
+        by_shape[shape] = (logsumexp(total, axis=1) - np.log(len(profiles)), firsts)
+    # Without an order, each checkpoint has lost something or not, whatever the others have.
+    lossy = logsumexp(logs[:, list(STEPS)], axis=1) - np.log(len(STEPS))
+    alone = (np.logaddexp(logs[:-1, 0], lossy[:-1]) - np.log(2)).sum(0) + lossy[-1:].sum(0)
+    none = np.full(number, logsumexp(alone) - np.log(number))
+    by_shape["no order"] = (none, np.arange(number))
+    weights = {shape: np.log(PRIOR[shape]) + values for shape, (values, _) in by_shape.items()}
+    all_of = logsumexp(np.concatenate(list(weights.values())))
+    first, one_step = np.zeros(number), np.zeros(number)
+    for shape, (_, firsts) in by_shape.items():
+        np.add.at(first, firsts, np.exp(weights[shape] - all_of))
+    np.add.at(one_step, by_shape["one step"][1], np.exp(weights["one step"] - all_of))
+    shapes = dict.fromkeys(PRIOR, 0.0)
+    shapes |= {shape: float(np.exp(logsumexp(values) - all_of)) for shape, values in weights.items()}
+    return Belief(first, one_step, shapes)
+
+
+def _log_likelihoods(baseline: Floats, outcomes: Floats) -> Floats:
+    """Of each checkpoint's outcomes: (checkpoints, losses, latent).
+
+    Latent are how alike scenes are, and the mean pass rate of what works (Jeffreys' prior, given the
+    baseline), both of which all checkpoints share.
+    """
     rates = _rates(int((baseline == 1).sum()), int((baseline == 0).sum()))
-    # Outcomes do not distinguish the checkpoints between two that were run.
-    working = np.searchsorted(ran, np.arange(len(outcomes)))
-    by_working = {int(number): _log_likelihood(patterns, counts, number, rates) for number in set(working)}
-    logs = np.array([by_working[int(number)] for number in working])
-    return np.asarray(np.exp(logs - logsumexp(logs)), dtype=np.float64)
+    alike, rate = (values.ravel() for values in np.meshgrid(ALIKE, rates, indexing="ij"))
+    passing = np.stack([(alike * rate + was) / (alike + 1) for was in (0, 1)] + [rate])
+    kept = np.clip(1 - GRID, 1e-6, 1)[:, None] * np.minimum(passing, 1 - 1e-6)[:, None, :]
+    logs = np.zeros((len(outcomes), len(GRID), len(rate)))
+    for of, chance in zip((baseline == 0, baseline == 1, np.isnan(baseline)), kept, strict=True):
+        passed, failed = (outcomes[:, of] == 1).sum(1), (outcomes[:, of] == 0).sum(1)
+        logs += passed[:, None, None] * np.log(chance) + failed[:, None, None] * np.log1p(-chance)
+    return logs
 
 
 @cache
 def _rates(passed: int, failed: int) -> Floats:
-    """Equally likely values of the mean pass rate of what works (Jeffreys' prior)."""
-    from scipy.stats import beta
+    from scipy.special import betaincinv
 
-    return np.asarray(beta.ppf(RATES, passed + 0.5, failed + 0.5), dtype=np.float64)
-
-
-def _log_likelihood(patterns: Floats, counts: NDArray[np.int64], working: int, rates: Floats) -> float:
-    """Of the outcomes of the checkpoints given the baseline's, if the first ``working`` of them work.
-
-    Args:
-        patterns: distinct columns of outcomes, the baseline's first, -1 where not run; ``counts``: how often.
-    """
-    good, bad = patterns[: working + 1], patterns[working + 1 :]
-    concentrations = np.array(ALIKE)[:, None, None]
-    a, b = concentrations * rates[:, None], concentrations * (1 - rates[:, None])  # (alike, rates, 1)
-    passes, fails = (good == 1).sum(0), (good == 0).sum(0)
-    alone = betaln(a + (good[0] == 1), b + (good[0] == 0))
-    together = ((betaln(a + passes, b + fails) - alone) * counts).sum(-1)  # (alike, rates)
-    if len(bad):
-        expected = (a + passes) / (a + b + passes + fails)
-        least = np.minimum(LOSS / rates, 1.0)[:, None]  # as a fraction of the passes
-        kept = (1 - least) * FACTORS[:, None, None, None]
-        together = together + sum(_lossy(row, counts, kept * expected + 1e-9) for row in bad)
-    return float(logsumexp(together))
+    return np.asarray(betaincinv(passed + 0.5, failed + 0.5, RATES), dtype=np.float64)
 
 
-def _lossy(row: Floats, counts: NDArray[np.int64], passing: Floats) -> Floats:
-    """Log-likelihood of a broken checkpoint's outcomes, the mean over its possible losses.
-
-    Args:
-        passing: how often it is expected to pass, for each loss.
-    """
-    logs = np.where(row == 1, np.log(passing), np.where(row == 0, np.log1p(-passing), 0.0))
-    return np.asarray(logsumexp((logs * counts).sum(-1), axis=0) - np.log(len(FACTORS)), dtype=np.float64)
+@cache
+def _profiles(number: int) -> dict[Shape, tuple[Integers, Integers]]:
+    """By shape, equally likely courses of the loss, as indices of ``GRID``, and where each begins."""
+    at = np.arange(number)
+    one = [((at >= first) * loss, first) for first in at for loss in STEPS]
+    two = [
+        (np.where(at >= second, more, (at >= first) * less), first)
+        for first, second in combinations(at, 2)
+        for less, more in combinations(STEPS[::2], 2)
+    ]
+    growing = [
+        (np.rint((at >= first) * (less + (more - less) * (at - first) / (number - 1 - first))), first)
+        for first in at[:-1]
+        for less, more in combinations(STEPS[::2], 2)
+    ]
+    ramps = [(first, last) for first, last in combinations(at, 2) if last - first >= 2]
+    gradual = [
+        (np.rint(np.clip((at - first + 1) / (last - first + 1), 0, 1) * loss), first)
+        for first, last in ramps
+        for loss in STEPS
+    ]
+    found: dict[Shape, list[tuple[Any, Any]]] = {"one step": one, "two steps": two, "growing": growing}
+    found |= {"gradual": gradual} if gradual else {}
+    return {
+        shape: (np.array([course for course, _ in of]).astype(int), np.array([first for _, first in of]))
+        for shape, of in found.items()
+    }
 
 
 def likeliest(probabilities: Sequence[float], share: float) -> tuple[int, ...]:

@@ -150,6 +150,8 @@ def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
         "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True))
         if result.alarm
         else {},
+        "shape": result.shape,
+        "shapes": result.belief.shapes if result.alarm else {},
         "in_time": result.in_time,
         "likely": [result.checkpoints[index] for index in result.likely],
         "comparisons": [asdict(step) for step in result.steps],
