@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, WorkersFlag, opened
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_rows, stdout
+from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.worlds import usual_world
 
@@ -130,12 +130,12 @@ def command(
 def _print(result: StudyResult, out: Path, json: bool) -> None:
     from vlafuzz.lab.studies.study import write
 
-    document, sheet = write(result, out)
+    document = write(result, out)
     if json:
         print_json(document)
         return
-    for table in sheet.tables:
+    tables, notes = result.sheet()
+    for table in tables:
         print_rows(table.rows, title=table.title)
-    for text in (*sheet.notes, sheet.deviation):
+    for text in notes:
         stdout().print(text, soft_wrap=True)
-    Bar.note(f"written to {out}: {result.study}.json, {result.study}.md, {result.study}.png")

@@ -56,7 +56,7 @@ def test_a_run_that_ended_early_is_said(tmp_path: Path, status: Status, said: bo
     with Store.open(tmp_path / "a.db", "write") as store:
         run_of(store, (scene(), passed()), status=status)
         result = StageResult("rq1", ["idle"], [], [standing(store, store.runs()[0])], [], [])
-    assert ("Ended before all scenes: pick-up, idle." in result.sheet().notes) is said
+    assert ("Ended before all scenes: pick-up, idle." in result.sheet()[1]) is said
 
 
 def test_of_several_rollouts_all_must_reach_a_stage(tmp_path: Path) -> None:

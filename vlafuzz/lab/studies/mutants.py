@@ -16,7 +16,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.lab.plots import coloured, save
 from vlafuzz.lab.studies import published
 from vlafuzz.lab.studies.runner import Tried, Variant
-from vlafuzz.lab.studies.sheet import BESIDE, MARK, Series, Sheet, StudyResult, bars, line, share_panels
+from vlafuzz.lab.studies.sheet import BESIDE, MARK, Series, StudyResult, bars, line, share_panels
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Table
@@ -184,7 +184,7 @@ class MutationResult(StudyResult):
     points: list[Point]
     published: list[published.Mutated]
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> tuple[list[Table], list[str]]:
         """The paper's table, and curves."""
         curves = [Table(f"Mutants passed: {curve}", self._curve(curve)) for curve in CURVES[self.study]]
         tables = [
@@ -193,7 +193,7 @@ class MutationResult(StudyResult):
             Table("The paper's, as far as known", [_paper_row(row) for row in self.published]),
         ]
         differs = _DIFFERS[self.study].format(alpha=_ALPHA[self.alpha or "linear"])
-        return Sheet(self.title, tables, [*_NOTES, *self.gaps], differs, self._plot)
+        return tables, self.noted(differs, *_NOTES)
 
     def _curve(self, curve: str) -> list[Row]:
         rows: dict[str, Row] = {}
@@ -206,7 +206,7 @@ class MutationResult(StudyResult):
             row[f"{point.low:g} to {point.high:g}"] = f"{point.passed.count} of {point.passed.of}"
         return list(rows.values())
 
-    def _plot(self, path: Path) -> None:
+    def draw(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
         curves = CURVES[self.study]
         figure, (first, *every) = share_panels(

@@ -1,7 +1,7 @@
-"""The results of a study as a sheet: tables, notes and a plot of shares."""
+"""The result of a study as a sheet: tables, notes and a plot of shares."""
 
 from abc import abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -19,29 +19,6 @@ MARK = {"marker": "D", "color": "#000000", "edgecolor": "#FFFFFF", "s": 24, "zor
 
 
 @dataclass(frozen=True)
-class Sheet:
-    """The tables of a study, with notes, how the paper's protocol differs, and a plot for a PNG file."""
-
-    title: str
-    tables: Sequence[Table]
-    notes: Sequence[str]
-    differs: str
-    draw: Callable[[Path], None]
-
-    def markdown(self) -> str:
-        """The sheet as markdown."""
-        parts = [f"# {self.title}"]
-        for table in self.tables:
-            parts += [f"**{table.title}**", markdown_table(table.rows)]
-        return "\n\n".join([*parts, *self.notes, self.deviation]) + "\n"
-
-    @property
-    def deviation(self) -> str:
-        """How the paper's protocol differs, as a sentence."""
-        return f"What differs from the paper: {self.differs}"
-
-
-@dataclass(frozen=True)
 class StudyResult:
     """The result of a study, with the runs that had no scenes, and why; subclasses add rows."""
 
@@ -55,14 +32,24 @@ class StudyResult:
         name = self.study.upper() if self.study.startswith("rq") else self.study.capitalize()
         return f"{name}: {', '.join(self.policies)}"
 
-    @property
-    def gaps(self) -> list[str]:
-        """A note on runs that were left out, if any."""
-        return [f"Left out: {'; '.join(self.left_out)}."] if self.left_out else []
+    @abstractmethod
+    def sheet(self) -> tuple[list[Table], list[str]]:
+        """The tables, and notes on them; see ``noted``."""
 
     @abstractmethod
-    def sheet(self) -> Sheet:
-        """The result as tables, notes and a plot."""
+    def draw(self, path: Path) -> None:
+        """Write the plot, a PNG file."""
+
+    def noted(self, differs: str, *notes: str) -> list[str]:
+        """Notes, among them one on runs that were left out, and how the paper's protocol ``differs``."""
+        gaps = [f"Left out: {'; '.join(self.left_out)}."] if self.left_out else []
+        return [*notes, *gaps, f"What differs from the paper: {differs}"]
+
+    def markdown(self) -> str:
+        """The sheet as markdown."""
+        tables, notes = self.sheet()
+        shown = [f"**{table.title}**\n\n{markdown_table(table.rows)}" for table in tables]
+        return "\n\n".join([f"# {self.title}", *shown, *notes]) + "\n"
 
 
 @dataclass(frozen=True, kw_only=True)

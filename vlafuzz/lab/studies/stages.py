@@ -14,7 +14,6 @@ from vlafuzz.lab.studies.sheet import (
     BESIDE,
     MARK,
     Series,
-    Sheet,
     StudyResult,
     Tested,
     adjusted,
@@ -191,11 +190,11 @@ class StageResult(StudyResult):
     published: list[Published]
     similar: list[Similarity]
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> tuple[list[Table], list[str]]:
         """One table per task."""
         tasks = dict.fromkeys(standing.task for standing in self.standings)
         tables = [Table(task, [_row(row) for row in self.standings if row.task == task]) for task in tasks]
-        notes = [_NOTE, *self.gaps]
+        notes = [_NOTE]
         if stopped := [f"{row.task}, {_label(row)}" for row in self.standings if row.stopped]:
             notes.append(f"Ended before all scenes: {'; '.join(stopped)}.")
         if self.published:
@@ -204,9 +203,9 @@ class StageResult(StudyResult):
         if self.similar:
             tables.append(Table("Confounders like the target", [_similar_row(row) for row in self.similar]))
             notes.append(_SIMILAR)
-        return Sheet(self.title, tables, notes, _DIFFERS[self.study], self._plot)
+        return tables, self.noted(_DIFFERS[self.study], *notes)
 
-    def _plot(self, path: Path) -> None:
+    def draw(self, path: Path) -> None:
         """Bars per stage, a panel per task, in RQ2 per policy, too; the paper's mean success as a mark."""
         panels: dict[str, list[Standing]] = {}
         for standing in self.standings:

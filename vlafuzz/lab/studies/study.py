@@ -24,7 +24,7 @@ from vlafuzz.lab.studies.runner import (
     operators_of,
     pooled,
 )
-from vlafuzz.lab.studies.sheet import Sheet, StudyResult, adjusted
+from vlafuzz.lab.studies.sheet import StudyResult, adjusted
 from vlafuzz.lab.studies.stages import Similarity, StageResult, Standing, in_paper, similarities, standing
 from vlafuzz.lab.studies.unseen import UnseenResult, difference, paired_tests
 from vlafuzz.model.outcome import Verdict
@@ -111,18 +111,18 @@ def study_of(stores: Sequence[Path]) -> StageResult:
     return _stage_result("rq1", counted, [], [])
 
 
-def write(result: StudyResult, folder: Path) -> tuple[dict[str, Any], Sheet]:
-    """Write JSON, markdown and plot, named after the study; returns the JSON and the sheet."""
+def write(result: StudyResult, folder: Path) -> dict[str, Any]:
+    """Write JSON, markdown and plot, named after the study; returns the JSON."""
     make_folder(folder)
-    document, sheet = asdict(result, dict_factory=_with_shares), result.sheet()
+    document = asdict(result, dict_factory=_with_shares)
     text = json.dumps(document, indent=1, allow_nan=False)
     try:
         write_whole(folder / f"{result.study}.json", text + "\n")
-        write_whole(folder / f"{result.study}.md", sheet.markdown())
-        sheet.draw(folder / f"{result.study}.png")
+        write_whole(folder / f"{result.study}.md", result.markdown())
+        result.draw(folder / f"{result.study}.png")
     except OSError as error:
         raise UsageError(f"--out: {error}", hint="all runs are stored: the same command continues") from None
-    return document, sheet
+    return document
 
 
 def _with_shares(fields: list[tuple[str, Any]]) -> dict[str, Any]:

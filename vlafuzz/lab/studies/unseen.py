@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.common.text import Row, percent, points
 from vlafuzz.lab.plots import coloured, save
-from vlafuzz.lab.studies.sheet import Series, Sheet, StudyResult, bars, chance, share_panels
+from vlafuzz.lab.studies.sheet import Series, StudyResult, bars, chance, share_panels
 from vlafuzz.lab.studies.stages import Standing
 from vlafuzz.report.view import Table
 
@@ -167,17 +167,16 @@ class UnseenResult(StudyResult):
     differences: list[Difference]
     tests: list[PairedTest]
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> tuple[list[Table], list[str]]:
         """Success, transfer rates and, over enough policies, the test."""
         tables = [
             Table(f"Success; unseen: {', '.join(self.packs)}", [_row(row) for row in self.differences]),
             *_transfer_tables(self.differences),
             *([Table("Over policies", [_test_row(test) for test in self.tests])] if self.tests else []),
         ]
-        notes = [_NOTE, _TESTED if self.tests else _FEW, *self.gaps]
-        return Sheet(self.title, tables, notes, _DIFFERS, self._plot)
+        return tables, self.noted(_DIFFERS, _NOTE, _TESTED if self.tests else _FEW)
 
-    def _plot(self, path: Path) -> None:
+    def draw(self, path: Path) -> None:
         """Stages with seen objects, pale, beside those with unseen ones; a panel per task."""
         tasks = list(dict.fromkeys(row.task for row in self.differences))
         figure, every = share_panels(self.title, tasks, "share of scenes")

@@ -13,7 +13,7 @@ from vlafuzz.common.text import Row, points
 from vlafuzz.errors import UsageError
 from vlafuzz.lab.plots import coloured, save
 from vlafuzz.lab.studies.runner import Tried, Variant
-from vlafuzz.lab.studies.sheet import Series, Sheet, StudyResult, Tested, bars, chance, share_panels
+from vlafuzz.lab.studies.sheet import Series, StudyResult, Tested, bars, chance, share_panels
 from vlafuzz.lab.studies.stages import Reached, reached
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -175,15 +175,15 @@ class WordingResult(StudyResult):
     together: list[Together]
     prompts: list[Reworded]
 
-    def sheet(self) -> Sheet:
+    def sheet(self) -> tuple[list[Table], list[str]]:
         """All prompts together, then one table per task."""
         tables = [
             Table("Success, all prompts together", [_row_together(row) for row in self.together]),
             *(Table(task, [_row(row) for row in self.prompts if row.task == task]) for task in self._tasks()),
         ]
-        return Sheet(self.title, tables, [_NOTE, *self.gaps], _DIFFERS[self.study], self._plot)
+        return tables, self.noted(_DIFFERS[self.study], _NOTE)
 
-    def _plot(self, path: Path) -> None:
+    def draw(self, path: Path) -> None:
         """Success with each prompt, a panel per task."""
         many = self.study == "rq6"
         columns, width = (2, 6.0) if many else (4, 3.2)
