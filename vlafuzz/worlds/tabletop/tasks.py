@@ -38,12 +38,11 @@ def _toward(remaining: float, whole: float) -> float:
     return min(max(1.0 - remaining / max(whole, 1e-6), 0.0), 1.0)
 
 
-def _approach(s: Situation) -> float:
-    whole = math.dist(s.start.positions[A], s.start.tcp)
-    return _toward(math.dist(s.now.positions[A], s.now.tcp), whole)
+def _to_hand(state: State) -> float:
+    return math.dist(state.positions[A], state.tcp)
 
 
-GRASP = Stage("grasp", lambda s: s.now.held == A, _approach)
+GRASP = Stage("grasp", lambda s: s.now.held == A, lambda s: _toward(_to_hand(s.now), _to_hand(s.start)))
 
 
 # pick up a

@@ -121,7 +121,9 @@ class PickPlaceController:
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
         over[:2] += self._hand.behind(over, over[2] - reach.z)
         self._keep_clear(belief, over)
-        if self._is_over(belief, over, reach.yaw):
+        self._waited += 1
+        patient = LEVEL if self._waited < 3 * PATIENCE else 3 * LEVEL
+        if _level(over, belief.tcp) < patient and self._turned(belief, reach.yaw):
             self._enter(self._descend)
             return self._descend(belief)
         if self._fluent:
@@ -166,9 +168,9 @@ class PickPlaceController:
     def _carry(self, belief: Belief) -> Array:
         if not belief.held:
             return self._retry(belief)
+        if self._fluent and self._task == "move-near" and belief.b is not None:  # depends on where a is now
+            self._goal, self._b_was = self._find_goal(belief), belief.b.position[:2].copy()
         assert self._goal is not None
-        if self._fluent:
-            self._aim_again(belief)
         over = np.array([*self._target_xy(belief), max(self._carry_height(belief), 0.0)])
         self._waited += 1
         level = _level(over, belief.tcp)
@@ -246,21 +248,11 @@ class PickPlaceController:
         height, yaw = max(float(z), 0.015), self._hand.yaw(belief)
         return Reach(x=float(x), y=float(y), z=height, yaw=yaw, width=0.07, cost=9.0)
 
-    def _is_over(self, belief: Belief, over: Array, yaw: float) -> bool:
-        self._waited += 1
-        patient = LEVEL if self._waited < 3 * PATIENCE else 3 * LEVEL
-        return _level(over, belief.tcp) < patient and self._turned(belief, yaw)
-
     def _in_place(self, belief: Belief, over: Array, yaw: float) -> float:
         """Share of the descent that is allowed already, in [0, 1]; 0 at errors above 12 mm or 0.15 rad."""
         aside = max(_level(over, belief.tcp) - LEVEL, 0.0) / 0.008
         turn = max(abs(yaw - self._hand.yaw(belief)) - ALIGNED, 0.0) / 0.09
         return 1.0 - min(max(aside, turn), 1.0)
-
-    def _aim_again(self, belief: Belief) -> None:
-        """Update the goal of move-near, the only one that depends on where a is now."""
-        if self._task == "move-near" and belief.b is not None:
-            self._goal, self._b_was = self._find_goal(belief), belief.b.position[:2].copy()
 
     def _turned(self, belief: Belief, yaw: float) -> bool:
         return abs(yaw - self._hand.yaw(belief)) < ALIGNED or self._waited > 3 * PATIENCE

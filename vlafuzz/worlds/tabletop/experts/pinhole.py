@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec, Silhouette
+from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.manipulation.rigs.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
 from vlafuzz.worlds.manipulation.rigs.robots import rig
@@ -132,7 +132,8 @@ class OutlineLocalizer:
         """The object at its apparent pose, matched to the most similar outline; None when none is visible."""
         best, least = None, np.inf
         for seen in outlines.things:
-            if self._sees(seen, outlines.table):
+            contrast = np.abs(camera_values(seen.colour) - camera_values(outlines.table)).max()
+            if seen.whole >= VISIBLE and contrast > NOISE:
                 thing, size_ratio = self._pose(model, seen.pixels)
                 colour = float(np.linalg.norm(camera_values(seen.colour) - model.colour))
                 unlike = colour + SIZE_WEIGHT * abs(float(np.log(size_ratio)))
@@ -145,10 +146,6 @@ class OutlineLocalizer:
         if outlines.hand is None:
             return None
         return self._view.back_project(outlines.hand[None], height)[0, :2]
-
-    def _sees(self, thing: Silhouette, table: Array) -> bool:
-        contrast = np.abs(camera_values(thing.colour) - camera_values(table)).max()
-        return thing.whole >= VISIBLE and bool(contrast > NOISE)
 
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
         """The object's pose if these are its pixels, and the ratio of their extent to the expected one.

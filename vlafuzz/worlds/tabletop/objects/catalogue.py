@@ -51,11 +51,11 @@ class Catalogue:
 
     def names(self, *roles: Role) -> tuple[str, ...]:
         """The names of all objects, or of those with one of some roles, in the order of the files."""
-        return tuple(name for name in self if not roles or self._role(name) in roles)
 
-    def _role(self, name: str) -> Role:
-        spec = self._specs[name]
-        return self[name].role if isinstance(spec, PackObject) else spec.role  # packs' are measured
+        def role(name: str, spec: Entry) -> Role:
+            return self[name].role if isinstance(spec, PackObject) else spec.role  # packs' are measured
+
+        return tuple(name for name, spec in self._specs.items() if not roles or role(name, spec) in roles)
 
     def graspable(self) -> tuple[str, ...]:
         """Names of the objects that a gripper can pick up."""

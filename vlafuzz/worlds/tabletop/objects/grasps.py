@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from vlafuzz.worlds.tabletop.objects.hulls import Array, Faces, outline, section, triangles
+from vlafuzz.worlds.tabletop.objects.hulls import Array, outline, section, triangles
 from vlafuzz.worlds.tabletop.objects.model import Grasp
 
 WIDEST = 0.074  # leaves 3 mm on either side of the 0.08 m opening
@@ -33,7 +33,11 @@ class Body:
     """The convex parts of an object at rest, to be cut by horizontal planes."""
 
     def __init__(self, parts: Sequence[Array]) -> None:
-        self._parts = [(part, _edges(triangles(part))) for part in parts]
+        self._parts = []
+        for part in parts:
+            faces = triangles(part)
+            sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+            self._parts.append((part, np.unique(sides, axis=0)))
         self._cuts: dict[float, list[Array]] = {}
         self.top = max(float(part[:, 2].max()) for part in parts)
 
@@ -77,11 +81,6 @@ class Scan:
         return self._reach[z]
 
 
-def _edges(faces: Faces) -> Faces:
-    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    return np.unique(pairs, axis=0)
-
-
 def _chords(polygon: Array, lines: Array) -> tuple[Array, Array]:
     """Where the lines y = ``lines`` enter and leave a convex polygon ``(k, 2)``; inf and -inf for misses."""
     start, end = polygon, np.roll(polygon, -1, axis=0)
@@ -103,14 +102,11 @@ def find_grasps(parts: Sequence[Array], centre: Array) -> tuple[Grasp, ...]:
     kept: list[Grasp] = []
     for grasp in ranked:
         worth = grasp.quality >= max(WORST, 0.4 * ranked[0].quality)
-        if worth and len(kept) < LIMIT and all(_differ(grasp, other) for other in kept):
+        alike = [other for other in kept if other.yaw == grasp.yaw]
+        aparts = (np.hypot(grasp.x - it.x, grasp.y - it.y) + abs(grasp.z - it.z) for it in alike)
+        if worth and len(kept) < LIMIT and all(apart >= 0.012 for apart in aparts):
             kept.append(grasp)
     return tuple(kept)
-
-
-def _differ(a: Grasp, b: Grasp) -> bool:
-    apart = np.hypot(a.x - b.x, a.y - b.y) + abs(a.z - b.z)
-    return a.yaw != b.yaw or bool(apart >= 0.012)
 
 
 def _candidates(body: Body, centre: Array) -> Iterator[Grasp]:

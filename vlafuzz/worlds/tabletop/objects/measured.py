@@ -214,7 +214,7 @@ def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path,
     """The visual mesh and its mean colour: of textures or vertices, else from the name."""
     files = sorted(spec.collision.parent.iterdir())
     pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
-    shown = _embedded(spec.visual) if spec.visual and not pictures else [_mean(file) for file in pictures]
+    shown = [_mean(file) for file in pictures] or _embedded(spec.visual)
     if not shown and (painted := _painted(spec)):
         mesh, colour = painted
         mesh.export(folder / PAINTED, include_normals=True)
@@ -259,9 +259,9 @@ def _painted(spec: PackObject) -> tuple[trimesh.Trimesh, Array] | None:
     return flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4)
 
 
-def _embedded(visual: Path) -> list[Array]:
+def _embedded(visual: Path | None) -> list[Array]:
     """The mean colours of the textures in a GLB."""
-    if visual.suffix != ".glb":
+    if visual is None or visual.suffix != ".glb":
         return []
     data = _read(visual)
     with _reading(visual):

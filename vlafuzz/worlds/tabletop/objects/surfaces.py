@@ -109,13 +109,9 @@ def _band(ends: Array, slopes: Array) -> Surface:
     vertices = np.concatenate([np.hstack([circle * radius, column * z]) for radius, z, _ in ends])
     normals = np.concatenate([np.hstack([circle * out, column * up]) for out, up in slopes])
     uv = np.concatenate([np.stack([turn, np.full(len(turn), v)], axis=1) for *_, v in ends])
-    return Surface(vertices, _unit(normals), uv, _strip(ROUND + 1))
-
-
-def _strip(n: int) -> Faces:
-    """The triangles between two rows of n points."""
-    i = np.arange(n - 1)
-    return np.concatenate([np.stack([i, i + 1, i + n + 1], axis=1), np.stack([i, i + n + 1, i + n], axis=1)])
+    n, i = len(turn), np.arange(ROUND)
+    faces = np.concatenate([np.stack([i, i + 1, i + n + 1], axis=1), np.stack([i, i + n + 1, i + n], axis=1)])
+    return Surface(vertices, _unit(normals), uv, faces)
 
 
 def laid(surface: Surface) -> Surface:

@@ -30,29 +30,24 @@ def outlines(
 ) -> Outlines:
     """Outlines of objects and hand in a view; colours, and the ``table``'s, are times ``light``, up to 1."""
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
-    bodies = [_corners(model, state, index) for index, model in enumerate(models)]
+    bodies = [
+        [part @ turn.T + place for part in model.parts]
+        for model, turn, place in zip(models, state.rotations, state.positions, strict=True)
+    ]
     areas = [area_alone(body, view) for body in bodies]
     seen = blank(view)
     for index in sorted(range(len(models)), key=lambda i: -depth[i]):
         paint(seen, bodies[index], view, index + 1)
     paint(seen, hand_boxes(state.tcp, state.tcp_rotation, state.opening), view, HAND)
-    things = [
-        Silhouette(pixels, np.minimum(model.colour * light, 1.0), min(len(pixels) / area, 1.0))
-        for label, (model, area) in enumerate(zip(models, areas, strict=True), 1)
-        if len(pixels := _pixels(seen, label))
-    ]
+    things = []
+    for label, (model, area) in enumerate(zip(models, areas, strict=True), 1):
+        v, u = np.nonzero(seen == label)
+        if len(u):
+            pixels = np.stack([(u + 0.5) / seen.shape[1], (v + 0.5) / seen.shape[0]], axis=1)
+            colour = np.minimum(model.colour * light, 1.0)
+            things.append(Silhouette(pixels, colour, min(len(pixels) / area, 1.0)))
     # From left to right: the scene's order would reveal which object is the target
     things.sort(key=lambda thing: float(thing.pixels[:, 0].mean()))
     hand, distance = view.project(state.tcp[None])
     visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
     return Outlines(tuple(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))
-
-
-def _corners(model: ObjectModel, state: State, index: int) -> list[Array]:
-    return [part @ state.rotations[index].T + state.positions[index] for part in model.parts]
-
-
-def _pixels(seen: NDArray[np.uint8], value: int) -> Array:
-    v, u = np.nonzero(seen == value)
-    height, width = seen.shape
-    return np.stack([(u + 0.5) / width, (v + 0.5) / height], axis=1)

@@ -19,7 +19,6 @@ from mani_skill.agents.controllers.base_controller import BaseController, Contro
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
 from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import WidowX250SBridgeDatasetFlatTable
-from numpy.typing import NDArray
 
 from vlafuzz.common import assets
 from vlafuzz.errors import UsageError
@@ -180,10 +179,6 @@ class MetricWidowX(_FromPack, WidowX250SBridgeDatasetFlatTable):
 _JOINT, _WIDTH = (0.0, 0.3, 0.6, 0.9, 1.15), (0.141, 0.114, 0.081, 0.031, 0.0)
 
 
-def _google_width(qpos: NDArray[np.float64]) -> float:
-    return float(np.interp((qpos[-1] + qpos[-2]) / 2, _JOINT, _WIDTH))
-
-
 @register_agent()
 class MetricGoogle(_FromPack):
     uid = "vlafuzz_google"
@@ -193,7 +188,9 @@ class MetricGoogle(_FromPack):
         (f"link_finger_tip_{side}", f"link_finger_{side}", f"link_finger_nail_{side}")
         for side in ("left", "right")
     )
-    gripper = Gripper(closed=1.31, open=0.0, width=_google_width)  # closed is a hundredth beyond the limit
+    gripper = Gripper(  # closed is a hundredth beyond the limit
+        closed=1.31, open=0.0, width=lambda qpos: float(np.interp((qpos[-1] + qpos[-2]) / 2, _JOINT, _WIDTH))
+    )
     urdf_config = _friction(
         **dict.fromkeys((name for finger in fingers for name in finger[:2]), 2.0),
         **dict.fromkeys((finger[2] for finger in fingers), 0.1),

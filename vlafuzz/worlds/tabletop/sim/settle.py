@@ -91,7 +91,19 @@ def _restless(
     placements: Sequence[Placement], before: State, after: State, *, dropped: bool
 ) -> Rejection | None:
     for index, placement in enumerate(placements):
-        if reason := _fell(after, index) or (None if dropped else _moved(before, after, index)):
+        end, reason = after.positions[index], ""
+        distance = float(np.linalg.norm(end - before.positions[index]))
+        vertical = float(before.rotations[index][2] @ after.rotations[index][2])
+        if not np.all(np.isfinite(end)):
+            reason = "has no finite position after settling"
+        elif end[2] < FALLEN:
+            reason = f"fell to z = {end[2]:.2f} m"
+        elif distance > MOVED and not dropped:
+            reason = f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
+        elif vertical < TIPPED and not dropped:
+            tilt = np.degrees(np.arccos(np.clip(vertical, -1, 1)))
+            reason = f"tipped by {tilt:.0f} degrees while settling"
+        if reason:
             where = f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f})"
             return Rejection("settling", f"{where} {reason}")
     return None
@@ -110,23 +122,6 @@ def _state(scene: sapien.Scene, bodies: Sequence[Body]) -> State:
         opening=0.0,
         contacts=frozenset(contacts),
     )
-
-
-def _fell(after: State, index: int) -> str | None:
-    end = after.positions[index]
-    if not np.all(np.isfinite(end)):
-        return "has no finite position after settling"
-    return f"fell to z = {end[2]:.2f} m" if end[2] < FALLEN else None
-
-
-def _moved(before: State, after: State, index: int) -> str | None:
-    distance = float(np.linalg.norm(after.positions[index] - before.positions[index]))
-    if distance > MOVED:
-        return f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
-    vertical = float(before.rotations[index][2] @ after.rotations[index][2])
-    if vertical < TIPPED:
-        return f"tipped by {np.degrees(np.arccos(np.clip(vertical, -1, 1))):.0f} degrees while settling"
-    return None
 
 
 def start_poses(scene: Scene, models: Sequence[ObjectModel], rig: Rig, *, dropped: bool) -> list[sapien.Pose]:
