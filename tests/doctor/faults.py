@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vlafuzz.doctor.recorder import Lent
+from vlafuzz.doctor.probes import Lent
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.rollouts.policies import make_policy

@@ -8,7 +8,7 @@ from tests.policies.clients.served import seen, start
 from tests.policies.clients.test_openpi import scripted
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.doctor import Check
-from vlafuzz.doctor.recorder import Moment
+from vlafuzz.doctor.probes import Moment
 from vlafuzz.doctor.two_processes import (
     Rolled,
     check_answers,

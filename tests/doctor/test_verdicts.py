@@ -7,8 +7,7 @@ import pytest
 
 from tests.doubles import failed, passed
 from vlafuzz.doctor import verdicts
-from vlafuzz.doctor.probes import Answers, Change
-from vlafuzz.doctor.recorder import Break
+from vlafuzz.doctor.probes import Answers, Break, Change
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.policies.base import CameraRequest, PolicySpec

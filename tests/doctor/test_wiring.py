@@ -1,13 +1,14 @@
 """Which correction is named, when the outcomes are known."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from itertools import count
 
 import numpy as np
 import pytest
 
-from tests.doctor.simulated import NOTHING, Simulated, skilled, spread
 from tests.doubles import failed, passed, scene
+from vlafuzz.doctor import Check
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
@@ -20,10 +21,10 @@ SPEC = PolicySpec("any")
 Roll = Callable[[Scene, Correction | None], Outcome]
 
 
-def check(roll: Roll, n: int = 4):
+def check(roll: Roll, n: int = 4, candidates: Sequence[Correction] = (FIRST, SECOND, THIRD)) -> Check:
     scenes = [scene(x=number / 1000) for number in range(n)]
     fresh = (scene(x=-number / 1000) for number in count(1))
-    return check_wiring([(case, roll(case, None)) for case in scenes], fresh, [FIRST, SECOND, THIRD], roll)
+    return check_wiring([(case, roll(case, None)) for case in scenes], fresh, candidates, roll)
 
 
 def crooked(of: Scene, every: int) -> bool:
@@ -82,6 +83,57 @@ HARD = {scene(x=number / 1000) for number in (0, 1)}
 )
 def test_a_correction_that_does_no_good_elsewhere_is_not_named(solves):
     assert check(lambda of, tried: passed() if solves(of, tried) else failed(0.2)).verdict == "ok"
+
+
+CORRECTIONS = [Correction(fault=f"fault {number}", advice="") for number in range(14)]
+Law = Callable[[np.random.Generator], float]  # progress of a rollout; from 1 on it succeeds
+
+
+def skilled(rate: float, otherwise: float = 0.25) -> Law:
+    """Success at a rate, else a progress around ``otherwise``."""
+
+    def progress(rng: np.random.Generator) -> float:
+        return 1.0 if rng.random() < rate else rng.beta(6 * otherwise, 6 * (1 - otherwise))
+
+    return progress
+
+
+def spread(mean: float, deviation: float) -> Law:
+    return lambda rng: rng.normal(mean, deviation)
+
+
+NOTHING = skilled(0.0, 0.12)
+
+
+@dataclass
+class Simulated:
+    """A policy that follows a law, ``corrected`` with the right correction, else ``wrong`` with any other.
+
+    ``affected``: share of the scenes in which it is not as if corrected anyway.
+    """
+
+    seed: tuple[int, ...]
+    plain: Law
+    corrected: Law
+    affected: float = 1.0
+    wrong: Law = NOTHING
+    right: Correction = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng(self.seed)
+        self.right = CORRECTIONS[self._rng.integers(len(CORRECTIONS))]
+
+    def roll(self, of: Scene, tried: Correction | None) -> Outcome:
+        spared = np.random.default_rng(int(of.digest, 16)).random() >= self.affected
+        fine = tried is self.right or (tried is None and spared)
+        law = self.corrected if fine else self.plain if tried is None else self.wrong
+        progress = law(self._rng)
+        return passed() if progress >= 1 else failed(max(progress, 0.0))
+
+    def called(self) -> str | None:
+        """The fault for which it is called miswired after ten nominal scenes, if any."""
+        row = check(self.roll, 10, CORRECTIONS)
+        return row.found.partition(":")[0] if row.verdict == "refuse" else None
 
 
 CORRECT = {

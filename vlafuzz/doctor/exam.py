@@ -13,8 +13,17 @@ from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, verdicts
-from vlafuzz.doctor.probes import Interview, moved, reworded, seconds_at_once, sights, spread
-from vlafuzz.doctor.recorder import Break, Moment, Recorder
+from vlafuzz.doctor.probes import (
+    Break,
+    Interview,
+    Moment,
+    Recorder,
+    moved,
+    reworded,
+    seconds_at_once,
+    sights,
+    spread,
+)
 from vlafuzz.doctor.wiring import (
     Corrected,
     Correction,

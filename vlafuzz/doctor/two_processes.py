@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.doctor import Check
-from vlafuzz.doctor.probes import HARDLY, Answers, ask
-from vlafuzz.doctor.recorder import Moment
+from vlafuzz.doctor.probes import HARDLY, Answers, Moment, ask
 from vlafuzz.errors import SimulatorError, VlafuzzError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.policies.base import CameraRequest, Policy, PolicySpec

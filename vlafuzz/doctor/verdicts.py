@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
 from vlafuzz.doctor import Check, Rating
-from vlafuzz.doctor.probes import Answers, Change
-from vlafuzz.doctor.recorder import Break
+from vlafuzz.doctor.probes import Answers, Break, Change
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.harness import WIDTH

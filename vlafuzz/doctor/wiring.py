@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.doctor import Check
-from vlafuzz.doctor.recorder import Lent
+from vlafuzz.doctor.probes import Lent
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
