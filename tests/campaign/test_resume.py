@@ -237,10 +237,10 @@ def test_a_run_that_was_killed_is_gone_on_with_as_if_it_had_not_been(tmp_path: P
 
 @pytest.fixture
 def small_disk(tmp_path: Path):
-    """A disk of 512 kB, and how to make it larger."""
+    """A disk of 640 kB, and how to make it larger."""
     disk = tmp_path / "disk"
     disk.mkdir()
-    if os.geteuid() != 0 or mount("-t", "tmpfs", "-o", "size=512k", "tmpfs", str(disk)):
+    if os.geteuid() != 0 or mount("-t", "tmpfs", "-o", "size=640k", "tmpfs", str(disk)):
         pytest.skip("only root may mount a small disk, and not everywhere")
     yield disk, lambda: mount("-o", "remount,size=8m", str(disk))
     subprocess.run(["umount", str(disk)], check=True)

@@ -1,7 +1,11 @@
 """What tests of commands share."""
 
+from pathlib import Path
+
 import pytest
 
+from tests.doubles import ClosedForm
+from vlafuzz.campaign import launch
 from vlafuzz.search.causes import draws
 
 
@@ -9,3 +13,11 @@ from vlafuzz.search.causes import draws
 def _few_random_scenes(monkeypatch) -> None:
     """Strategy `causes` draws 600 random scenes for its shares, 2 to 15 s a run; commands do with fewer."""
     monkeypatch.setattr(draws, "SAMPLE", 60)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch) -> Path:
+    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    return tmp_path

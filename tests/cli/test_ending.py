@@ -18,16 +18,9 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.harness import release
 
+pytestmark = pytest.mark.usefixtures("folder")
 FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12", "--store", "a.db")
 HERE = "python:tests.cli.test_ending"
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 class Signalled(ClosedForm):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.doubles import ClosedForm, Raising, scene
+from tests.doubles import Raising, scene
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.resume import resume
@@ -18,14 +18,8 @@ from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.store.store import Store
 
+pytestmark = pytest.mark.usefixtures("folder")
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 def run(*flags: str, code: int = 0) -> None:

@@ -17,16 +17,9 @@ from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 
+pytestmark = pytest.mark.usefixtures("folder")
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 NAMES = ["failed", "passed", "invalid", "error"]
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 def run(flags: str, code: int = 0) -> None:

@@ -15,14 +15,8 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
 
+pytestmark = pytest.mark.usefixtures("folder")
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify", "--budget", "12")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 @pytest.fixture(scope="module")

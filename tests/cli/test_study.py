@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.cli.typed import typed
-from tests.doubles import Always, ClosedForm, Gone, failed, passed, rollout
+from tests.doubles import Always, ClosedForm, failed, passed, rollout
 from tests.packs import box, write_pack
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
@@ -54,18 +54,6 @@ def test_what_is_stored_is_not_run_again(folder: Path, capsys):
     study("rq1", "--task", "pick-up")
     assert len(runs(folder)) == 2
     assert "pick-up" in capsys.readouterr().out
-
-
-def test_an_interrupted_study_goes_on(folder: Path, monkeypatch):
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patched:
-        patched.setattr(ClosedForm, "outcome", interrupted)
-        assert main(["lab", "study", "rq1", "--task", "pick-up", *SMALL]) == 130
-    assert runs(folder) == [("pick-up", "interrupted")]
-    study("rq1", "--task", "pick-up")
-    assert runs(folder) == [("pick-up", "finished")]
 
 
 def test_several_policies_stand_in_one_table(folder: Path, capsys):
@@ -116,19 +104,6 @@ def test_a_number_without_room_is_left_out_and_said(folder: Path, capsys):
     assert len(json.loads(message.out)["standings"]) < 5
     for said in (message.err, (folder / "rq2.md").read_text()):
         assert "pick-up, 4 confounders: pick-up: no scene of" in " ".join(said.split())
-
-
-def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(folder: Path, monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=8))
-    flags = ("rq1", "--task", "pick-up", "--task", "put-on", *SMALL, "--scenes", "12")
-    assert typed(capsys, ["lab", "study", *flags], code=3).err.splitlines()[-2:] == [
-        "error: 8 scenes in a row had no answer: policy: connect: refused",
-        "hint: repeat the command once the policy answers",
-    ]
-    assert not (folder / "rq1.json").exists()
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
-    assert main(["lab", "study", *flags]) == 0
-    assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
 
 
 @pytest.mark.parametrize("flag", ["--task", "--policy", "--robot", "--operators"])

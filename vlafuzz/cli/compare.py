@@ -8,8 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from vlafuzz.campaign.options import OPTIONS
 from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.flags import (
@@ -22,6 +20,7 @@ from vlafuzz.cli.flags import (
     VaryFlag,
     WorkersFlag,
     listed,
+    option,
 )
 from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number
@@ -35,33 +34,26 @@ _ONE = 200  # rollouts that triage of one failure takes at most, about
 
 def command(
     strategies: Annotated[
-        str, typer.Option(help="Strategies, separated by commas; the others are compared with the first.")
+        str, option("Strategies, separated by commas; the others are compared with the first.")
     ] = "random,causes",
-    task: Annotated[
-        str | None,
-        typer.Option(help="What the robot is told to do.", show_default=OPTIONS["task"].shown),
-    ] = None,
+    task: Annotated[str | None, option("What the robot is told to do.", OPTIONS["task"].shown)] = None,
     policy: PolicyFlag = None,
-    budget: Annotated[int, typer.Option(help="Policy rollouts of every run.")] = 100,
-    repeats: Annotated[int, typer.Option(help="Runs of every strategy.")] = 10,
-    seed: Annotated[int, typer.Option(help="Of the first run of every strategy; the others count on.")] = 0,
+    budget: Annotated[int, option("Policy rollouts of every run.")] = 100,
+    repeats: Annotated[int, option("Runs of every strategy.")] = 10,
+    seed: Annotated[int, option("Of the first run of every strategy; the others count on.")] = 0,
     operators: OperatorsFlag = None,
     vary: VaryFlag = None,
     workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
     triage_rollouts: Annotated[
         int | None,
-        typer.Option(
-            help="Most rollouts of triage for each run, beside its budget; 0 to judge by failures alone.",
-            show_default="as many as --budget, at least 200",
+        option(
+            "Most rollouts of triage for each run, beside its budget; 0 to judge by failures alone.",
+            "as many as --budget, at least 200",
         ),
     ] = None,
-    store: Annotated[
-        Path | None, typer.Option(help="Where to keep all runs.", show_default="runs/compare-….db")
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Folder for page, plots and tables.", show_default="runs/compare-…")
-    ] = None,
+    store: Annotated[Path | None, option("Where to keep all runs.", "runs/compare-….db")] = None,
+    out: Annotated[Path | None, option("Folder for page, plots and tables.", "runs/compare-…")] = None,
     json: JsonFlag = False,
     csv: CsvFlag = False,
     markdown: MarkdownFlag = False,

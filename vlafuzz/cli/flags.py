@@ -28,8 +28,14 @@ def listed(names: str | None) -> tuple[str, ...] | None:
     return None if names is None else tuple(name.strip() for name in names.split(","))
 
 
-def _option(flag: str, text: str, default: str | None = None) -> Any:
-    return typer.Option(flag, help=text, show_default=default if default else False)
+def option(text: str, shown: str = "", *, flag: str = "", hidden: bool = False) -> Any:
+    """An option of a command.
+
+    Args:
+        shown: the default in words, where None stands for it.
+        flag: its name, or several with spaces, if not that of the parameter; switches need one.
+    """
+    return typer.Option(*flag.split(), help=text, show_default=shown or True, hidden=hidden)
 
 
 def label_option(flag: str, text: str, default: str = "") -> Any:
@@ -50,8 +56,7 @@ def option_of(name: str) -> Any:
     flag = told.flag or f"--{name.replace('_', '-')}"
     if name == "label":
         return label_option(flag, told.help, told.shown)
-    shown = told.shown or False
-    return typer.Option(flag, help=told.help, show_default=shown, hidden=not told.flag)
+    return option(told.help, told.shown, flag=flag, hidden=not told.flag)
 
 
 def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -95,27 +100,20 @@ ServedFlag = Annotated[
 ]
 AlphaFlag = Annotated[float, typer.Option(help="Probability of a false alarm, at most.")]
 AnswersFlag = Annotated[
-    Path | None, _option("--answers", "Keep outcomes by model in this file, and reuse those in it.")
+    Path | None, option("Keep outcomes by model in this file, and reuse those in it.", flag="--answers")
 ]
 PlacementFlag = Annotated[
-    str | None,
-    _option(
-        "--placement",
-        "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
-        "resting",
-    ),
+    str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")
 ]
 TimeFlag = Annotated[
-    str | None, _option("--time", "Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit")
+    str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
 ]
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print JSON.")]
-CsvFlag = Annotated[bool, typer.Option("--csv", help="Print CSV.")]
-MarkdownFlag = Annotated[bool, typer.Option("--markdown", help="Print Markdown.")]
+JsonFlag = Annotated[bool, option("Print JSON.", flag="--json")]
+CsvFlag = Annotated[bool, option("Print CSV.", flag="--csv")]
+MarkdownFlag = Annotated[bool, option("Print Markdown.", flag="--markdown")]
 TrustFlag = Annotated[
     bool,
-    typer.Option(
-        "--trust", help="Load code (python:…) and ask servers that the file names, not only those you name."
-    ),
+    option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust"),
 ]
 
 

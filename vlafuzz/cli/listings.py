@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import CsvFlag, JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened
+from vlafuzz.cli.flags import CsvFlag, JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened, option
 from vlafuzz.cli.output import print_rows
 from vlafuzz.worlds import world_with
 from vlafuzz.worlds.capabilities import Catalogued, ListedObject
@@ -12,7 +12,7 @@ from vlafuzz.worlds.capabilities import Catalogued, ListedObject
 
 def operators(
     operators: OperatorsFlag = None,
-    task: Annotated[str | None, typer.Option(help="The ranges in this task, where they differ.")] = None,
+    task: Annotated[str | None, option("The ranges in this task, where they differ.")] = None,
     robot: RobotFlag = None,
     pack: PackFlag = None,
     json: JsonFlag = False,

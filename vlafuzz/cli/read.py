@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, MarkdownFlag
+from vlafuzz.cli.flags import JsonFlag, MarkdownFlag, option
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stdout
 from vlafuzz.errors import PrerequisiteError, UsageError, printable, suggestion
 
@@ -23,19 +23,15 @@ def command(
         ),
     ],
     against: Annotated[
-        list[Path] | None,
-        typer.Option(help="Compare with this log, the older one; may be repeated.", show_default=False),
+        list[Path] | None, option("Compare with this log, the older one; may be repeated.")
     ] = None,
     column: Annotated[
         list[str] | None,
-        typer.Option(
-            help="What a column of CSV holds, if it has another name: success=ok; may be repeated.",
-            show_default=False,
-        ),
+        option("What a column of CSV holds, if it has another name: success=ok; may be repeated."),
     ] = None,
-    alpha: Annotated[float, typer.Option(help="Probability of a false alarm, at most.")] = 0.05,
-    out: Annotated[Path | None, typer.Option(help="Write a page.", show_default=False)] = None,
-    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML.", show_default=False)] = None,
+    alpha: Annotated[float, option("Probability of a false alarm, at most.")] = 0.05,
+    out: Annotated[Path | None, option("Write a page.")] = None,
+    junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
     markdown: MarkdownFlag = False,
     json: JsonFlag = False,
 ) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened
+from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened, option
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
@@ -25,26 +25,22 @@ def command(
         str | None,
         typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
-    first_failure: Annotated[
-        bool, typer.Option("--first-failure", help="The store's first failure.")
-    ] = False,
-    policy: Annotated[str | None, typer.Option(help="Another policy than the store's.")] = None,
+    first_failure: Annotated[bool, option("The store's first failure.", flag="--first-failure")] = False,
+    policy: Annotated[str | None, option("Another policy than the store's.")] = None,
     label: Annotated[
         str | None, label_option("--label", "Which model the policy is, or whose first failure.")
     ] = None,
     pack: PackFlag = None,
-    video: Annotated[Path | None, typer.Option(help="Write an MP4.")] = None,
-    picture: Annotated[Path | None, typer.Option(help="Write a PNG: four moments of the rollout.")] = None,
-    seen: Annotated[Path | None, typer.Option(help="Write a PNG: what the policy saw at first.")] = None,
-    trace: Annotated[
-        Path | None, typer.Option(help="Write JSON: progress and actions, step by step.")
-    ] = None,
+    video: Annotated[Path | None, option("Write an MP4.")] = None,
+    picture: Annotated[Path | None, option("Write a PNG: four moments of the rollout.")] = None,
+    seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
+    trace: Annotated[Path | None, option("Write JSON: progress and actions, step by step.")] = None,
     film: Annotated[
         bool | None,
-        typer.Option(
-            "--film/--no-film",
-            help="Write an MP4 beside the source.",
-            show_default="if nothing else is written or printed as JSON, and pictures work here",
+        option(
+            "Write an MP4 beside the source.",
+            "if nothing else is written or printed as JSON, and pictures work here",
+            flag="--film/--no-film",
         ),
     ] = None,
     trust: TrustFlag = False,

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option, option
 from vlafuzz.cli.output import Bar, data, interruptible
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.text import size
@@ -33,33 +33,29 @@ def command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(
-            help="Write one HTML page; or as .csv or .md how often each policy fails in each task.",
-            show_default="the terminal",
+        option(
+            "Write one HTML page; or as .csv or .md how often each policy fails in each task.", "the terminal"
         ),
     ] = None,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Follow a run on a page in the browser, until interrupted.")
+        bool, option("Follow a run on a page in the browser, until interrupted.", flag="--follow")
     ] = False,
-    evidence: Annotated[
-        str | None, typer.Option(help="List only those with this evidence, such as minimal.")
-    ] = None,
+    evidence: Annotated[str | None, option("List only those with this evidence, such as minimal.")] = None,
     limit: Annotated[
         int | None,
-        typer.Option(
-            help="Most causes and failures that are listed, 0 for all; or on a page get videos.",
-            show_default=f"{FEW}; {FILMED} on a page",
+        option(
+            "Most causes and failures that are listed, 0 for all; or on a page get videos.",
+            f"{FEW}; {FILMED} on a page",
         ),
     ] = None,
     videos: Annotated[
-        bool, typer.Option("--videos/--no-videos", help="Film the failures on a page, and their witnesses.")
+        bool, option("Film the failures on a page, and their witnesses.", flag="--videos/--no-videos")
     ] = True,
     label: Annotated[
         str | None, label_option("--label", "Follow the last run of this model.", "the last run")
     ] = None,
     port: Annotated[
-        int | None,
-        typer.Option(help="Where --follow listens on this machine.", show_default="any port that is free"),
+        int | None, option("Where --follow listens on this machine.", "any port that is free")
     ] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,

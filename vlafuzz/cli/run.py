@@ -6,10 +6,8 @@ import shlex
 import sys
 from typing import Annotated, Any
 
-import typer
-
 from vlafuzz.cli.config_file import ConfigFlag
-from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, configured, with_run_options
+from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
 from vlafuzz.cli.one_run import Asked, checked, end, run_plan
 from vlafuzz.cli.output import print_json
 
@@ -19,38 +17,38 @@ def command(
     *,
     world: Annotated[
         str | None,
-        typer.Option(
-            help="Where: the name of a world, WORLD:TASK in place of --task, or python:pkg.mod:factory.",
-            show_default="the first of `vlafuzz list worlds`",
+        option(
+            "Where: the name of a world, WORLD:TASK in place of --task, or python:pkg.mod:factory.",
+            "the first of `vlafuzz list worlds`",
         ),
     ] = None,
     time: TimeFlag = None,
     resume: Annotated[
         bool,
-        typer.Option(
-            "--resume",
-            help="Resume a stored run that ended early; flags that are not given are taken from it.",
+        option(
+            "Resume a stored run that ended early; flags that are not given are taken from it.",
+            flag="--resume",
         ),
     ] = False,
     triage: Annotated[
-        bool, typer.Option("--triage", help="Then triage the store, as `vlafuzz triage` does.", hidden=True)
+        bool, option("Then triage the store, as `vlafuzz triage` does.", flag="--triage", hidden=True)
     ] = False,
     certify: Annotated[
         bool | None,
-        typer.Option(
-            "--certify/--no-certify",
-            help="Then triage the scenes that show the commonest causes, at up to about twice its cost.",
-            show_default="with strategy causes",
+        option(
+            "Then triage the scenes that show the commonest causes, at up to about twice its cost.",
+            "with strategy causes",
+            flag="--certify/--no-certify",
         ),
     ] = None,
     unchecked: Annotated[
-        bool, typer.Option("--unchecked", help="Skip the check whether the policy sees, hears and moves.")
+        bool, option("Skip the check whether the policy sees, hears and moves.", flag="--unchecked")
     ] = False,
     trust: TrustFlag = False,
     config: ConfigFlag = None,
     json: JsonFlag = False,
     fail_on_finding: Annotated[
-        bool, typer.Option("--fail-on-finding", help="Exit with 1 when scenes fail.", hidden=True)
+        bool, option("Exit with 1 when scenes fail.", flag="--fail-on-finding", hidden=True)
     ] = False,
     **given: Any,
 ) -> None:

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import CsvFlag, Frame, JsonFlag, PackFlag, PlacementFlag, opened
+from vlafuzz.cli.flags import CsvFlag, Frame, JsonFlag, PackFlag, PlacementFlag, opened, option
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr, table
 from vlafuzz.cli.suites import is_suite, lint_suites
 from vlafuzz.common.files import writing
@@ -68,28 +68,23 @@ def lint(
     ],
     static: Annotated[
         bool | None,
-        typer.Option(
-            "--static/--settle",
-            help="Only what needs no simulator: semantics, geometry and visibility; or all.",
-            show_default="all; for VLATest's files --static, unless --placement is given",
+        option(
+            "Only what needs no simulator: semantics, geometry and visibility; or all.",
+            "all; for VLATest's files --static, unless --placement is given",
+            flag="--static/--settle",
         ),
     ] = None,
-    frame: Annotated[Frame | None, typer.Option(help=_FRAME_HELP, show_default="fit")] = None,
+    frame: Annotated[Frame | None, option(_FRAME_HELP, "fit")] = None,
     min_distance: Annotated[
-        float | None,
-        typer.Option(help="Metres to keep between the centres of any two objects.", show_default="0.15"),
+        float | None, option("Metres to keep between the centres of any two objects.", "0.15")
     ] = None,
     placement: PlacementFlag = None,
     pack: PackFlag = None,
-    states: Annotated[
-        int | None,
-        typer.Option(help="Of a suite: the first initial states of each task.", show_default="all"),
-    ] = None,
+    states: Annotated[int | None, option("Of a suite: the first initial states of each task.", "all")] = None,
     pictures: Annotated[
-        Path | None,
-        typer.Option(help="Of a suite: folder for a picture of each task's first state with each defect."),
+        Path | None, option("Of a suite: folder for a picture of each task's first state with each defect.")
     ] = None,
-    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Say what is wrong in each line.")] = False,
+    verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
     json: JsonFlag = False,
 ) -> None:
     """Check whether the scenes of a file are fair.
@@ -183,16 +178,12 @@ def coverage(
         list[Path], typer.Argument(help="Files of scenes, JSON lines or VLATest's; stores that runs wrote.")
     ],
     first: Annotated[
-        list[int] | None,
-        typer.Option(help="How many of the first scenes; may be repeated.", show_default="10, 100, 1000"),
+        list[int] | None, option("How many of the first scenes; may be repeated.", "10, 100, 1000")
     ] = None,
-    frame: Annotated[Frame | None, typer.Option(help=_FRAME_HELP, show_default="original")] = None,
+    frame: Annotated[Frame | None, option(_FRAME_HELP, "original")] = None,
     operators: Annotated[
         str | None,
-        typer.Option(
-            help="Ranges that files of ours are measured in: YAML, or a shipped one's name.",
-            show_default="tabletop",
-        ),
+        option("Ranges that files of ours are measured in: YAML, or a shipped one's name.", "tabletop"),
     ] = None,
     json: JsonFlag = False,
     csv: CsvFlag = False,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, WorkersFlag, opened
+from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, WorkersFlag, opened, option
 from vlafuzz.cli.output import interruptible, print_json, print_rows, stdout
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.worlds import usual_world
@@ -23,44 +23,37 @@ ALPHAS = ("linear", "log")
 
 def command(
     study: Annotated[str, typer.Argument(help="Which one: " + ", ".join(STUDIES) + ".")],
-    out: Annotated[
-        Path, typer.Option(help="Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")
-    ],
+    out: Annotated[Path, option("Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")],
     policy: Annotated[
         list[str] | None,
-        typer.Option(
-            help="The policy under test, or python:pkg.mod:factory; may be repeated.",
-            show_default="mini, or pinhole where nothing renders",
+        option(
+            "The policy under test, or python:pkg.mod:factory; may be repeated.",
+            "mini, or pinhole where nothing renders",
         ),
     ] = None,
     task: Annotated[
-        list[str] | None,
-        typer.Option(help="Only this task; may be repeated.", show_default="all that the study has"),
+        list[str] | None, option("Only this task; may be repeated.", "all that the study has")
     ] = None,
     scenes: Annotated[
-        int, typer.Option("--scenes", "--n", help="Scenes a task, and a number of confounders in rq2.")
+        int, option("Scenes a task, and a number of confounders in rq2.", flag="--scenes --n")
     ] = 100,
     robot: RobotFlag = None,
     operators: Annotated[
         str | None,
-        typer.Option(
-            help="YAML file of ranges, or a shipped one's name.",
-            show_default="paper-rq1, or those of another robot",
-        ),
+        option("YAML file of ranges, or a shipped one's name.", "paper-rq1, or those of another robot"),
     ] = None,
     pack: PackFlag = None,
     alpha: Annotated[
-        str, typer.Option(help="How rq3 draws the light: linear, as the paper, or log, evenly in log2.")
+        str, option("How rq3 draws the light: linear, as the paper, or log, evenly in log2.")
     ] = "linear",
     unseen: Annotated[
-        list[str] | None,
-        typer.Option(help="The pack of rq5's unseen objects, a folder or a name; may be repeated."),
+        list[str] | None, option("The pack of rq5's unseen objects, a folder or a name; may be repeated.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same scenes.")] = 0,
+    seed: Annotated[int, option("The same seed gives the same scenes.")] = 0,
     workers: WorkersFlag = None,
     stores: Annotated[
         list[Path] | None,
-        typer.Option("--from", help="Run nothing: rq1 of the runs of this store; may be repeated."),
+        option("Run nothing: rq1 of the runs of this store; may be repeated.", flag="--from"),
     ] = None,
     json: JsonFlag = False,
 ) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, WorkersFlag
+from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
@@ -31,27 +31,22 @@ def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
     max_rollouts: Annotated[
         int | None,
-        typer.Option(
-            help="Most policy rollouts to shrink, certify and attribute one failure.",
-            show_default="200, of a stochastic policy 1000",
+        option(
+            "Most policy rollouts to shrink, certify and attribute one failure.",
+            "200, of a stochastic policy 1000",
         ),
     ] = None,
-    limit: Annotated[
-        int | None, typer.Option(help="Most failures to work on.", show_default="all that are left")
-    ] = None,
+    limit: Annotated[int | None, option("Most failures to work on.", "all that are left")] = None,
     rollouts: Annotated[
         int | None,
-        typer.Option(
-            help="Policy rollouts of all failures together, after which no further one is begun.",
-            show_default="no limit",
-        ),
+        option("Policy rollouts of all failures together, after which no further one is begun.", "no limit"),
     ] = None,
     time: TimeFlag = None,
     thorough: Annotated[
         bool,
-        typer.Option(
-            "--thorough",
-            help="Shrink every failure to its smallest values, also those of a cause certified before.",
+        option(
+            "Shrink every failure to its smallest values, also those of a cause certified before.",
+            flag="--thorough",
         ),
     ] = False,
     workers: WorkersFlag = None,
