@@ -85,18 +85,18 @@ def test_picture_and_outlines_have_the_object_where_the_rig_projects_it(seeing, 
         assert np.abs(projected(*SPOT, scene.camera) - projected(*SPOT)).max() > 2 * PIXEL
 
 
-def test_a_light_that_is_not_applied_is_an_error(seeing, monkeypatch):
+@pytest.mark.parametrize(
+    ("owner", "method", "changes", "says"),
+    [
+        (SceneLights, "apply", {"light": Light(3.0)}, r"light: asked for 3\.0"),
+        (TabletopEnv, "_aim", {"camera": Camera(yaw=0.5)}, "pose of camera"),
+    ],
+)
+def test_what_is_not_applied_is_an_error(seeing, monkeypatch, owner, method, changes, says):
     picture(seeing, ORANGE)
-    monkeypatch.setattr(SceneLights, "apply", lambda *_: None)
-    with pytest.raises(SimulatorError, match=r"light: asked for 3\.0"):
-        picture(seeing, replace(ORANGE, light=Light(3.0)))
-
-
-def test_a_camera_that_is_not_moved_is_an_error(seeing, monkeypatch):
-    picture(seeing, ORANGE)
-    monkeypatch.setattr(TabletopEnv, "_aim", lambda _: None)
-    with pytest.raises(SimulatorError, match="pose of camera"):
-        picture(seeing, replace(ORANGE, camera=Camera(yaw=0.5)))
+    monkeypatch.setattr(owner, method, lambda *_: None)
+    with pytest.raises(SimulatorError, match=says):
+        picture(seeing, replace(ORANGE, **changes))
 
 
 def test_gymnasiums_observation_holds_the_picture():

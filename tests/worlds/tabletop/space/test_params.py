@@ -28,8 +28,7 @@ def test_what_is_between_levels_or_outside_has_none(value: float) -> None:
 
 
 def test_distance_is_a_share_of_the_farthest_end() -> None:
-    assert X.distance(0.12) == 1.0
-    assert X.distance(-0.05) == 0.0
+    assert (X.distance(0.12), X.distance(-0.05)) == (1.0, 0.0)
     assert X.distance(-0.2) == pytest.approx(0.15 / 0.17)
     assert X.distance(5.0) == 1.0
     assert LIGHT.distance(20**0.5) == pytest.approx(0.5)

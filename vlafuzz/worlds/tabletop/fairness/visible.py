@@ -3,6 +3,8 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,14 +20,67 @@ from vlafuzz.worlds.manipulation.rigs.robots import rig
 from vlafuzz.worlds.manipulation.rigs.shading import UP, glossy, shown
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.objects.skin import skin
+from vlafuzz.worlds.tabletop.objects.hulls import triangles
+from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, ObjectModel
 
 Array = NDArray[np.float64]
 ROBOT = 255  # label; objects are counted from 1, 0 is the background
 ROBOT_COLOUR = (0.80, 0.81, 0.82)  # linear, on average
 REACH = 3  # the surroundings end so many pixels beyond an outline
 RING = np.ones((2 * REACH + 1, 2 * REACH + 1), np.uint8)
+POINTS = 400  # of an object's surface, of which the camera sees less than half
+
+
+@dataclass(frozen=True, eq=False)
+class Skin:
+    """Points that stand for equal areas, in the object's frame."""
+
+    points: Array  # (n, 3) metres
+    normals: Array  # (n, 3) outwards
+    colours: Array  # (n, 3) linear
+    roughness: float  # in [0, 1]
+
+
+@lru_cache(maxsize=256)
+def skin(model: ObjectModel) -> Skin:
+    """The skin of an object: of its textured mesh, else of its convex parts in the dominant colour."""
+    if model.visual.suffix == ".glb" and model.fit is None:
+        return _textured(model)
+    corners = np.concatenate([part[triangles(part)] for part in model.parts])
+    points, face, _ = _spread(corners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[face]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    textured = model.visual.name.startswith("textured")  # their mean is sRGB, a plain colour linear
+    colour = model.colour**SRGB if textured else model.colour
+    return Skin(points, normals, np.tile(colour, (len(points), 1)), ROUGH)
+
+
+def _textured(model: ObjectModel) -> Skin:
+    import trimesh  # only for objects that are built in
+
+    mesh: Any = trimesh.load_scene(model.visual).to_geometry()
+    points, face, weights = _spread(mesh.vertices[mesh.faces])
+    corners = mesh.faces[face]
+    normals = (mesh.vertex_normals[corners] * weights[..., None]).sum(axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    u, v = (mesh.visual.uv[corners] * weights[..., None]).sum(axis=1).T
+    material = mesh.visual.material
+    texture = np.asarray(material.baseColorTexture.convert("RGB")) / 255
+    height, width = texture.shape[:2]
+    row, column = ((1 - v) * height).astype(int) % height, (u * width).astype(int) % width
+    return Skin(points, normals, texture[row, column] ** SRGB, material.roughnessFactor)
+
+
+def _spread(corners: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    """Points spread evenly over triangles ``(n, 3, 3)``: the points, their triangles, barycentric weights."""
+    sides = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.cumsum(np.linalg.norm(sides, axis=1))
+    rng = np.random.default_rng(0)
+    ticks = (np.arange(POINTS) + rng.random(POINTS)) / POINTS  # stratified: every face gets its share
+    face = np.minimum(np.searchsorted(areas, ticks * areas[-1]), len(areas) - 1)
+    a, b = np.sqrt(rng.random(POINTS)), rng.random(POINTS)
+    weights = np.stack([1 - a, a * (1 - b), a * b], axis=1)
+    return (corners[face] * weights[..., None]).sum(axis=1), face, weights
 
 
 @dataclass(frozen=True)

@@ -32,11 +32,10 @@ from vlafuzz.worlds.tabletop.objects.build import (
     write_parts,
 )
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
-from vlafuzz.worlds.tabletop.objects.model import Container, Fit, ObjectModel, Role, StablePose
+from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.worlds.tabletop.objects.packs import PackObject
 from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
 from vlafuzz.worlds.tabletop.objects.shapes import PROMINENT
-from vlafuzz.worlds.tabletop.objects.skin import ROUGH, SRGB
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from vlafuzz.errors import CatalogueError, suggestion
 
 Array = NDArray[np.float64]
+ROUGH = 0.7  # roughness where a pack does not say it
+SRGB = 2.2  # exponent from sRGB to linear, as SAPIEN has it
 # An obstacle neither fits the gripper nor holds anything; a marker is a plane that stands for a place.
 Role = Literal["graspable", "place", "obstacle", "marker"]
 

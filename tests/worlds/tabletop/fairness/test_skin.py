@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vlafuzz.worlds.tabletop.fairness.visible import skin
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.objects.skin import skin
 
 CATALOGUE = load_catalogue()
 
