@@ -102,11 +102,7 @@ def check_probability(flag: str, value: float) -> None:
 
 
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
-    """Validate the value of a flag; None passes.
-
-    Raises:
-        UsageError: it is below ``least`` or above ``most``.
-    """
+    """Raise a UsageError if a flag's value is below ``least`` or above ``most``; None passes."""
     if value is not None and value < least:
         raise UsageError(
             f"{flag}: expected at least {least}, got {value}", hint=f"give {flag} {least} or more"
@@ -116,10 +112,7 @@ def check_number(flag: str, value: int | None, least: int, most: int | None = No
 
 
 def install(extra: str) -> str:
-    """The command that installs the packages of an extra into this environment.
-
-    It names the packages themselves: no index has vlafuzz, and a checkout need not be where the user is.
-    """
+    """The command that installs the packages of an extra by their names, since no index has vlafuzz."""
     try:
         declared = metadata.requires("vlafuzz") or []
     except metadata.PackageNotFoundError:  # a checkout that is not installed

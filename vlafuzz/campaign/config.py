@@ -68,15 +68,11 @@ def plan(
     policy: Policy | None = None,
     space: Space | None = None,
 ) -> Plan:
-    """Check a configuration and make everything that it names but simulator and store.
+    """Check a configuration, and make everything that it names but simulator and store.
 
-    Args:
-        operators: replace those that the configuration names.
-        policy: the one that the configuration names, made already; ``space`` likewise.
-
-    Raises:
-        UsageError: a name, number or file is wrong.
-        PrerequisiteError: the policy sees pictures, and none can be drawn here.
+    ``operators``, ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is
+    wrong;
+    PrerequisiteError if the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)

@@ -46,20 +46,18 @@ def fuzz(
     alone: bool = False,
     watch: Callable[[Tally], None] = lambda tally: None,
 ) -> Summary:
-    """Run a strategy against a policy until the budget is spent or there is nothing more to roll out.
+    """Run a strategy against a policy until the budget of rollouts is spent, or nothing is left to roll out.
 
-    At most ``manifest.batch`` proposals are awaited at a time. They are told in the order asked, and before
-    which of them a strategy is asked again depends on neither time nor workers: one seed gives the same
-    scenes whatever the executor. Stored outcomes are reused at no cost. The ``budget`` counts policy rollouts
-    and is never exceeded. An interruption loses no trial, except that awaited scenes to which the policy did
-    not answer are tried again on resuming.
+    At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed
+    gives
+    the same scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no
+    trial
+    but those that the policy did not answer, which are tried again on resuming.
 
     Args:
-        embed: the embedding of scenes by which near-duplicates among the failures are grouped.
-        patience: proposals in a row without a rollout after which the run stops; None for never. Where the
-            first scenes all end in the same error it stops much earlier.
-        resume: a run that ended early; a new strategy is told the stored trials again, so that the result is
-            that of an uninterrupted run.
+        embed: the embedding by which near-duplicates among the failures are grouped.
+        patience: proposals in a row without a rollout after which the run stops; None for never.
+        resume: a run that ended early; a new strategy is told its trials again.
         alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
         watch: called after every new trial, and once after the stored trials.
 

@@ -99,11 +99,8 @@ def do_missing(
     """Begin or resume the runs that are missing, in order. They share no outcomes.
 
     Args:
-        left_out: is told of a run that cannot be done, or has only invalid scenes; without it that is raised.
+        left_out: is told of a run that cannot be done, or has only invalid scenes; else that is raised.
         speed_of: the speed of a plan's policy, for a forecast.
-
-    Raises:
-        VlafuzzError: a run judged no scene, or errors kept it from its budget.
     """
     missing = [run for run in wanted if run.missing]
     if not missing:

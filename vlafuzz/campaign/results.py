@@ -32,9 +32,8 @@ def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
 def neighbourhoods(scenes: Iterable[Scene], embed: Embed) -> dict[Scene, int]:
     """The number of each scene's group of near-duplicates.
 
-    As in BIRCH (Zhang et al. 1996), each scene joins the group with the nearest centre if the group's radius,
-    the root mean square distance from its centre, stays within ``RADIUS``; else it begins a new one. A chain
-    of small steps does not become one group, as with DBSCAN, and each scene is looked at once.
+    As in BIRCH (Zhang et al. 1996), a scene joins the group with the nearest centre if the root mean square
+    distance from it stays within ``RADIUS``, else it begins one. A chain of small steps is not one group.
     """
     # Sorted, so that the order of scenes does not matter.
     ordered = sorted(set(scenes), key=lambda scene: scene.digest)

@@ -35,11 +35,8 @@ _ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command s
 def resume(flags: Mapping[str, Any]) -> Plan:
     """Plan the rest of the newest run of a store that ended early and fits the flags; all else is as stored.
 
-    Args:
-        flags: the fields of a ``RunConfig`` that the user gives.
-
-    Raises:
-        UsageError: no stored run fits, several do, or it cannot be resumed here.
+    ``flags`` are the fields of a ``RunConfig`` that the user gives. UsageError if no stored run fits, or
+    several.
     """
     asked = RunConfig(**flags)
     scenes = read_scene_file(asked.scenes, asked.pool)

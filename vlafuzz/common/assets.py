@@ -50,11 +50,7 @@ def find(path: str) -> Path | None:
 
 
 def need(path: str, what: str) -> Path:
-    """As ``find``; ``what`` needs the file, for the message.
-
-    Raises:
-        PrerequisiteError: the file is in none of the folders.
-    """
+    """As ``find``; PrerequisiteError if it is nowhere, with ``what`` needs it."""
     place = find(path)
     if place is None:
         folders = ", ".join(listed())

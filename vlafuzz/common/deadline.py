@@ -38,11 +38,7 @@ class Deadline:
 
 
 def deadline(flag: str, text: str | None) -> Deadline:
-    """The deadline that a flag names, counted from now.
-
-    Raises:
-        UsageError: the text is no period, or one of no length.
-    """
+    """The deadline that a flag names, counted from now; UsageError if the text is no period."""
     if text is None:
         return Deadline()
     parts = _FORM.fullmatch(text.replace(" ", "").lower())

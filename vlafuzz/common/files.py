@@ -19,11 +19,7 @@ def reason(error: OSError) -> str:
 
 @contextmanager
 def writing(path: Path, hint: str = ELSEWHERE) -> Iterator[None]:
-    """Make the folder of a file that is written in this block.
-
-    Raises:
-        UsageError: the system refuses to write it.
-    """
+    """Make the folder of a file that is written in this block; UsageError if the system refuses."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
@@ -35,11 +31,8 @@ def writing(path: Path, hint: str = ELSEWHERE) -> Iterator[None]:
 def replacing(path: Path) -> Iterator[Path]:
     """A place for a new file or folder, moved to ``path`` in the end and removed on failure.
 
-    Where ``path`` is a link, its target is replaced. A device or a pipe is never replaced: what is in the new
-    file is written to it.
-
-    Raises:
-        OSError: it cannot be written, or ``path`` is a folder that is not empty.
+    Where ``path`` is a link, its target is replaced; a device or a pipe is written to. OSError if it cannot
+    be.
     """
     if is_stream(path):
         with TemporaryDirectory(prefix="vlafuzz-") as folder:
@@ -59,11 +52,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_whole(path: Path, content: str | bytes) -> None:
-    """Write a file; readers see the old one or all of the new one. Text is written as UTF-8.
-
-    Raises:
-        OSError: it cannot be written.
-    """
+    """Write a file, text as UTF-8; readers see the old one or all of the new one. OSError if it cannot be."""
     with replacing(path) as unfinished:
         unfinished.write_bytes(content.encode() if isinstance(content, str) else content)
 
@@ -78,11 +67,7 @@ def is_stream(path: Path) -> bool:
 
 
 def make_folder(folder: Path, flag: str = "--out") -> None:
-    """Make a folder that a flag names, unless it exists.
-
-    Raises:
-        UsageError: it cannot be made.
-    """
+    """Make a folder that a flag names, unless it exists; UsageError if it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

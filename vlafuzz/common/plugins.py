@@ -30,11 +30,7 @@ def is_reference(name: str) -> bool:
 
 
 def trust(*names: str) -> None:
-    """Accept these policies and strategies where a file names them, until ``trusting`` ends.
-
-    Args:
-        names: those that the user named, or ``EVERYTHING``.
-    """
+    """Accept policies and strategies that the user named, or ``EVERYTHING``, until ``trusting`` ends."""
     kept = [name for name in names if name == "".join(name.splitlines())]  # one a line, and no other
     os.environ[_TRUSTED] = "\n".join([os.environ.get(_TRUSTED, ""), *kept])
 
@@ -53,11 +49,8 @@ def trusting(*names: str) -> Iterator[None]:
 def check_trusted(*names: str) -> None:
     """Check names, or lists of them with commas, that a file holds: somebody may have sent it.
 
-    What would be asked on this machine is said on stderr, once.
-
-    Raises:
-        UsageError: one refers to code or to a server elsewhere, and the user neither named it nor said
-            ``--trust``.
+    UsageError if one is of code or of a server elsewhere, and the user neither named it nor said ``--trust``;
+    what is asked on this machine is said on stderr, once.
     """
     for name in names:
         trusted = os.environ.get(_TRUSTED, "").split("\n")
@@ -95,11 +88,9 @@ def _is_here(address: str) -> bool:
 
 
 def load_factory(reference: str) -> Callable[..., Any]:
-    """The callable that a reference names. Modules in the current folder can be named, too.
+    """The callable that a reference names, perhaps in a module of the current folder.
 
-    Raises:
-        UsageError: the reference is malformed, or the module or the callable does not exist.
-        PrerequisiteError: importing the module raises.
+    UsageError if there is none; PrerequisiteError if importing the module raises.
     """
     module_name, _, attribute = reference.removeprefix(PREFIX).partition(":")
     if not module_name or not attribute:
@@ -124,22 +115,14 @@ def load_factory(reference: str) -> Callable[..., Any]:
 
 
 def make_of(reference: str) -> Any:
-    """Call the factory that a reference names.
-
-    Raises:
-        UsageError: see ``load_factory``.
-        PrerequisiteError: the user's code raises.
-    """
+    """Call the factory that a reference names; PrerequisiteError if the user's code raises."""
     factory = load_factory(reference)
     with users_code(reference):
         return factory()
 
 
 def source_digest(name: str, made: object) -> str:
-    """Digest of the file of the user's code that made an object; empty for our own code and without a file.
-
-    It distinguishes versions of the user's code, as far as that one file differs.
-    """
+    """Digest of the file of the user's code that made an object; empty for our own, and without a file."""
     if is_reference(name):
         load_factory(name)
         module = name.removeprefix(PREFIX).partition(":")[0]
@@ -153,11 +136,7 @@ def source_digest(name: str, made: object) -> str:
 
 @contextmanager
 def users_code(reference: str) -> Iterator[None]:
-    """Report exceptions of the user's own code in one sentence, with the file and line.
-
-    Raises:
-        PrerequisiteError: the code in the block raised.
-    """
+    """Report exceptions of the user's own code as a PrerequisiteError, with the file and line."""
     try:
         yield
     except VlafuzzError:

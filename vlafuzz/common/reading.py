@@ -41,10 +41,9 @@ Problem = type[UsageError]
 def read_bytes(
     path: Path, problem: Problem, hint: str | None = None, *, most: int = 64 * MIB, inside: Path | None = None
 ) -> bytes:
-    """The content of a file.
+    """The content of a file; a ``problem`` if it cannot be read, or has more than ``most`` bytes.
 
     Args:
-        problem: the kind of error where it cannot be read, or has more than ``most`` bytes.
         inside: the folder that somebody else filled, in which it must be a regular file behind no link; None
             for a file that the user names, which may be a pipe.
     """

@@ -73,15 +73,10 @@ def wilson(k: float, n: float) -> Interval:
 
 
 def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
-    """Lower and upper bound of a rate, each with confidence 1 - alpha, wherever a sequential test stopped.
+    """Lower and upper bound of a rate, each of confidence 1 - alpha, wherever a sequential test stopped.
 
-    The lower bound is the smallest rate p0 that a bet against "at most p0" does not refute: the wealth of a
-    mixture of bets on larger rates stays below 1 / alpha with probability 1 - alpha by Ville's inequality
-    (Robbins 1970, <https://doi.org/10.1214/aoms/1177696786>; Ramdas et al. 2023,
-    <https://doi.org/10.1214/23-STS894>). Five of five put it above one half.
-
-    Raises:
-        ValueError: ``k`` is not among 0 to ``n``.
+    The lower one is the smallest rate that a mixture of bets on larger rates does not refute, by Ville's
+    inequality: Robbins 1970 <https://doi.org/10.1214/aoms/1177696786>, <https://doi.org/10.1214/23-STS894>.
     """
     if not 0 <= k <= n:
         raise ValueError(f"{k} of {n} cases")
@@ -104,8 +99,7 @@ def _sequential_low(k: int, n: int, alpha: float) -> float:
 def _log_wealth(p0: float, k: int, n: int) -> float:
     """Logarithm of the wealth of betting against "the rate is at most p0" after k of n.
 
-    Most of the wealth is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread
-    evenly over [p0, 1].
+    Most of it is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread evenly.
     """
     from scipy.special import betaln
     from scipy.stats import beta
@@ -118,10 +112,9 @@ def _log_wealth(p0: float, k: int, n: int) -> float:
 
 
 def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:
-    """95 % interval of ``k / n - other_k / other_n``, from the two shares' own intervals.
+    """95 % interval of ``k / n - other_k / other_n``: Newcombe 1998, method 10, which SciPy does not have.
 
-    Newcombe 1998, method 10 <https://doi.org/10.1002/(SICI)1097-0258(19980430)17:8%3C873::AID-SIM779%3E3.0.CO;2-I>;
-    SciPy does not have it.
+    <https://doi.org/10.1002/(SICI)1097-0258(19980430)17:8%3C873::AID-SIM779%3E3.0.CO;2-I>
     """
     share, other = k / n, other_k / other_n
     mine, others = wilson(k, n), wilson(other_k, other_n)
@@ -158,13 +151,9 @@ def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
 
 @dataclass(frozen=True)
 class SignedRank:
-    """Wilcoxon's signed-rank test of paired values.
+    """Wilcoxon's signed-rank test of paired values; in ``more`` pairs ours is larger, in ``fewer`` smaller.
 
-    Attributes:
-        more, fewer: numbers of pairs in which ours is larger, or smaller.
-        effect: rank-biserial correlation, in [-1, 1]: the ranks of the pairs in which ours is larger minus
-            those of the others, as a share of all ranks.
-        p: two-sided.
+    ``effect`` is the rank-biserial correlation, in [-1, 1]; ``p`` is two-sided.
     """
 
     more: int
@@ -176,8 +165,8 @@ class SignedRank:
 def signed_rank(ours: Sequence[float], theirs: Sequence[float]) -> SignedRank:
     """Test whether paired values differ; equal ones take the lowest ranks and count for neither (Pratt 1959).
 
-    All changes of signs are counted, by their sums of ranks, so that it is exact. SciPy's ``wilcoxon`` is so
-    with ties up to 13 pairs only, and does not say which way they differ.
+    It is exact; SciPy's ``wilcoxon`` is so with ties up to 13 pairs only, and does not say which way they
+    differ.
     """
     from scipy.stats import rankdata
 
@@ -233,8 +222,8 @@ def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | Non
     """Ratio of the means of paired values, none of them negative; None if it is not finite.
 
     The interval is Student's for the jackknifed logarithm: Miller 1974
-    <https://doi.org/10.1093/biomet/61.1.1>. It has no bounds where all pairs have the same ratio, or where a
-    mean would be 0 without one of them. ``scripts/bench_intervals.py`` measures how often it is right.
+    <https://doi.org/10.1093/biomet/61.1.1>.
+    It has no bounds where all pairs have the same ratio, or where one pair decides.
     """
     mine, other = np.asarray(ours, float), np.asarray(theirs, float)
     if not (np.isfinite([mine, other]).all() and other.sum() > 0):
@@ -273,17 +262,13 @@ def _half_width(values: NDArray[np.float64]) -> float:
 
 
 def share_interval(cases: Sequence[tuple[Hashable, bool]]) -> Interval:
-    """95 % interval of the share of positive cases that come from several runs.
+    """95 % interval of the share of positive cases, given the run of each case: those of one run are alike.
 
-    Cases of one run resemble each other, so they carry less information than as many independent ones. This
-    is Wilson's interval for the effective number of cases: the number of independent cases that would vary
-    as the runs do, reduced further when there are few runs (Korn, Graubard 1998; Franco, Little, Louis, Slud
-    2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>). A bootstrap over 3 or 5 runs is too narrow.
-    With one run, or where all or no cases are positive, the runs show no variation: it is then Wilson's
-    interval of all cases, which may be too narrow.
-
-    Args:
-        cases: the run of each case, and whether the case is positive.
+    This is Wilson's for the effective number of cases, reduced further when there are few runs: Korn,
+    Graubard
+    1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one run,
+    or
+    where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
     """
     groups: dict[Hashable, list[bool]] = {}
     for of, positive in cases:
@@ -300,13 +285,9 @@ def _of_groups(groups: Sequence[tuple[int, int]]) -> Interval:
 
 
 def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
-    """95 % interval of the mean of paired differences of -1, 0 or 1, such as of success.
+    """95 % interval of the mean of differences of -1, 0 or 1, given the group of each pair.
 
-    Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs where
-    several belong to one group, as in ``share_interval``.
-
-    Args:
-        cases: the group of each pair, and its difference.
+    Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs.
     """
     number = len(cases)
     groups: dict[Hashable, list[int]] = {}
@@ -323,11 +304,7 @@ def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
 
 
 def _effective(groups: Sequence[tuple[int, int, int]]) -> float:
-    """The number of independent cases whose mean would vary as that of cases in groups does.
-
-    Args:
-        groups: number of cases, their sum, and the sum of their squares.
-    """
+    """The number of independent cases whose mean would vary as that of groups: size, sum, sum of squares."""
     number, total, squares = (sum(count) for count in zip(*groups, strict=True))
     mean = total / number
     # The variance of a ratio of totals, by linearisation.

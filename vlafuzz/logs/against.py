@@ -33,14 +33,11 @@ class Contrast:
 
     Attributes:
         paired: whether the same episodes are compared; else those of either log are independent.
-        worse: pairs in which only the old one succeeds; ``better``: only the new one. Repeats of an episode
-            are one pair, decided by where it succeeds more often.
+        worse: pairs in which only the old one succeeds, ``better``: only the new one; repeats are one pair.
         difference: 95 % interval of the new success rate minus the old one.
-        p: two-sided, of the exact sign test (McNemar's), or of Fisher's exact test if not paired;
-            ``p_holm``: corrected for all suites.
+        p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites.
         least: the smallest p that such a test can give when the new one fails everywhere.
-        noticeable: the loss that is noticed with 90 % power after this correction; None if none is, and for
-            changed episodes against their controls.
+        noticeable: the loss that is noticed with 90 % power after this correction; None if none is.
         left: judged episodes of either log without a partner.
     """
 
@@ -164,11 +161,7 @@ Pair = tuple[Episode, Episode]
 
 
 def _matched(old: Sequence[Episode], new: Sequence[Episode]) -> list[Pair]:
-    """The first repeats of the same episode with each other, and so on; none unless half of a log has one.
-
-    An episode without a partner tells nothing of the difference between the same episodes, and a rule that
-    would compare one repeat with the mean of several is no sign test.
-    """
+    """The repeats of the same episode with each other, in order; none unless half of a log has one."""
     olds, news = (grouped(log, lambda episode: episode.same) for log in (old, new))
     both = [same for same in olds if same is not None and same in news]
     if 2 * len(both) < min(len(olds), len(news)):
@@ -236,11 +229,8 @@ def _corrected(contrasts: Sequence[Contrast]) -> tuple[Contrast, ...]:
 def noticeable_loss(pairs: int, success: float, alpha: float) -> float | None:
     """The smallest loss that a sign test of so many pairs notices with 90 % power; None if none is.
 
-    Outcomes count as independent of each other within a pair, as those of two policies that fail by chance
-    are. Where the same episodes fail under both, fewer pairs disagree and a smaller loss is noticed.
-
-    Args:
-        success: rate of the old one. ``alpha``: of the two-sided test.
+    Outcomes count as independent within a pair; where the same episodes fail under both, less is noticed.
+    ``success`` is the rate of the old one, ``alpha`` of the two-sided test.
     """
     if not pairs or power(min(pairs, _MOST), success, success, alpha) < POWER:
         return None

@@ -38,13 +38,9 @@ _OUTCOMES = {"1": True, "1.0": True, "true": True, "0": False, "0.0": False, "fa
 
 
 def read_logs(paths: Sequence[Path], columns: Mapping[str, str]) -> list[Episode]:
-    """The episodes of an evaluation whose log may be several files.
+    """The episodes of an evaluation whose log may be several files; UsageError if it cannot be read.
 
-    Args:
-        columns: names of columns in CSV, by what they hold: see ``NAMES``.
-
-    Raises:
-        UsageError: a file cannot be read, has another format, or has an episode twice.
+    ``columns`` are names of columns in CSV, by what they hold: see ``NAMES``.
     """
     resolved = [path.resolve() for path in paths]
     for path, place in zip(paths, resolved, strict=True):

@@ -209,11 +209,7 @@ def page(reading: Reading) -> str:
 
 
 def write_junit(reading: Reading, path: Path) -> None:
-    """Write atomically: a suite is a test case, which fails where the log is worse than the other one.
-
-    Raises:
-        UsageError: the system refuses to write it.
-    """
+    """Write atomically: a suite is a test case, which fails where the log is worse than the other one."""
     from xml.etree import ElementTree as Xml
 
     from vlafuzz.failures.corpus.ci import junit, junit_case, suite
