@@ -135,8 +135,7 @@ class LeRobot:
 
 def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
     """The options, completed by what the policy declares; UsageError when they contradict it."""
-    front, wrist = _pictures(name, options, card)
-    layout = options.layout
+    pictures, layout = _pictures(name, options, card), options.layout
     width = layout_width(layout) if layout else 0
     if card.state != width:
         message = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {width}"
@@ -147,29 +146,28 @@ def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
         raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")
     if card.stepwise and options.execute not in (None, 1):
         raise UsageError(f"{name}: {card.kind} remembers past steps, so it sees each", hint="leave execute")
-    changes: dict[str, Any] = {"camera": (0, 0), "wrist": wrist is not None}
-    if front is not None:
-        changes |= {"image_key": front, "camera": card.pictures[front]}
-    if wrist is not None:
-        changes |= {"wrist_key": wrist, "wrist_camera": card.pictures[wrist]}
     execute = 1 if card.stepwise else options.execute or card.execute
     same = options.deterministic or card.device == "cpu"
-    return options.model_copy(update=changes | {"execute": execute, "deterministic": same})
+    return options.model_copy(update=pictures | {"execute": execute, "deterministic": same})
 
 
-def _pictures(name: str, options: LeRobotOptions, card: Card) -> tuple[str | None, str | None]:
-    """The keys of the third-person and of the wrist picture."""
+def _pictures(name: str, options: LeRobotOptions, card: Card) -> dict[str, Any]:
+    """The options of the third-person and of the wrist picture, in full."""
     known = {key.removeprefix(PICTURES): key for key in card.pictures if EMPTY not in key}
     if len(known) == 1 and not options.wrist and "image_key" not in options.model_fields_set:
-        return next(iter(known.values())), None
-    named = [] if options.camera == (0, 0) else [options.image_key]
-    named += [options.wrist_key] if options.wrist else []
-    if {key.removeprefix(PICTURES) for key in named} != set(known):
-        takes, ours = ", ".join(known) or "none", ", ".join(named) or "none"
+        (only,) = known.values()
+        return {"image_key": only, "camera": card.pictures[only], "wrist": False}
+    named = {} if options.camera == (0, 0) else {("image_key", "camera"): options.image_key}
+    named |= {("wrist_key", "wrist_camera"): options.wrist_key} if options.wrist else {}
+    if {key.removeprefix(PICTURES) for key in named.values()} != set(known):
+        takes, ours = ", ".join(known) or "none", ", ".join(named.values()) or "none"
         message = f"{name}: the policy takes the pictures {takes}, the options name {ours}"
         raise UsageError(message, hint="say which is which: image_key=…&wrist=1&wrist_key=…")
-    keys = [known[key.removeprefix(PICTURES)] for key in named]
-    return (keys.pop(0) if options.camera != (0, 0) else None), (keys.pop() if keys else None)
+    changes: dict[str, Any] = {"wrist": bool(options.wrist)}
+    for (key, size), short_name in named.items():
+        whole = known[short_name.removeprefix(PICTURES)]
+        changes |= {key: whole, size: card.pictures[whole]}
+    return changes
 
 
 def _card(name: str, config: Any) -> Card:
