@@ -71,8 +71,7 @@ def plan(
     """Check a configuration, and make everything that it names but simulator and store.
 
     ``operators``, ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is
-    wrong;
-    PrerequisiteError if the policy sees pictures, and none can be drawn here.
+    wrong; PrerequisiteError if the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)

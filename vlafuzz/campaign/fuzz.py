@@ -49,10 +49,8 @@ def fuzz(
     """Run a strategy against a policy until the budget of rollouts is spent, or nothing is left to roll out.
 
     At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed
-    gives
-    the same scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no
-    trial
-    but those that the policy did not answer, which are tried again on resuming.
+    gives the same scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses
+    no trial but those that the policy did not answer, which are tried again on resuming.
 
     Args:
         embed: the embedding by which near-duplicates among the failures are grouped.

@@ -63,7 +63,7 @@ def lint(
     files: Annotated[
         list[Path],
         typer.Argument(
-            help="Files of scenes: JSON lines, or VLATest's; or a suite, such as libero:libero_goal."
+            help="Files of scenes: JSON lines, or VLATest's; or a suite, WORLD:SUITE."
         ),
     ],
     static: Annotated[

@@ -50,7 +50,7 @@ def find(path: str) -> Path | None:
 
 
 def need(path: str, what: str) -> Path:
-    """As ``find``; PrerequisiteError if it is nowhere, with ``what`` needs it."""
+    """As ``find``; a PrerequisiteError, which says ``what`` needs the file, if it is nowhere."""
     place = find(path)
     if place is None:
         folders = ", ".join(listed())

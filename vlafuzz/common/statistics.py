@@ -222,8 +222,8 @@ def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | Non
     """Ratio of the means of paired values, none of them negative; None if it is not finite.
 
     The interval is Student's for the jackknifed logarithm: Miller 1974
-    <https://doi.org/10.1093/biomet/61.1.1>.
-    It has no bounds where all pairs have the same ratio, or where one pair decides.
+    <https://doi.org/10.1093/biomet/61.1.1>. It has no bounds where all pairs have the same ratio, or where
+    one pair decides.
     """
     mine, other = np.asarray(ours, float), np.asarray(theirs, float)
     if not (np.isfinite([mine, other]).all() and other.sum() > 0):
@@ -265,10 +265,8 @@ def share_interval(cases: Sequence[tuple[Hashable, bool]]) -> Interval:
     """95 % interval of the share of positive cases, given the run of each case: those of one run are alike.
 
     This is Wilson's for the effective number of cases, reduced further when there are few runs: Korn,
-    Graubard
-    1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one run,
-    or
-    where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
+    Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With
+    one run, or where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
     """
     groups: dict[Hashable, list[bool]] = {}
     for of, positive in cases:
