@@ -25,11 +25,7 @@ def operators(
     print_rows(listed.rows, json=json, csv=csv, title=listed.title)
 
 
-def objects(
-    pack: PackFlag = None,
-    json: JsonFlag = False,
-    csv: CsvFlag = False,
-) -> None:
+def objects(pack: PackFlag = None, json: JsonFlag = False, csv: CsvFlag = False) -> None:
     """List the objects of the catalogue, or of packs.
 
     Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV
@@ -43,13 +39,17 @@ def objects(
 
 
 def _row(one: ListedObject, *, nested: bool) -> dict[str, Any]:
+    """For programs; in CSV, lists and poses are texts."""
+    poses = ", ".join(
+        f"{pose} {width:.3f}" if width is not None else pose for pose, width in one.poses.items()
+    )
     return {
         "object": one.name,
         "spoken": one.spoken,
         "role": one.role,
         "size": list(one.size) if nested else " × ".join(f"{side:.3f}" for side in one.size),
         "mass": one.mass,
-        "rest poses": one.poses if nested else ", ".join(_shown(*pose) for pose in one.poses.items()),
+        "rest poses": one.poses if nested else poses,
     }
 
 
@@ -63,7 +63,3 @@ def _shown_row(one: ListedObject) -> dict[str, Any]:
         "kg": one.mass,
         "rest poses, narrowest grasps": ", ".join(poses),
     }
-
-
-def _shown(pose: str, narrowest: float | None) -> str:
-    return pose if narrowest is None else f"{pose} {narrowest:.3f}"

@@ -62,9 +62,7 @@ PACKED = re.compile("unknown object '[^']+:")  # a reason
 def lint(
     files: Annotated[
         list[Path],
-        typer.Argument(
-            help="Files of scenes: JSON lines, or VLATest's; or a suite, WORLD:SUITE."
-        ),
+        typer.Argument(help="Files of scenes: JSON lines, or VLATest's; or a suite, WORLD:SUITE."),
     ],
     static: Annotated[
         bool | None,
