@@ -15,8 +15,8 @@ from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.worlds.evaluation import Evaluation
 from vlafuzz.worlds.manipulation.space import GROUPS
-from vlafuzz.worlds.stepping import Evaluation
 
 STAGES = ("grasp", "lift", "success")
 LEVELS = 9  # of each gene

@@ -16,8 +16,7 @@ from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.clients.servers import answers_batches
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import Batches, broken, checked
-from vlafuzz.worlds.evaluation import SteppedEvaluator
-from vlafuzz.worlds.stepping import Evaluation, proceed
+from vlafuzz.worlds.evaluation import Evaluation, SteppedEvaluator, proceed
 
 Results = Generator[tuple[int, list[Outcome]], None, None]
 Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes, with the seed of each

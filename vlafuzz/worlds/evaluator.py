@@ -15,7 +15,7 @@ from vlafuzz.policies.base import CameraRequest, Observation, Policy
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.harness import Harness, release
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.stepping import Asking, Evaluation, drive
+from vlafuzz.worlds.evaluation import Asking, Evaluation, drive
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording

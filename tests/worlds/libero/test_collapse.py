@@ -67,9 +67,3 @@ def test_a_seam_stays_closed_and_no_triangle_crosses_it():
         set(map(tuple, mesh.points[side & np.isclose(mesh.points[:, 0], 0.5)])) for side in (right, ~right)
     ]
     assert edges[0] == edges[1] != set()
-
-
-def test_the_result_is_always_the_same():
-    parts = sheet(lambda x, y: 0.1 * np.cos(5 * x + y))
-    first, again = only(parts, 0.003), only(parts, 0.003)
-    assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))

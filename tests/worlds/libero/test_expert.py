@@ -1,9 +1,9 @@
-from itertools import islice, repeat
+from itertools import islice
 
 import numpy as np
 import pytest
 
-from vlafuzz.worlds.libero.env import STILL, LiberoEnv
+from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.expert import Expert, can_solve
 from vlafuzz.worlds.libero.expert.grasps import find_grasps
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
@@ -32,11 +32,6 @@ def test_the_expert_puts_the_bowl_on_the_plate_by_all_stages(bowls):
         "move",
         "goal",
     ]
-
-
-def test_keeping_still_reaches_nothing(bowls):
-    bowls.reset(1)
-    assert rollout(bowls, repeat(STILL, 40)) == []
 
 
 def test_a_bowl_is_taken_by_its_rim(bowls):

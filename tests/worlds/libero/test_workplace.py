@@ -10,10 +10,10 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
+from vlafuzz.worlds.evaluation import drive, proceed
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero import workplace
 from vlafuzz.worlds.libero.scenes.space import nominal_scene
-from vlafuzz.worlds.stepping import drive, proceed
 
 pytestmark = pytest.mark.libero
 TASK = "libero_object/0"

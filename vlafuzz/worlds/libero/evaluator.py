@@ -16,9 +16,10 @@ from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
+from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.evaluation import Evaluation
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.latency import DelayedCommands
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.expert.policy import UNITS
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY
@@ -28,8 +29,6 @@ from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING
 from vlafuzz.worlds.libero.workplace import Workplace, close_idle, give_back, take
 from vlafuzz.worlds.manipulation.rigs.robots import FORMER
-from vlafuzz.worlds.noise import SensorNoise
-from vlafuzz.worlds.stepping import Evaluation
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording

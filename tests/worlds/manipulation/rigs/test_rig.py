@@ -39,23 +39,10 @@ def test_back_projection_undoes_projection(camera: Camera, spot):
     assert pose.back_project(uv, spot[2])[0] == pytest.approx(spot, abs=1e-6)
 
 
-@given(CAMERAS, st.tuples(st.floats(0, 1), st.floats(0.5, 1)))
-def test_projection_undoes_back_projection(camera: Camera, uv):
-    pose = camera_pose(PANDA.view, camera)
-    assert pose.project(pose.back_project(np.array([uv]), 0.0))[0][0] == pytest.approx(uv, abs=1e-6)
-
-
 @pytest.mark.parametrize("x", PANDA.workspace.x)
 @pytest.mark.parametrize("y", PANDA.workspace.y)
 def test_the_nominal_camera_sees_the_whole_workspace(x, y):
     uv = seen([x, y, 0.0])
-    assert ((uv > 0.01) & (uv < 0.99)).all()
-
-
-@pytest.mark.parametrize("x", [-0.20, 0.12])
-@pytest.mark.parametrize("y", [-0.25, 0.25])
-def test_the_nominal_camera_sees_a_can_at_every_corner_of_the_default_ranges(x, y):
-    uv = seen([x, y, 0.12])
     assert ((uv > 0.01) & (uv < 0.99)).all()
 
 
@@ -68,11 +55,6 @@ def test_it_faces_the_robot_so_that_the_robots_left_is_right_and_near_is_up():
     assert seen(CENTRE + LEFT)[0] > middle[0] + 0.05
     assert seen(CENTRE - AHEAD)[1] < middle[1] - 0.02
     assert seen(CENTRE + UP)[1] < middle[1] - 0.05
-
-
-def test_the_axes_are_a_right_handed_frame():
-    assert NOMINAL.axes @ NOMINAL.axes.T == pytest.approx(np.eye(3))
-    assert np.linalg.det(NOMINAL.axes) == pytest.approx(1)
 
 
 def test_the_quaternion_is_of_the_same_frame():
@@ -102,22 +84,9 @@ def test_a_turn_shifts_the_middle_by_its_tangent():
     assert seen(PANDA.view.target, Camera(yaw=5))[0] - 0.5 == pytest.approx(expected)
 
 
-def test_rolling_turns_the_picture_about_its_middle():
-    assert seen(PANDA.view.target, Camera(roll=5)) == pytest.approx([0.5, 0.5])
-    right = CENTRE + 2 * LEFT
-    assert (
-        seen(right, Camera(roll=5))[1] < seen(right)[1] - 0.01
-    )  # it tips to its right, the right side rises
-
-
 def test_the_camera_stands_where_its_offset_says():
     moved = camera_pose(PANDA.view, Camera(0.05, 90, 0, roll=3, yaw=2))
     assert moved.position - NOMINAL.position == pytest.approx([0, 0.05, 0])
-
-
-def test_depth_is_along_the_axis_and_negative_behind():
-    ahead, behind = NOMINAL.position + 0.5 * NOMINAL.axes[0], NOMINAL.position - 0.5 * NOMINAL.axes[0]
-    assert NOMINAL.project(np.array([ahead, behind]))[1] == pytest.approx([0.5, -0.5])
 
 
 def test_the_hand_turns_the_same_way_round_as_the_robot():

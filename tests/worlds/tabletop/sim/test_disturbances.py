@@ -14,8 +14,7 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.worlds.latency import DelayedCommands
-from vlafuzz.worlds.noise import SensorNoise
+from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
