@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pkgutil
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
@@ -21,14 +22,10 @@ GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
 @cache
 def known_worlds() -> dict[str, World]:
     """The worlds that come with vlafuzz: the folders here with a module ``world``; the usual one first."""
-    modules = {module.name: f"{__name__}.{module.name}.world" for module in pkgutil.iter_modules(__path__)}
-    found = {name: module for name, module in modules.items() if _is_world(name)}
-    worlds: dict[str, World] = {name: import_module(module).WORLD for name, module in found.items()}
+    names = (module.name for module in pkgutil.iter_modules(__path__))
+    found = (name for name in names if (Path(__file__).parent / name / "world.py").is_file())
+    worlds: dict[str, World] = {name: import_module(f"{__name__}.{name}.world").WORLD for name in found}
     return dict(sorted(worlds.items(), key=lambda item: not item[1].usual))
-
-
-def _is_world(name: str) -> bool:
-    return any((Path(folder) / name / "world.py").is_file() for folder in __path__)
 
 
 def world_named(name: str) -> World:
@@ -50,10 +47,7 @@ def world_named(name: str) -> World:
     return _loaded(installed[name])
 
 
-@cache
-def _made(reference: str) -> World:
-    made: World = make_of(reference)
-    return made
+_made: Callable[[str], World] = cache(make_of)
 
 
 @cache

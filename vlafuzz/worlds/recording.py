@@ -94,7 +94,8 @@ class Recording:
         if not pictures:
             raise UsageError("this policy asks for no pictures", hint="leave --seen out")
         height = max(picture.shape[0] for picture in pictures)
-        return np.concatenate([_padded(picture, height) for picture in pictures], axis=1)
+        padded = [np.pad(one, ((0, height - one.shape[0]), (0, 0), (0, 0))) for one in pictures]
+        return np.concatenate(padded, axis=1)
 
 
 def draw_outlines(outlines: Outlines, size: int = 256) -> Picture:
@@ -152,7 +153,3 @@ def _captioned(picture: Picture, *lines: str) -> Picture:
     for row, line in enumerate(lines):
         cv2.putText(strip, line, (6, 17 + 19 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
     return np.concatenate([picture, strip])
-
-
-def _padded(picture: Picture, height: int) -> Picture:
-    return np.pad(picture, ((0, height - picture.shape[0]), (0, 0), (0, 0)))

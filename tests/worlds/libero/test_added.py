@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.worlds.libero.spaces import libero_space
 from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.model.conditions import Conditions
@@ -23,19 +24,12 @@ from vlafuzz.worlds.libero.scenes.setting import Setting
 from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import REST, SETTLING
 from vlafuzz.worlds.libero.workplace import Workplace
+from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderType
-from vlafuzz.worlds.manipulation.table_world import check_varied
-from vlafuzz.worlds.tabletop.space import OperatorSet, load_operators
 
 pytestmark = pytest.mark.libero
 SOUP = "libero_object/0"  # the basket's
 BOWLS = "libero_goal/8"  # of the fixture ``bowls``, with furniture
-
-
-def libero_space(operators: OperatorSet, task: str) -> LiberoSpace:
-    made = LiberoSpace(operators, task, "libero")
-    check_varied(made)
-    return made
 
 
 @pytest.fixture(scope="module")

@@ -53,7 +53,11 @@ class Control:
         names = ("mj_forward", "mj_step") if self._thorough else ("mj_step1", "mj_step2")
         self._halves = tuple(getattr(self._mujoco, name) for name in names)
         # robosuite's first action of an episode starts from the arm as built, not from the initial state
-        self._start = {name: copy(value) for name, value in vars(self._controller).items() if _varies(value)}
+        self._start = {
+            name: copy(value)
+            for name, value in vars(self._controller).items()
+            if isinstance(value, np.ndarray | bool)
+        }
         self._first_command = copy(self._gripper.current_action)
         self.reset()
 
@@ -114,16 +118,9 @@ class Control:
         controller.J_pos = np.array(translation[:, self._velocities])
         controller.J_ori = np.array(rotation[:, self._velocities])
         controller.J_full = np.vstack([controller.J_pos, controller.J_ori])
-        self._fill_mass()
+        try:
+            self._mujoco.mj_fullM(self._model, data, self._mass)
+        except TypeError:  # before MuJoCo 3.4
+            self._mujoco.mj_fullM(self._model, self._mass, data.qM)
         controller.mass_matrix = self._mass[self._velocities, :][:, self._velocities]
         controller.new_update = False
-
-    def _fill_mass(self) -> None:
-        try:
-            self._mujoco.mj_fullM(self._model, self._data, self._mass)
-        except TypeError:  # before MuJoCo 3.4
-            self._mujoco.mj_fullM(self._model, self._mass, self._data.qM)
-
-
-def _varies(value: object) -> bool:
-    return isinstance(value, np.ndarray | bool)

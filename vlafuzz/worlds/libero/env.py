@@ -36,9 +36,7 @@ class LiberoObservation:
 
     Attributes:
         pictures: ``(size, size, 3)`` by the names of ``CAMERAS``, turned by 180° as their training data are.
-        state: ``(8,)`` position of the hand, its rotation vector in radians, and positions of the two
-            fingers; metres.
-        instruction: the task's.
+        state: ``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians.
     """
 
     pictures: dict[str, Image]

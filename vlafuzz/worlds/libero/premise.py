@@ -40,19 +40,18 @@ def broken_premises(env: LiberoEnv, *, regions: bool = True) -> Iterator[str]:
 
 
 def _holds(env: LiberoEnv, atom: Atom) -> bool:
-    """LIBERO's own judgement, with slack; its regions of tables and floors have no contact, so ours."""
+    """LIBERO's own judgement, with slack.
+
+    Its regions of tables and floors have no contact, and those of furniture are a little beside or above it.
+    """
     if _is_floor(env, atom):
         return bool((_outside(env, atom)[:2] <= OUTSIDE).all())
-    return env.holds(atom) or _rests_on(env, atom)
-
-
-def _rests_on(env: LiberoEnv, atom: Atom) -> bool:
-    """Whether something touches furniture, at a region that LIBERO puts a little beside or above it."""
+    if env.holds(atom):
+        return True
     place = env.robosuite.object_sites_dict.get(atom[-1])
-    if atom[0] != "on" or place is None:
+    if atom[0] != "on" or place is None or (_outside(env, atom) > OUTSIDE).any():
         return False
-    near = bool((_outside(env, atom) <= OUTSIDE).all())
-    return near and _touches(env, atom[1], place.parent_name)
+    return _touches(env, atom[1], place.parent_name)
 
 
 def _outside(env: LiberoEnv, atom: Atom) -> NDArray[np.float64]:

@@ -6,7 +6,6 @@ The hand's frame: x is the way in which the fingers close, z points down.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,19 +78,15 @@ def _fits(
             continue
         shift = float(between.max() + between.min()) / 2
         beside = np.abs(others[low] - centre - [shift, 0.0])
-        if _blocked(own - centre - [shift, 0.0]) or (beside < [REACH + THICK, PAD + 0.003]).all(axis=1).any():
+        x, y = np.abs(own - centre - [shift, 0.0]).T
+        blocked = ((y < PAD + 0.003) & (x > REACH) & (x < REACH + THICK)).any()  # where the open fingers are
+        if blocked or (beside < [REACH + THICK, PAD + 0.003]).all(axis=1).any():
             continue
         over = np.abs(others[high] - centre - [shift, 0.0])
         if top - tip > 0.03 or (over < PALM).all(axis=1).any():
             continue
         good[index], offset[index] = True, shift
     return good, offset
-
-
-def _blocked(points: Array) -> bool:
-    """Whether points are where the open fingers are."""
-    x, y = np.abs(points).T
-    return bool(((y < PAD + 0.003) & (x > REACH) & (x < REACH + THICK)).any())
 
 
 def obstacles(env: LiberoEnv, name: str) -> Array:
@@ -119,8 +114,7 @@ def surface(env: LiberoEnv, root: int, count: int) -> Array:
 def triangles(env: LiberoEnv, geom: int) -> Array:
     """``(n, 3, 3)`` of a mesh, or of the box about another shape, in the world."""
     model, data = env.model, env.data
-    mesh: Any = model.geom_dataid[geom]
-    if mesh >= 0:
+    if (mesh := int(model.geom_dataid[geom])) >= 0:
         rows = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
         corners = model.mesh_vert[model.mesh_vertadr[mesh] + model.mesh_face[rows]].astype(np.float64)
     else:

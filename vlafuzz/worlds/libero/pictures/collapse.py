@@ -69,10 +69,8 @@ def collapsed(
     """The same mesh with ever fewer triangles, one for each tolerance.
 
     Args:
-        positions, normals: ``(n, 3, 3)`` of each triangle's corners.
-        textures: ``(n, 3, 2)``, zeros without a texture.
-        tolerances: metres by which a collapse may move the surface around a point, by the root mean square;
-            they rise.
+        positions, normals: ``(n, 3, 3)`` of each triangle's corners; ``textures``: ``(n, 3, 2)``, or zeros.
+        tolerances: rising root mean squares by which the surface around a point may move, metres.
     """
     at, mesh, owner = _welded(positions, normals, textures)
     places = np.concatenate([mesh.points, _scaled(mesh), SHADING * mesh.normals], axis=1).astype(np.float64)
@@ -99,15 +97,11 @@ def _welded(positions: Floats, normals: Floats, textures: Floats) -> tuple[Float
     alike = np.concatenate([at[:, None], textures.reshape(-1, 2)], axis=1)
     _, groups = np.unique(alike, axis=0, return_inverse=True)
     label = _smoothed(groups.reshape(-1), normals.reshape(-1, 3))
-    count = int(label.max()) + 1
-    sums: Floats = np.stack([np.bincount(label, part, count) for part in normals.reshape(-1, 3).T], axis=1)
+    sums: Floats = np.stack([np.bincount(label, part) for part in normals.reshape(-1, 3).T], axis=1)
     first = np.unique(label, return_index=True)[1]
     owner = at[first]
-    return (
-        points,
-        Mesh(points[owner], _unit(sums), textures.reshape(-1, 2)[first], label.reshape(-1, 3)),
-        owner,
-    )
+    mesh = Mesh(points[owner], _unit(sums), textures.reshape(-1, 2)[first], label.reshape(-1, 3))
+    return points, mesh, owner
 
 
 def _smoothed(groups: Ints, normals: Floats) -> Ints:
