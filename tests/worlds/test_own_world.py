@@ -9,6 +9,7 @@ import pytest
 from tests.worlds.reacher import Reacher
 from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
+from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
@@ -85,6 +86,16 @@ def test_an_unknown_task_or_operator_is_named(capsys):
     assert "no task 'fly'" in capsys.readouterr().err
     assert main(["run", "--world", WORLD, "--policy", POLICY, "--vary", "mass", "--budget", "2"]) == 2
     assert "unknown operator 'mass'" in capsys.readouterr().err
+
+
+def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
+    class Heavy(Reacher):
+        settings = (Setting("gravity", 9.81),)
+
+    made = Heavy().space(Wanted(task="reach", robot="own")).conditions
+    conditions = Conditions(task="reach", **made)
+    assert (conditions.world, Heavy.settings[0].of(conditions)) == ({"gravity": 9.81}, 9.81)
+    assert conditions.key() != Conditions(task="reach", **space().conditions).key()
 
 
 def test_a_policy_whose_actions_have_another_width_is_refused(capsys):

@@ -29,6 +29,11 @@ class Defect:
     reason: str
     amount: float
 
+    @property
+    def kind(self) -> tuple[str, str]:
+        """What is wrong with what, without the amount."""
+        return self.check, self.reason.split(" by ")[0]
+
 
 @dataclass(frozen=True)
 class AuditedTask:
@@ -50,10 +55,10 @@ class AuditedTask:
 
     def kinds(self) -> list[tuple[Defect, int]]:
         """Defects that differ by more than state and amount, worst example and number of states each."""
-        counts = Counter((defect.check, _subject(defect)) for defect in self.defects)
+        counts = Counter(defect.kind for defect in self.defects)
         worst: dict[tuple[str, str], Defect] = {}
         for defect in sorted(self.defects, key=lambda defect: defect.amount):
-            worst[defect.check, _subject(defect)] = defect
+            worst[defect.kind] = defect
         order = list(CHECKS)
         pairs = [(worst[kind], counts[kind]) for kind in worst]
         return sorted(pairs, key=lambda pair: (order.index(pair[0].check), -pair[1]))
@@ -80,7 +85,3 @@ class Scope:
     states: int | None = None
     pictures: Path | None = None
     watch: Watch = field(default_factory=Watch)
-
-
-def _subject(defect: Defect) -> str:
-    return defect.reason.split(" by ")[0]

@@ -132,7 +132,12 @@ class ValuesSpace(Space):
     @property
     def conditions(self) -> dict[str, Any]:
         assert isinstance(self.operators, Parameters)
-        return {"operators": self.operators.to_json(), "operators_digest": self.operators.digest}
+        world = {setting.name: setting.default for setting in self._world.settings}
+        return {
+            "operators": self.operators.to_json(),
+            "operators_digest": self.operators.digest,
+            "world": world,
+        }
 
     def sample(self, rng: np.random.Generator) -> Scene:
         problem = None

@@ -1,6 +1,7 @@
 """Cheaper pictures beside LIBERO's own: similar, and the same whenever the state is the same."""
 
 import hashlib
+import json
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,15 +11,20 @@ import numpy as np
 import pytest
 
 from vlafuzz.model.scene import Camera, Light
+from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.packages import load
+from vlafuzz.worlds.libero.pictures import CAMERAS, discard, opengl, shrink
 from vlafuzz.worlds.libero.scenes.setting import Setting
 from vlafuzz.worlds.libero.scenes.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
+from vlafuzz.worlds.libero.world import WORLD
+from vlafuzz.worlds.place import here, in_words
 from vlafuzz.worlds.similarity import similarity
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"
+MOST = 512  # pixels of a texture's side
 REACH = np.array([0.5, 0.2, -0.6, 0.0, 0.0, 0.3, 1.0])
 
 
@@ -100,3 +106,41 @@ def test_smaller_pictures_are_similar_too(own, coarse):
     expected, cheaper = (env.picture("agentview", 96) for env in (own, coarse))
     assert cheaper.shape == (96, 96, 3)
     assert similarity(expected, cheaper) > 0.9
+
+
+CHECKER = """<mujoco><asset>
+  <texture name="large" type="2d" builtin="gradient" rgb1="1 0 0" rgb2="0 0 1" width="2048" height="1024"/>
+  <texture name="small" type="2d" builtin="checker" rgb1="1 1 1" rgb2="0 0 0" width="64" height="64"/>
+</asset></mujoco>"""
+
+
+def test_a_large_texture_becomes_the_mean_of_its_pixels_and_a_small_one_stays():
+    model = load("mujoco").MjModel.from_xml_string(CHECKER)
+    large, small = (model.texture(name) for name in ("large", "small"))
+    before = large.data.reshape(1024, 2048, 3).astype(float)
+    kept = model.tex_data[model.tex_adr[small.id] :].copy()
+    shrink(model)
+    assert model.tex_width.tolist() == [MOST, 64]
+    assert model.tex_height.tolist() == [MOST // 2, 64]
+    start = model.tex_adr[large.id]
+    after = model.tex_data[start : start + MOST * MOST // 2 * 3].reshape(MOST // 2, MOST, 3)
+    expected = before.reshape(MOST // 2, 4, MOST, 4, 3).mean(axis=(1, 3))
+    assert np.abs(after - expected).max() <= 1.0
+    assert np.array_equal(model.tex_data[model.tex_adr[small.id] :], kept)
+
+
+def test_what_is_given_back_is_these_pixels_and_nothing_beside_them():
+    pixels = np.full(1 << 20, 7, np.uint8)
+    inner = pixels[5000:-5000]
+    discard(inner)
+    assert (pixels[:5000] == 7).all()
+    assert (pixels[-5000:] == 7).all()
+    assert (inner == 0).mean() > 0.95
+
+
+def test_a_place_names_what_draws_the_pictures_of_a_policy_that_sees():
+    seeing = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
+    assert "MuJoCo" in opengl()
+    assert "robosuite" in opengl()
+    assert opengl() in in_words(here("mini", seeing, WORLD.renderer))
+    assert json.loads(here("mini", PolicySpec("blind"), WORLD.renderer))["renderer"] == ""

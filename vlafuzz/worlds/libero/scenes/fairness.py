@@ -66,7 +66,10 @@ class Fairness:
             setting.begin(scene)
             if scene.start.state not in self._own:
                 usual = self._of(own)
-                self._own[scene.start.state] = set(map(_kind, _defects(usual, own))), _shown(usual, own)
+                self._own[scene.start.state] = (
+                    {defect.kind for defect in _defects(usual, own)},
+                    _shown(usual, own),
+                )
         except SceneError as error:
             return Rejection("semantic", error.message)
         if scene == own:
@@ -76,7 +79,7 @@ class Fairness:
             name = scene.targets[thing].object
             return Rejection("geometry", f"{name} is {away:.2f} m from the robot, which reaches {REACH:g} m")
         for defect in _defects(setting, scene):
-            if _kind(defect) not in known:
+            if defect.kind not in known:
                 return Rejection(CHECKS[defect.check], defect.reason)
         for placed, share, usually in zip(scene.targets, _shown(setting, scene), before, strict=False):
             if share < UNSEEN * usually:
@@ -98,11 +101,6 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
 def _defects(setting: Setting, scene: Scene) -> list[Defect]:
     begin = partial(setting.begin, scene)
     return list(defects(setting.env, scene.start.state, begin, regions=False))
-
-
-def _kind(defect: Defect) -> tuple[str, str]:
-    """What is wrong with what, without the amount."""
-    return defect.check, defect.reason.split(" by ")[0]
 
 
 def _shown(setting: Setting, scene: Scene) -> list[float]:
