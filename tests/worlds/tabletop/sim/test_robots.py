@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 
@@ -111,8 +112,7 @@ class TestExternalRobots:
         shown = {}
         for name in (robot, f"{robot}-photo"):
             stills = Stills("pick-up", CATALOGUE, size=64)
-            stills.png(nominal(name))
-            shown[name] = stills._env.picture("still").astype(float)
+            shown[name] = imageio.imread(stills.png(nominal(name))).astype(float)
             stills.close()
         apart = np.abs(shown[robot] - shown[f"{robot}-photo"]).max(axis=2)
         assert shown[robot].shape[1] == rig(robot).view.width(64)
