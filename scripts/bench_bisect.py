@@ -43,7 +43,7 @@ CHECKPOINTS, OWN = 16, 0.1
 COURSES = ("20 points", "10 points", "growing", "gradual", "twice")
 SINGLE = ("20 points", "10 points")
 HARMLESS, HARMFUL = (0.01,) * 4, (0.2, 0.24, 0.28, 0.32, 0.36)  # noise, as a share of the weights' spread
-FRESH = 20_000  # the model of the outcomes was chosen with smaller seeds
+FRESH = 40_000  # the model of the outcomes was chosen with smaller seeds
 
 Booleans = NDArray[np.bool_]
 Draw = Callable[[np.random.Generator], tuple[list[Booleans], int]]

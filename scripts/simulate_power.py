@@ -52,9 +52,8 @@ class Policy:
     space = cast(Space, None)
 
     def __init__(self, kind: str, rate: float, seed: Sequence[int], night: int = 0) -> None:
-        own = [*seed, *kind.encode()]
-        self._rng, self._rate, self._certain = np.random.default_rng([*own, night]), rate, CERTAINTY[kind]
-        self._decided = np.random.default_rng(own).random(SCENES) < rate
+        self._rng, self._rate, self._certain = np.random.default_rng([*seed, night]), rate, CERTAINTY[kind]
+        self._decided = np.random.default_rng(seed).random(SCENES) < rate
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [
@@ -79,7 +78,7 @@ def simulate(
         return replace(base, targets=(replace(base.targets[0], x=number * STEP), *base.targets[1:]))
 
     controls.draw = draw
-    baseline = cast(SceneRunner, Policy(kind, rate, [seed, 0, round(100 * rate)]))
+    baseline = cast(SceneRunner, Policy(kind, rate, [seed, 0]))
     recorded = controls.record(baseline, seed, number, SILENT)
     power = power_of([control.passed for control in recorded], ALPHA / nights)
     if not power.possible:
@@ -89,7 +88,7 @@ def simulate(
 
     def alarm(passing: float, number: int, within: int = 1) -> bool:
         def make(run: Manifest, night: int) -> Policy:
-            return Policy(kind, passing, [seed, number, round(100 * rate)], night)
+            return Policy(kind, passing, [seed, number], night)
 
         return any(
             compare(

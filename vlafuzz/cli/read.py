@@ -9,7 +9,7 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, MarkdownFlag, option
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stdout
-from vlafuzz.errors import PrerequisiteError, UsageError, printable, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, check_probability, printable, suggestion
 
 if TYPE_CHECKING:
     from vlafuzz.logs.show import Reading
@@ -40,8 +40,7 @@ def command(
     Rates come with 95 % intervals, by suite, condition and task. With --against, the exit code is 1 if a
     suite, or all of them together, got worse, and 3 if the logs cannot tell. Nothing is rolled out.
     """
-    if not 0 < alpha < 1:
-        raise UsageError(f"--alpha: expected a probability above 0 and below 1, got {alpha:g}", hint="0.05")
+    check_probability("--alpha", alpha)
     if json and markdown:
         raise UsageError("--json and --markdown exclude each other", hint="give one of them")
     from vlafuzz.logs import show

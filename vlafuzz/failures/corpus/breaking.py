@@ -21,10 +21,10 @@ Integers = NDArray[np.int64]
 Shape = Literal["one step", "two steps", "growing", "gradual", "no order"]
 
 PRIOR: dict[Shape, float] = {
-    "one step": 0.67,
-    "two steps": 0.12,
-    "growing": 0.1,
-    "gradual": 0.1,
+    "one step": 0.7,
+    "two steps": 0.14,
+    "growing": 0.09,
+    "gradual": 0.06,
     "no order": 0.01,
 }
 GRID = np.arange(21) / 20  # losses, as shares of the pass rate

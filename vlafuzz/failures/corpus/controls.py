@@ -43,11 +43,9 @@ def number_of(scene: Scene, first: int = CONTROL, repeat: int = 0) -> int:
 def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Control]:
     """Draw scenes and roll out a policy once in each, until so many are judged, and it passes in enough.
 
-    Only a control in which it passes can break. All others are kept as well: of a policy that is as good, but
-    fails elsewhere, they are the ones that get better. That the number of controls depends on the baseline's
-    outcomes costs nothing: the bets are valid wherever they stop (see ``sign_test``), as long as they see the
-    controls in the order in which they were drawn, and the test at the end is wrong in at most 3.9 %
-    (computed for pass rates from 5 to 50 %).
+    All are kept: a policy that is as good, but fails elsewhere, breaks some and gets better in others. That
+    the number of controls depends on the baseline's outcomes costs nothing: bets are valid wherever they stop
+    (see ``sign_test``), in the order of drawing, and the test at the end is wrong in at most 3.9 %.
 
     Unfair scenes are left out, as are rollouts that broke. Where these are many, there are fewer controls.
     """

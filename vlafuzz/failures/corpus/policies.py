@@ -134,7 +134,7 @@ def diff_policies(
         def side(model: Model, tested: Known) -> Side:
             if model in absent:
                 return known.without(model, label)
-            make = partial(_runner, tested.source, model.policy)
+            make = partial(scene_runner.SimulatorSceneRunner, tested.source, policy=model.policy)
             opened = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
             if absent:  # all that can be asked now, before the other one is asked for
                 result = diff.roll_out(tested, opened, Recorded(tested.model.short), alpha, progress)
@@ -162,10 +162,6 @@ def _two_models(
         if own is None:
             check_trusted(model.policy)
     return one, other
-
-
-def _runner(source: Path, policy: str, run: Manifest) -> scene_runner.SimulatorSceneRunner:
-    return scene_runner.SimulatorSceneRunner(source, run, policy)
 
 
 def bisect_checkpoints(

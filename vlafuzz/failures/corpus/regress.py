@@ -1,13 +1,9 @@
 """regress: compare two policies until the new one is shown to be worse: to fail more often.
 
-The claim is about the rates over all scenes that the operators make, jittered. The evidence for it are the
-controls of a corpus: random scenes that no outcome selected, one rollout of each policy in each. Of policies
-with equal rates each is then as often the worse one, however different they are (see ``SignTest``), and
-recorded outcomes of the baseline are as good as new ones.
-
-The other scenes of a corpus were selected by outcomes of its own policy, which failed in the failing ones and
-passed in their counterparts. There any other policy regresses to its mean: of equal skill, it passes some of
-the former and fails some of the latter. They say what is fixed and broken there, but never raise an alarm.
+The evidence is one rollout of each policy in each control of a corpus, a random scene that no outcome
+selected (see ``SignTest``); recorded outcomes of the baseline are as good as new ones. The other scenes were
+selected by outcomes of the corpus's own policy, so that any other one regresses to its mean in them. They say
+what is fixed and broken there, but never raise an alarm.
 """
 
 from collections.abc import Callable, Sequence
