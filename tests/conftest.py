@@ -22,6 +22,14 @@ hypothesis.settings.load_profile("quick")
 probe = functools.cache(renderer.probe)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """With ``--dist loadgroup`` one process runs all tests of a file, so that it makes a fixture once."""
+    for item in items:
+        if not item.get_closest_marker("xdist_group"):
+            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if item.get_closest_marker("render") and not probe().works:
         pytest.skip(str(probe()))
