@@ -59,7 +59,7 @@ def test_the_list_counts_them_and_json_has_all(tmp_path: Path, capsys: pytest.Ca
     path = kept(tmp_path / "a.db", DARK, TILTED, HARDLY_TILTED)
     assert main(["report", str(path)]) == 0
     printed = capsys.readouterr().out
-    assert "3 findings, 1 of them like another, the strongest causes first" in printed
+    assert "3 failures, 1 of them like another, the strongest causes first" in printed
     assert "1 more alike" in printed
     assert main(["report", str(path), "--json"]) == 0
     assert capsys.readouterr().out.count('"found"') == 3
