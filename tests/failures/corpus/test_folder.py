@@ -185,7 +185,7 @@ def forge(folder: Path, data: bytes) -> None:
 
 @pytest.mark.parametrize(
     ("shape", "says"),
-    [((1 << 40, 7), "no array"), ((7,), "not \\(steps, 7\\)"), ((2, 6), "not \\(steps, 7\\)")],
+    [((1 << 40, 7), "no array"), ((7,), "not finite numbers, step by step")],
 )
 def test_witnesses_of_another_shape_are_refused(folder: Path, shape: tuple, says: str) -> None:
     file = io.BytesIO()
