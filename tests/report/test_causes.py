@@ -84,7 +84,7 @@ def test_causes_with_one_certified_signature_are_one(store: Store):
     assert tilted.signature == "pick-up|grasp|camera-orientation:+yaw"
     assert tilted.conditions[0].startswith("camera-orientation (+yaw): fails from yaw 2.")
     assert dark.conditions[0].startswith("light (dark): fails from intensity × 0.")
-    assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 5, "seeing")
+    assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 4, "seeing")
     more = f"{found.rollouts} more rollouts certified 3 of 3 causes, 2 of them distinct"
     assert found.sentences == (more, "unexplained failures: 3, variants tried to explain them not counted")
 
@@ -124,7 +124,7 @@ def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: S
 
 def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missing(store: Store):
     runner = PlantedRunner([DARK])
-    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=18)
+    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=16)
     (cause,) = [one for one in listed(store).causes if one.bucket == "minimal"]
     assert re.fullmatch(r"light: × 0\.\d+, its threshold did not fit into the rollouts", cause.conditions[0])
     assert "<small>its threshold did not fit into the rollouts</small>" in render(view_of_store(store))

@@ -14,7 +14,7 @@ from vlafuzz.worlds.evaluation import Film
 
 # Buckets of findings with their meaning, from the most evidence to the least.
 BUCKETS: Mapping[str, str] = {
-    "minimal": "certified to mostly fail, the expert solves it, and every remaining operator matters",
+    "minimal": "certified: it fails more often than without any one of its operators; the expert solves it",
     "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
     "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "mostly fails, but the expert fails, too",

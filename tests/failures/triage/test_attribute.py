@@ -53,7 +53,7 @@ def test_there_is_no_threshold_beside_what_is_not_fair():
         ]
 
     oracle = Oracle(judge, STAGES, None, budget=200, lead=1)
-    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5))
+    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5), firm=True)
     assert attribute(shrunk, oracle, SPACE).thresholds == ()
 
 

@@ -41,7 +41,9 @@ def test_a_finding_with_a_known_cause_is_certified_with_the_values_it_was_found_
     for each in dark[WAVE:]:
         assert (each.bucket, each.operators, each.causes.necessary) == ("minimal", ("light",), ("light",))
         assert each.shrunk == replace(SPACE.nominal(like=each.scene), light=each.scene.light)
-        assert each.certified.low > 0.5 > each.counterpart_rates["light"].high
+        assert (
+            each.certified.failures >= each.certified.rollouts > each.counterpart_rates["light"].failures == 0
+        )
         assert each.witness is not None
 
 
@@ -124,4 +126,7 @@ def test_a_stochastic_policy_is_certified_likewise(tmp_path):
     found = results(tmp_path, scenes([DARK], WAVE + 4), PlantedRunner([DARK], rate=0.97))
     later = [each for each in found[WAVE:] if each.bucket == "minimal"]
     assert len(later) >= 3
-    assert all(each.operators == ("light",) and each.certified.low > 0.5 for each in later)
+    assert all(
+        each.operators == ("light",) and each.certified.failures > each.counterpart_rates["light"].failures
+        for each in later
+    )

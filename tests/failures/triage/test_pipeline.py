@@ -38,7 +38,13 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     assert found.witness is not None
     assert found.policy_rollouts == found.shrink_rollouts + 3 == runner.policy_rollouts
     assert (found.rate.failures, found.rate.rollouts) == (3, 3)
-    assert found.certified.low > 0.5 > found.counterpart_rates["camera-orientation"].high
+    without = found.counterpart_rates["camera-orientation"]
+    assert (found.certified.failures, found.certified.rollouts, without.failures, without.rollouts) == (
+        4,
+        4,
+        0,
+        4,
+    )
     assert found.reference is None
     assert found.expert_rollouts == runner.expert_rollouts == 8
     assert (runner.renewed, runner.closed) == (1, 1)
@@ -118,7 +124,7 @@ def test_what_is_left_needs_a_witness_of_its_own(store):
 def test_a_bound_on_rollouts_is_kept_and_said(store):
     (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]), max_rollouts=5)
     assert (found.bucket, found.shrink_rollouts) == ("witnessed", 5)
-    assert "not shown to fail mostly" in found.detail
+    assert "not shown to matter" in found.detail
 
 
 def test_why_what_is_left_is_not_minimal_is_said(store):
@@ -180,17 +186,16 @@ def test_the_usual_bound_is_enough_for_a_stochastic_policy(store):
 
 
 class Unsteady(PlantedRunner):
-    """What is not planted to fail fails half the time."""
+    """What is not planted to fail fails six times in seven."""
 
     def _outcome(self, scene: Scene) -> Outcome:
         self.policy_rollouts += 1
-        return failed() if self._planted.fails(scene) or self.policy_rollouts % 2 else passed()
+        return failed() if self._planted.fails(scene) or self.policy_rollouts % 7 else passed()
 
 
-def test_what_fails_at_times_is_no_counterpart(store):
+def test_what_fails_nearly_as_often_is_no_counterpart(store):
     (found,) = triaged(store(scenes([DARK], 1)), Unsteady([DARK], rate=1.0))
-    assert (found.bucket, found.counterparts) == ("witnessed", {})
-    assert "fails at times" in found.detail
+    assert (found.bucket, found.counterparts) in (("witnessed", {}), ("base", {}))
 
 
 class Leaving(PlantedRunner):

@@ -62,7 +62,7 @@ def test_what_is_left_fails_is_fair_is_milder_and_takes_every_operator(case, see
     for name, counterpart in shrunk.counterparts.items():
         assert counterpart == SPACE.reset(shrunk.scene, GROUPS[name])
         assert judge.judged(counterpart).verdict is Verdict.PASSED
-        assert shrunk.rates[name].high < 0.5
+        assert shrunk.rates[name].failures == 0
 
 
 @settings(max_examples=40, deadline=None)

@@ -1,9 +1,9 @@
-"""Certify: fresh rollouts show that a shrunk scene mostly fails, and that it takes each operator left."""
+"""Certify: fresh rollouts show that a shrunk scene fails more often than without any of its operators."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from vlafuzz.failures.triage.oracle import ONE_HALF, Answer, Certificate, Oracle
+from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.path import Path, deviating, free_genes
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
@@ -25,7 +25,9 @@ class Shrunk:
         lost: the stage that it loses.
         operators: those left, the confounders' as one.
         rate: of the scene; ``rates``: of the counterparts.
-        counterparts: by operator, the scene without it, in which the policy mostly passes.
+        usual: the rate without any of the operators; None before the scene was compared with that.
+        firm: whether the scene is shown to fail more often than that.
+        counterparts: by operator, the scene without it, which is shown to pass more often.
         unresolved: operators left that have no counterpart, with what the scene without them does.
         reference: the scene that it was shrunk to; None for the nominal one.
     """
@@ -34,15 +36,12 @@ class Shrunk:
     lost: str
     operators: tuple[str, ...]
     rate: Rate
+    usual: Rate | None = None
+    firm: bool = False
     counterparts: Mapping[str, Scene] = field(default_factory=dict)
     rates: Mapping[str, Rate] = field(default_factory=dict)
     unresolved: Mapping[str, str] = field(default_factory=dict)
     reference: Scene | None = None
-
-    @property
-    def firm(self) -> bool:
-        """Whether the scene is shown to fail mostly."""
-        return self.rate.low > ONE_HALF
 
     @property
     def blocked(self) -> bool:
@@ -51,26 +50,27 @@ class Shrunk:
 
     @property
     def minimal(self) -> bool:
-        """Whether it fails mostly, and every operator left is shown to be necessary."""
+        """Whether every operator left is shown to matter."""
         return self.firm and bool(self.operators) and not self.unresolved
 
     @property
     def problem(self) -> str:
         """Why it is not shown to be minimal."""
         if not self.firm:
-            rate = self.rate
-            return (
-                f"what is left of it is not shown to fail mostly: {rate.failures} of {rate.rollouts} rollouts"
+            fails = f"it fails in {self.rate.failures} of {self.rate.rollouts} rollouts"
+            usual = (
+                f", and in {self.usual.failures} of {self.usual.rollouts} without them" if self.usual else ""
             )
+            return f"what is left of it is not shown to matter: {fails}{usual}"
         return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
 
 
 def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.
 
-    A scene that does not mostly fail was shrunk too far, on the strength of lucky rollouts: then the last one
-    on the way that holds is shrunk again, with more rollouts for every step. A counterpart that mostly fails
-    takes the scene's place. Where an object is in the way of a fair counterpart, scenes before it are tried.
+    A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the
+    way that holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes
+    the scene's place. Where an object is in the way of a fair counterpart, scenes before it are tried.
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.
@@ -105,7 +105,7 @@ class _Certifier:
     patience: int = PATIENCE
 
     def firm(self, way: Sequence[Scene]) -> tuple[Sequence[Scene], Shrunk]:
-        """The evidence for the last scene of the way, shrunk anew where that does not mostly fail.
+        """The evidence for the last scene of the way, shrunk anew where that is not firm.
 
         Where none does, it is that for the scene that fails most often.
         """
@@ -121,29 +121,36 @@ class _Certifier:
         return way, max(tried, key=lambda one: (one.firm, _share(one)))
 
     def test(self, scene: Scene) -> Shrunk:
-        """The evidence for a scene, with that for its counterparts where it holds."""
-        ((answer, rate),) = self._certify([scene])
+        """The evidence for a scene: against all of its operators reset, then against each of them reset."""
         left = tuple(deviating(self.space, scene, self.reference.scene))
-        start = self.reference.scene
-        shrunk = Shrunk(scene=scene, lost=self.oracle.lost(scene), operators=left, rate=rate, reference=start)
-        if answer is not Answer.FAILS:
-            return shrunk
+        start, stages, most = self.reference.scene, self.reference.stages, self.patience * self.oracle.lead
+        every = [operator for name in left for operator in self.space.group(name)]
+        usual = self.space.reset(scene, every, start)
+        (whole,) = self.oracle.contrasts(scene, [usual], stages, most=most)
         without = [self._without(scene, name) for name in left]
-        tests = dict(zip(left, self._certify(without, self.reference.stages), strict=True))
-        passing = {name: test.rate for name, test in tests.items() if test.answer is Answer.PASSES}
-        return replace(
-            shrunk,
-            counterparts={name: self._without(scene, name) for name in passing},
-            rates=passing,
+        firm = bool(left) and whole.answer is Answer.PASSES
+        tests = self.oracle.contrasts(scene, without, stages, most=most) if firm else []
+        by_name = dict(zip(left, tests, strict=False))
+        shown = [name for name, test in by_name.items() if test.answer is Answer.PASSES]
+        return Shrunk(
+            scene=scene,
+            lost=self.oracle.lost(scene),
+            operators=left,
+            rate=self.oracle.certified(scene),
+            usual=whole.rate,
+            firm=firm,
+            reference=start,
+            counterparts={name: self._without(scene, name) for name in shown},
+            rates={name: by_name[name].rate for name in shown},
             unresolved={
                 name: self._outcome(self._without(scene, name), test.answer)
-                for name, test in tests.items()
-                if name not in passing
+                for name, test in by_name.items()
+                if name not in shown
             },
         )
 
     def simplest(self, shrunk: Shrunk) -> Shrunk:
-        """The evidence for the scene with as few operators as mostly fail."""
+        """The evidence for the scene with as few operators as are firm."""
         while shrunk.firm and (simpler := self._simpler(shrunk)):
             shrunk = simpler
         return shrunk
@@ -161,15 +168,12 @@ class _Certifier:
         return shrunk
 
     def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
-        """The evidence for a scene with one operator less that mostly fails, too."""
+        """The evidence for a scene with one operator less that is firm, too."""
         for name in shrunk.unresolved if len(shrunk.operators) > 1 else ():
-            scene = self._without(shrunk.scene, name)
-            if self._certify([scene])[0].answer is Answer.FAILS:
-                return self.test(scene)
+            simpler = self.test(self._without(shrunk.scene, name))
+            if simpler.firm:
+                return simpler
         return None
-
-    def _certify(self, scenes: Sequence[Scene], stages: Sequence[str] | None = None) -> list[Certificate]:
-        return self.oracle.certify(scenes, stages, most=self.patience * self.oracle.lead)
 
     def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""

@@ -28,7 +28,7 @@ def by_known_cause(
     """The evidence that a failing scene has a known cause.
 
     That is the scene with the values alone that the cause is about, as far from the reference as they were
-    found: it mostly fails, and without any one of the operators it mostly passes, by rollouts of its own.
+    found: it fails more often than without any one of the operators, by rollouts of its own.
 
     Args:
         known: certified findings.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
+from vlafuzz.failures.triage.contrast import HOPELESS, LEVEL, evidence, likely
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
@@ -16,7 +18,9 @@ from vlafuzz.store.records import Judged
 CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search
 UNFAIR, MOST_UNFAIR = 12, 200  # unfair jittered scenes after which a scene is unfair, and is drawn no more
 BROKEN = 3  # crashes after which a scene counts as crashed
-LEAD = 3  # failures more than passes, or the reverse: Wald's test of rates 0.2 and 0.8, wrong in 2 to 5 %
+LEAD = 3  # failures more than passes, or the reverse: Wald's test of two rates, wrong in 2 to 5 %
+LOW, HIGH = 0.2, 0.8  # these rates, if the policy fails at neither end by chance
+SLACK = 0.2  # share of the way from the background to a failing scene's rate that makes them
 MOST = 20  # rollouts to answer for a scene
 FAILURES_A_PASS = 5  # of a scene that holds
 FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
@@ -38,6 +42,9 @@ class Answer(Enum):
     UNTRIED = "was not tried"
 
 
+BLOCKING = {Answer.BROKEN, Answer.UNFAIR}  # a scene with one of these is rolled out no more
+
+
 class Certificate(NamedTuple):
     """An answer for a scene, with the failure rate that it rests on."""
 
@@ -51,16 +58,19 @@ class Tally:
 
     Attributes:
         next: number of the next rollout, which its jitter and its seed depend on.
-        lost: failures by the stage that was lost.
-        rollouts: that passed or failed.
+        losses: the stage that each rollout lost, in order; None where it passed.
     """
 
     scene: Scene
     next: int = 0
-    lost: Counter[str] = field(default_factory=Counter)
-    rollouts: int = 0
+    losses: list[str | None] = field(default_factory=list)
     unfair: int = 0
     broken: int = 0
+
+    @property
+    def rollouts(self) -> int:
+        """Those that passed or failed."""
+        return len(self.losses)
 
     @property
     def problem(self) -> Answer | None:
@@ -80,13 +90,13 @@ class Tally:
         """Count a rollout."""
         self.unfair += judged.verdict is Verdict.INVALID
         self.broken += judged.verdict is Verdict.ERROR
-        self.rollouts += judged.verdict >= Verdict.PASSED
-        if judged.lost is not None:
-            self.lost[judged.lost] += 1
+        if judged.verdict >= Verdict.PASSED:
+            self.losses.append(judged.lost)
 
-    def failures(self, stages: Iterable[str]) -> int:
-        """Rollouts that lost one of these stages."""
-        return sum(self.lost[stage] for stage in stages)
+    def failures(self, stages: Iterable[str], first: int | None = None) -> int:
+        """Rollouts that lost one of these stages, of all or of the first ones."""
+        counted = set(stages)
+        return sum(lost in counted for lost in self.losses[:first])
 
 
 class Oracle:
@@ -104,6 +114,8 @@ class Oracle:
         counted: the stages whose loss is a failure, by default all.
         spent: rollouts so far.
     """
+
+    _up = _down = 1.0  # what a failure and a pass add to the lead of either answer
 
     def __init__(
         self,
@@ -129,6 +141,12 @@ class Oracle:
         """Count as failures only those at this stage or an earlier one."""
         self.counted = self.stages[: self.stages.index(lost) + 1]
 
+    def expect(self, background: float, failing: float) -> None:
+        """Take scenes that fail no more often than the background for ones that pass."""
+        low, high = background + SLACK * (failing - background), failing - SLACK * (failing - background)
+        unit = math.log(HIGH / LOW)
+        self._up, self._down = math.log(high / low) / unit, math.log((1 - low) / (1 - high)) / unit
+
     def answers(
         self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, lead: int | None = None
     ) -> list[Answer]:
@@ -136,7 +154,8 @@ class Oracle:
 
         def needed(tally: Tally) -> int:
             failures, rollouts = self._counts(tally.scene, stages)
-            return min(max((lead or self.lead) - abs(2 * failures - rollouts), 0), MOST - rollouts)
+            missing = (lead or self.lead) - abs(self._ahead(failures, rollouts))
+            return min(max(math.ceil(missing / max(self._up, self._down)), 0), MOST - rollouts)
 
         self._draw_until([self._tally(scene) for scene in scenes], needed)
         return [self.known(scene, stages, lead=lead) or Answer.UNTRIED for scene in scenes]
@@ -169,10 +188,15 @@ class Oracle:
         problem = self._tally(scene).problem
         if problem and not (rollouts and problem is not Answer.BROKEN):
             return None if problem is Answer.UNTRIED else problem
-        ahead = 2 * failures - rollouts
+        ahead = self._ahead(failures, rollouts)
         if abs(ahead) >= (lead or self.lead):
             return Answer.FAILS if ahead > 0 else Answer.PASSES
         return Answer.UNCLEAR if rollouts >= MOST else None
+
+    def repeated(self, scene: Scene, rollouts: int, stages: Sequence[str] | None = None) -> Rate:
+        """A scene's rate after at least so many rollouts, if they can be had."""
+        self._draw_until([self._tally(scene)], lambda tally: max(rollouts - tally.rollouts, 0))
+        return self.rate(scene, stages)
 
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
@@ -199,9 +223,57 @@ class Oracle:
         sides = [tally.problem or _side(rate) for tally, rate in zip(tallies, rates, strict=True)]
         return list(map(Certificate, sides, rates))
 
+    def contrasts(
+        self,
+        scene: Scene,
+        others: Sequence[Scene],
+        stages: Sequence[str] | None = None,
+        *,
+        most: int = MOST_TO_CERTIFY,
+    ) -> list[Certificate]:
+        """Whether each of other scenes passes more often, by fresh rollouts: as many there as in the scene.
+
+        It passes if the failure rate of the scene is shown to be more than ``EFFECT`` above its own, it fails
+        where that has become improbable. Stages count in the others; in the scene those of the finding.
+        """
+        subject = self._tally(scene, CERTIFYING)
+        tallies = [self._tally(other, CERTIFYING) for other in others]
+
+        def needed(tally: Tally) -> int:
+            if tally is subject:
+                return max((one.rollouts for one in tallies if is_open(one)), default=-1) + 1 - tally.rollouts
+            return int(is_open(tally) and tally.rollouts <= subject.rollouts)
+
+        def is_open(tally: Tally) -> bool:
+            answer = self._contrast(subject, tally, stages)
+            return (
+                not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and tally.rollouts < most
+            )
+
+        self._draw_until([subject, *tallies], needed)
+        return [
+            Certificate(
+                tally.problem or self._contrast(subject, tally, stages) or Answer.UNCLEAR,
+                self._rate(tally, stages),
+            )
+            for tally in tallies
+        ]
+
+    def certified(self, scene: Scene) -> Rate:
+        """Of the rollouts that certified a scene."""
+        return self._rate(self._tally(scene, CERTIFYING), None)
+
+    def _contrast(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> Answer | None:
+        pairs = min(scene.rollouts, other.rollouts)
+        failures = scene.failures(self.counted, pairs)
+        without = other.failures(stages or self.counted, pairs)
+        if evidence(failures, without, pairs) >= LEVEL:
+            return Answer.PASSES
+        return Answer.FAILS if likely(failures, pairs, without, pairs) < HOPELESS else None
+
     def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
         """The stage that is mostly lost in a scene which is known to fail."""
-        counts = self._tally(scene).lost + self._tally(scene, CERTIFYING).lost
+        counts = Counter(self._tally(scene).losses + self._tally(scene, CERTIFYING).losses)
         return max(stages or self.counted, key=lambda stage: counts[stage])
 
     def sample(self, scenes: Sequence[Scene]) -> list[bool | None]:
@@ -216,6 +288,10 @@ class Oracle:
             answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
             for answer in judged
         ]
+
+    def _ahead(self, failures: int, rollouts: int) -> float:
+        """Failures more than passes, each weighed by what it tells."""
+        return round(self._up * failures - self._down * (rollouts - failures), 9)
 
     def _counts(self, scene: Scene, stages: Sequence[str] | None = None) -> tuple[int, int]:
         """Failures and rollouts of a scene so far, those that certify included."""

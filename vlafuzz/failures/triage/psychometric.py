@@ -8,6 +8,7 @@ _WIDTHS = 9  # of the rise, from far less than a step to half of the path, weigh
 _SHARPEST = 0.15  # steps
 # Failure rates far before and far beyond the crossing, as distances from 0 and 1, with their weights.
 _LAPSES, _WEIGHTS = (0.01, 0.06, 0.2), (0.5, 0.3, 0.2)
+_MOST_BY_CHANCE = 0.5  # of the background; beyond, the rise is too small to be located
 
 
 class Crossing:
@@ -15,18 +16,22 @@ class Crossing:
 
     The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions
     (Kontsevich, Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes
-    are unknown, too, and integrated out on a grid.
+    are unknown, too, and integrated out on a grid. Where a policy fails by chance, it is half the rise.
+
+    Args:
+        background: failure rate at the beginning.
     """
 
-    def __init__(self, upper: float) -> None:
+    def __init__(self, upper: float, background: float = 0.0) -> None:
         edges = np.linspace(0.0, upper, _CELLS + 1)
         widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
-        low, high = np.array(_LAPSES), 1 - np.array(_LAPSES)
+        chance = min(background, _MOST_BY_CHANCE) if background > max(_LAPSES) else 0.0
+        low, high = chance + (1 - chance) * np.array(_LAPSES), 1 - np.array(_LAPSES)
         self._edges = edges
         centres, self._width, self._low, self._high = np.meshgrid(
             (edges[:-1] + edges[1:]) / 2, widths, low, high, indexing="ij"
         )
-        half = (0.5 - self._low) / (self._high - self._low)  # of the rise
+        half = (max(0.5, chance + (1 - chance) / 2) - self._low) / (self._high - self._low)  # of the rise
         self._middle = centres - self._width * np.log(half / (1 - half))
         self._weight = np.sqrt(self._width) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
         self._weight /= self._weight.sum()

@@ -6,10 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vlafuzz.failures.triage.contrast import EFFECT
 from vlafuzz.failures.triage.oracle import LEAD, Answer, Oracle
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 
+BACKGROUND = 8  # rollouts of the nominal scene where a policy may fail by chance
+FREQUENT = 0.3  # share of them that fail, from which on a test against one half would often err
+LEAST = 0.3  # above the background, that a failing scene is taken to fail: less than 0.2 makes no cause
+SUREST = 0.98  # rate of a scene that failed whenever it was tried
 NEAREST = 6  # passing scenes that are tried where the nominal one fails
 
 
@@ -36,6 +41,8 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
     """
     usual = Reference(None, oracle.stages)
     nominal = space.nominal(like=scene)
+    if oracle.lead > 1 and _expect_background(scene, nominal, oracle):
+        return usual
     answer = oracle.answers([nominal], oracle.stages, lead=LEAD)[0]
     if answer in (Answer.PASSES, Answer.UNTRIED):
         return usual
@@ -46,6 +53,19 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
         return usual  # whose operators may still be reset one by one
     later = oracle.answers([nominal])[0] is Answer.PASSES
     return Reference(None, oracle.counted) if later else None
+
+
+def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
+    """Let the oracle expect failures of the nominal scene, where the finding has clearly more."""
+    usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.rate(scene)
+    background = usual.failures / max(usual.rollouts, 1)
+    if background < FREQUENT or not found.rollouts:
+        return False
+    if found.failures / found.rollouts - background < EFFECT:
+        return False
+    failing = min(max(found.failures / found.rollouts, background + LEAST), SUREST)
+    oracle.expect(background, failing)
+    return True
 
 
 def _nearest(scene: Scene, space: Space, passing: Iterable[Scene]) -> Sequence[Scene]:

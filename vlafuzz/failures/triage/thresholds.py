@@ -74,7 +74,7 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Loca
     survey.sharpen()
     (_, until), *others = survey.ranges()
     upper = path.length if until is None else min(until, path.length)
-    crossing = Crossing(upper)
+    crossing = Crossing(upper, first.failures / first.rollouts if first and first.rollouts else 0.0)
     known = {0: first, path.length: last}
     counts = [(step, rate.failures, rate.rollouts) for step, rate in known.items() if rate]
     counts += [(step, sum(outcomes), len(outcomes)) for step, outcomes in survey.outcomes.items()]
