@@ -62,6 +62,11 @@ class Grid:
         level = round(self._steps(min(max(value, self.low), self.high))) - self._first
         return min(max(level, 0), self.size - 1)
 
+    def clipped(self, value: float) -> float:
+        """The same value if it is in the range, on the grid or not, else the level at the nearest end."""
+        low, high = min(self.low, self.value(0)), max(self.high, self.value(self.size - 1))
+        return value if low <= value <= high else self.value(self.snap(value))
+
     def level(self, value: float) -> int | None:
         """The level with exactly this value, or None."""
         if not math.isfinite(value) or (self.log and value <= 0):

@@ -150,13 +150,16 @@ class PolicySpec:
 
 @dataclass(frozen=True)
 class EpisodeStart:
-    """The start of a rollout. ``episode`` identifies it in all its observations; ``robot`` names the rig."""
+    """The start of a rollout. ``episode`` identifies it in all its observations.
+
+    ``robot`` is that of the scene; empty where a client does not say, for the first one of its world.
+    """
 
     episode: str
     instruction: str
     task: str
     seed: int
-    robot: str = "panda"
+    robot: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -185,7 +185,11 @@ def forge(folder: Path, data: bytes) -> None:
 
 @pytest.mark.parametrize(
     ("shape", "says"),
-    [((1 << 40, 7), "no array"), ((7,), "not finite numbers, step by step")],
+    [
+        ((1 << 40, 7), "no array"),
+        ((7,), "not finite numbers, step by step"),
+        ((2, 6), "actions of 6 numbers, and pick-up takes 7"),
+    ],
 )
 def test_witnesses_of_another_shape_are_refused(folder: Path, shape: tuple, says: str) -> None:
     file = io.BytesIO()

@@ -253,10 +253,15 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
 
     failing = scene(row.scene, SCENES)
     try:
-        world_of(failing.task).robot(failing.robot)
+        world = world_of(failing.task)
+        world.robot(failing.robot)
     except SceneError as error:
         raise CorpusError(f"{folder / SCENES}: case {number}: {error.message}", hint=error.hint) from None
-    actions = _read_actions(witness_path(folder, failing), row.witness.digest, folder)
+    path = witness_path(folder, failing)
+    actions = _read_actions(path, row.witness.digest, folder)
+    if actions.shape[1] != world.action_width:
+        wanted = f"{failing.task} takes {world.action_width}"
+        raise _damaged(f"{path}: actions of {actions.shape[1]} numbers, and {wanted}")
     return Case(
         scene=failing,
         counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},

@@ -212,10 +212,14 @@ class SearchSpace(TableSpace):
         """The scene with as little redrawn as it takes to pass these checks; None when there is no room.
 
         Objects are placed in order, targets first, so that confounders give way to targets. A scene whose
-        targets cannot be seen is not repaired: None.
+        targets cannot be seen is not repaired: None. Values beyond their ranges become those at the ends.
+
+        Raises:
+            SceneError: it has a value that no operator gives.
         """
-        attempt, values = Attempt(self, rng), self.values(scene)
-        slots = self.composer.layout.used(len(scene.confounders))
+        given, attempt = self._expressible(scene, self.by_path), Attempt(self, rng)
+        values = given | {path: gene.grid.clipped(given[path]) for path, gene in self.by_path.items()}
+        slots = self.composer.layout.used(int(values["confounders"]))
         kept = all(attempt.keep(slot, values) for slot in slots)
         moved = self.composer.compose(values) if kept else None
         return None if moved is None or self._unseen(moved) else moved

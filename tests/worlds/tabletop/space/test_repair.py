@@ -1,9 +1,13 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, sampled, space
+from vlafuzz.errors import SceneError
+from vlafuzz.model.scene import Camera
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -63,3 +67,19 @@ def test_where_positions_do_not_vary_nothing_is_moved():
     assert repaired is None or [(e.x, e.y) for e in repaired.placements] == [
         (e.x, e.y) for e in crowd.placements
     ]
+
+
+@pytest.mark.parametrize("far", [9.0, -50.0, 1e6])
+def test_a_scene_far_outside_all_ranges_is_repaired_at_their_ends(far: float):
+    one = space("pick-up")
+    (target,) = one.nominal().targets
+    scene = replace(one.nominal(), targets=(replace(target, x=far, yaw=far),), camera=Camera(roll=far))
+    repaired = one.repaired(scene, rng())
+    assert repaired is not None
+    assert one.decode(one.encode(repaired)) == repaired
+
+
+def test_a_scene_with_something_unknown_is_refused_not_repaired():
+    one = space("pick-up")
+    with pytest.raises(SceneError, match="'sing' is not a value of the operator wording"):
+        one.repaired(replace(one.nominal(), instruction="sing"), rng())

@@ -14,7 +14,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
@@ -90,7 +90,7 @@ def controller(start: EpisodeStart, attempt: int, *, fluent: bool = False) -> Pi
     """
     lean = LEANS[attempt // GRASPS]
     return PickPlaceController(
-        start.task, rig(start.robot), fluent=fluent, attempt=attempt % GRASPS, lean=lean
+        start.task, rig(start.robot or PANDA.robot), fluent=fluent, attempt=attempt % GRASPS, lean=lean
     )
 
 

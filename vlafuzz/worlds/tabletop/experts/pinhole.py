@@ -13,7 +13,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.manipulation.rigs.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.expert import Acting, Scripted
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
@@ -54,7 +54,7 @@ class Pinhole(Scripted):
         # Of objects with the same spoken name, those of packs come first
         names = self.catalogue.names()
         models = [self.catalogue[name] for name in dict.fromkeys([*self.catalogue.preferred(names), *names])]
-        return _Episode(start.task, models, rig(start.robot)).act
+        return _Episode(start.task, models, rig(start.robot or PANDA.robot)).act
 
 
 def raised(tcp: Array) -> Array:

@@ -16,7 +16,7 @@ from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outline
 from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
 from vlafuzz.worlds.manipulation.rigs.labels import SUBPIXEL, blank, fill, paint, polygons
 from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.expert import Acting, Calibration, Scripted, controller
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, camera_values, raised, standing
@@ -192,7 +192,7 @@ class SeeingExpert(Scripted):
 
     def begin(self, start: EpisodeStart) -> Acting:
         models = [self.catalogue[name] for name in self.catalogue]
-        return _Episode(models, rig(start.robot), controller(start, self.attempt)).act
+        return _Episode(models, rig(start.robot or PANDA.robot), controller(start, self.attempt)).act
 
 
 class _Episode:
