@@ -79,13 +79,14 @@ class Cause:
 class Strategy(Protocol):
     """Proposes genomes and learns from their scores.
 
-    An optional attribute ``about`` describes what the strategy chose by itself, such as a population size. A
-    strategy with the optional attribute ``outstanding`` is asked for one proposal at a time, while up to so
-    many outcomes, or another number that the user gives, are outstanding; one without it is told of a whole
-    batch before it is asked for the next. An optional method ``causes`` returns the causes that it has found
-    so far; of such a strategy an optional attribute ``unexplained`` holds the failures for which it found
-    none, an optional method ``probability`` estimates the probability that the policy fails in a random
-    scene, and an optional attribute ``at_random`` holds the ids of the proposals that are random scenes.
+    A strategy may also have any of these:
+        about: what it chose by itself, such as a population size, in a few words.
+        outstanding: it is asked for one proposal at a time, while up to so many outcomes, or another number
+            that the user gives, are outstanding. Without it, it is told of a whole batch before the next.
+        causes(): the causes that it has found so far; if that takes long, ``found`` is their number. Then
+            ``unexplained`` holds the failures for which it found none, ``probability()`` estimates the
+            probability that the policy fails in a random scene, and ``at_random`` holds the ids of the
+            proposals that are random scenes, whether they passed or failed.
     """
 
     def ask(self, n: int) -> list[Proposal]:
@@ -96,7 +97,6 @@ class Strategy(Protocol):
 
 
 def about(strategy: Strategy) -> str:
-    """The strategy's description of itself in a few words; empty if it has no ``about``."""
     return str(getattr(strategy, "about", ""))
 
 
@@ -110,33 +110,27 @@ def batch_of(strategy: Strategy) -> int:
     return int(getattr(strategy, "outstanding", BATCH))
 
 
-def causes(strategy: Strategy) -> Sequence[Cause]:
-    """The causes that a strategy has found so far; none if it does not look for them."""
-    find = getattr(strategy, "causes", None)
-    return find() if find else ()
-
-
-def causes_found(strategy: Strategy) -> int:
-    """How many there are; a strategy whose ``causes`` take long says so in ``found``."""
-    found = getattr(strategy, "found", None)
-    return len(causes(strategy)) if found is None else int(found)
-
-
 def looks_for_causes(strategy: Strategy) -> bool:
     return hasattr(strategy, "causes")
 
 
+def causes(strategy: Strategy) -> Sequence[Cause]:
+    return strategy.causes() if hasattr(strategy, "causes") else ()
+
+
+def causes_found(strategy: Strategy) -> int:
+    """The number of causes found so far."""
+    found = getattr(strategy, "found", None)
+    return len(causes(strategy)) if found is None else int(found)
+
+
 def unexplained(strategy: Strategy) -> int:
-    """The number of failures for which a strategy that looks for causes has found none."""
     return len(getattr(strategy, "unexplained", ()))
 
 
 def at_random(strategy: Strategy) -> tuple[int, ...]:
-    """The ids of the proposals that a strategy says are random scenes, which passed or failed."""
     return tuple(getattr(strategy, "at_random", ()))
 
 
 def probability(strategy: Strategy) -> Probability | None:
-    """The probability that the policy fails in a random scene; None if the strategy does not estimate it."""
-    estimate = getattr(strategy, "probability", None)
-    return estimate() if estimate else None
+    return strategy.probability() if hasattr(strategy, "probability") else None

@@ -1,4 +1,4 @@
-"""NSGA-II: evolves scenes toward early failures that are near nominal and unlike known ones."""
+"""NSGA-II and NSGA-II-D: they evolve scenes toward early failures, near nominal and unlike known ones."""
 
 from collections.abc import Sequence
 from itertools import compress
@@ -28,6 +28,7 @@ CROSSED = 0.7  # share of children with two parents
 CHANGES = 1.5  # mean number of operators that a mutation changes
 TRIES = 10  # rounds of mating without a new scene before random ones are proposed instead
 MOST_SEVERE = 100.0  # above any severity
+LEAVES = 0.5  # share of a population replaced by random scenes when it stalls: NSGA-II-D
 
 Rng = np.random.Generator
 Genomes = NDArray[np.float64]  # (n, dim)
@@ -66,13 +67,13 @@ class Nsga2:
     def ask(self, n: int) -> list[Proposal]:
         """Random scenes to begin with, then mostly children of the best."""
         first, self._asked = self._asked, self._asked + n
-        rngs = [np.random.default_rng([self._seed, number]) for number in range(first, self._asked)]
+        rngs = {number: np.random.default_rng([self._seed, number]) for number in range(first, self._asked)}
         share = self._share_of_fresh()
-        bred = [number >= self._size and rng.random() >= share for number, rng in enumerate(rngs, first)]
-        children = iter(self._children(sum(bred), np.random.default_rng([self._seed, first, 1])))
+        bred = {number for number, rng in rngs.items() if number >= self._size and rng.random() >= share}
+        children = iter(self._children(len(bred), np.random.default_rng([self._seed, first, 1])))
         proposals = []
-        for number, rng, breed in zip(range(first, self._asked), rngs, bred, strict=True):
-            child = next(children, None) if breed else None
+        for number, rng in rngs.items():
+            child = next(children, None) if number in bred else None
             genome = self._proposals.fresh(rng) if child is None else self._proposals.registered(child)
             proposals.append(Proposal(number, genome))
         return proposals
@@ -124,6 +125,52 @@ class Nsga2:
         return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
 
 
+class Nsga2D(Nsga2):
+    """NSGA-II-D: Sorokin, Safin, Nejati 2024 <https://doi.org/10.1007/s10664-024-10599-9>.
+
+    Every scene, failing or not, is ranked by progress, severity and its distance from known failures: an
+    archive of failures repels the population. When a whole generation reaches no new cell, random scenes
+    replace the worse half of the population.
+    """
+
+    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        super().__init__(space, seed, budget)
+        self._cells: set[str] = set()
+        self._stalled = self._vacant = 0
+
+    def ask(self, n: int) -> list[Proposal]:
+        """As NSGA-II, after random scenes for the vacant places."""
+        proposals = super().ask(n)
+        self._vacant = max(self._vacant - n, 0)
+        return proposals
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Let the batch compete, and repopulate when it stalls."""
+        super().tell(proposals, scores)
+        reached = {score.cell for score in scores if score.failed and score.cell} - self._cells
+        self._cells |= reached
+        self._stalled = 0 if reached or not self._cells else self._stalled + len(proposals)
+        if self._stalled >= self._size:
+            self._repopulate()
+
+    def _repopulate(self) -> None:
+        """Keep the better half of the population."""
+        stay = max(round((1 - LEAVES) * self._size), 1)
+        algorithm, rng = self._algorithm, np.random.default_rng([self._seed, self._asked, 3])
+        algorithm.pop = algorithm.survival.do(
+            algorithm.problem, algorithm.pop, n_survive=stay, algorithm=algorithm, random_state=rng
+        )
+        self._vacant, self._stalled = self._size - stay, 0
+
+    def _share_of_fresh(self) -> float:
+        return 1.0 if self._vacant else super()._share_of_fresh()
+
+    @staticmethod
+    def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
+        """To be minimized. Invalid scenes rank behind all others by their constraint."""
+        return (score.ease, score.severity, -novelty) if score.rolled_out else (0.0, MOST_SEVERE, 0.0)
+
+
 class _Crossing(Crossover):
     def __init__(self, variation: Variation) -> None:
         super().__init__(n_parents=2, n_offsprings=1, prob=CROSSED)
@@ -141,13 +188,13 @@ class _Mutating(Mutation):
         self._variation = variation
 
     def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
-        return np.array([self._mutated(genome, random_state) for genome in genomes])
-
-    def _mutated(self, genome: Genome, rng: Rng) -> Genome:
-        operators = self._variation.operators(genome)
-        chosen = rng.random(len(operators)) < CHANGES / len(operators)
-        chosen[rng.integers(len(operators))] = True
-        return self._variation.mutate(genome, list(compress(operators, chosen)), rng)
+        mutants = []
+        for genome in genomes:
+            operators = self._variation.operators(genome)
+            chosen = random_state.random(len(operators)) < CHANGES / len(operators)
+            chosen[random_state.integers(len(operators))] = True
+            mutants.append(self._variation.mutate(genome, list(compress(operators, chosen)), random_state))
+        return np.array(mutants)
 
 
 class _Repairing(Repair):

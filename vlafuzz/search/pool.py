@@ -12,7 +12,7 @@ from vlafuzz.search.scoring import Measure, Score
 
 
 class Pool:
-    """Scenes from a file: a genome is a scene's index, not in [0, 1]; ``measure`` gives their severities."""
+    """Scenes from a file: a genome is a scene's index, not in [0, 1]."""
 
     dim = 1
 

@@ -50,14 +50,9 @@ class Draw:
     mean_prediction: float = 0.0
 
     def __post_init__(self) -> None:
-        _check("left", self.left, 1, math.inf)
-        _check("prediction", self.prediction, 0, 1)
-        _check("mean_prediction", self.mean_prediction, 0, 1)
-
-
-def _check(name: str, value: float, least: float, most: float) -> None:
-    if not least <= value <= most:
-        raise ValueError(f"{name}: expected {least:g} to {most:g}, got {value}")
+        for name, least, most in (("left", 1, math.inf), ("prediction", 0, 1), ("mean_prediction", 0, 1)):
+            if not least <= getattr(self, name) <= most:
+                raise ValueError(f"{name}: expected {least:g} to {most:g}, got {getattr(self, name)}")
 
 
 class Probability(NamedTuple):
@@ -73,11 +68,13 @@ def failure_probability(draws: Iterable[Draw]) -> Probability:
 
     More draws only shrink the interval. It is narrowest at the end of the budget, [0, 1] without draws.
     """
-    bettors: _Bettors | None = None
-    for draw in draws:
-        bettors = bettors or _Bettors(draw.left)
+    known = list(draws)
+    if not known:
+        return Probability(0.5, 0.0, 1.0)
+    bettors = _Bettors(known[0].left)
+    for draw in known:
         bettors.bet(draw)
-    return bettors.summary() if bettors else Probability(0.5, 0.0, 1.0)
+    return bettors.summary()
 
 
 class _Past:

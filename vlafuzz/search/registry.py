@@ -40,7 +40,7 @@ STRATEGIES: dict[str, Factory] = {
         "Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002.",
     ),
     "nsga2d": _later(
-        "vlafuzz.search.baselines.nsga2d:Nsga2D",
+        "vlafuzz.search.nsga2:Nsga2D",
         "NSGA-II that keeps away from known failures and draws fresh scenes when it stalls. A baseline.",
     ),
     "feedback": Feedback,

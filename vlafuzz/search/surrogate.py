@@ -29,6 +29,16 @@ HARDEST = 16  # passes that serve as parents before the first failure
 Rng = np.random.Generator
 
 
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A scene as numbers: the forest's input ``features``, its site, and its severity."""
+
+    genome: Genome
+    features: Numbers
+    site: str
+    severity: float
+
+
 class Surrogate:
     """Spends the budget on distinct cells, with a forest in the place of most rollouts.
 
@@ -39,13 +49,15 @@ class Surrogate:
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        self._seed, self._asked = seed, 0
-        self._proposals = ProposalFactory(space)
-        self._breeder, self._forest = Breeder(space, self._proposals), Forest(seed)
+        self._space, self._seed, self._asked = space, seed, 0
+        self._proposals, self._variation = ProposalFactory(space), Variation(space.genes)
+        self._forest = Forest(seed)
         self._stock: list[Candidate] = []
-        self._failed = False
         self._out: dict[int, Candidate] = {}
         self._tried: Counter[str] = Counter()  # sites that have failed, or may be about to
+        self._failures: deque[Genome] = deque(maxlen=PARENTS)
+        self._drawn: deque[Genome] = deque(maxlen=PARENTS)
+        self._nearly: list[tuple[float, Genome]] = []  # ease and genome of the hardest passes
 
     def ask(self, n: int) -> list[Proposal]:
         """Random scenes to begin with, then mostly candidates likely to fail at a new site."""
@@ -71,36 +83,51 @@ class Surrogate:
             candidate = self._out.pop(proposal.id)
             if candidate.genome is not proposal.genome:  # a scene near it was rolled out: see Selection
                 self._tried -= Counter([candidate.site])
-                candidate = self._breeder.candidate(proposal.genome)
+                candidate = self._candidate(proposal.genome)
                 self._tried += Counter([candidate.site])
-            if not score.failed:
+            if score.failed:
+                self._failures.append(candidate.genome)
+            else:
                 self._tried -= Counter([candidate.site])
             if score.rolled_out:
-                self._breeder.learn(candidate.genome, score)
                 judged.append((candidate.features, score))
-                self._failed |= score.failed
+                if not score.failed:
+                    passes = [*self._nearly, (score.ease, candidate.genome)]
+                    self._nearly = sorted(passes, key=lambda pair: pair[0])[:HARDEST]
         if judged:
             features, known = zip(*judged, strict=True)
             self._forest.learn(np.array(features), known)
 
+    def _candidate(self, genome: Genome) -> Candidate:
+        """Everything known about a genome without a rollout."""
+        scene = self._space.decode(genome)
+        severities = self._space.severities(scene)
+        features = np.concatenate([self._space.embed(scene), genome, list(severities.values())])
+        return Candidate(genome, features, self._space.site(scene, severities), sum(severities.values()))
+
     def _fresh(self, number: int) -> Candidate:
         rng = np.random.default_rng([self._seed, number])
         drawn = [self._proposals.drawn(rng) for _ in range(SUPPLY if number < WARM else 1)]
-        candidate = max(map(self._breeder.candidate, drawn), key=lambda candidate: candidate.severity)
+        candidate = max(map(self._candidate, drawn), key=lambda candidate: candidate.severity)
         self._proposals.registered(candidate.genome)
         return candidate
 
     def _share_of_fresh(self) -> float:
-        if self._failed:
+        if self._failures:
             return 1.0 if self._forest.misleads() else GUIDED * self._forest.misses()
         return BLIND if self._forest.fitted and self._forest.foresees_lateness() else 1.0
 
     def _chosen(self, n: int, rng: Rng) -> list[Candidate]:
         """Up to ``n`` candidates, each the best given the ones chosen before."""
-        self._stock += self._breeder.breed(SUPPLY * n, rng) if n else []
+        genomes = [self._bred(rng) for _ in range(SUPPLY * n)]
+        new = self._proposals.new(genomes)
+        self._stock += [
+            self._candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new
+        ]
         if not (n and self._stock):
             return []
-        votes = self._votes(rng)
+        features = np.array([candidate.features for candidate in self._stock])
+        votes = self._forest.votes(features) + 1e-3 if self._forest.fitted else rng.random((1, len(features)))
         left = np.ones(len(self._stock))
         chosen: list[Candidate] = []
         while left.any() and len(chosen) < n:
@@ -116,71 +143,18 @@ class Surrogate:
         self._stock = [self._stock[index] for index in ranked if left[index]]
         return chosen
 
-    def _votes(self, rng: Rng) -> Numbers:
-        """``(trees, candidates)`` hardness above 0; random without a fitted forest."""
-        if not self._forest.fitted:
-            return rng.random((1, len(self._stock)))
-        return self._forest.votes(np.array([candidate.features for candidate in self._stock])) + 1e-3
-
     def _worths(self) -> Numbers:
         """``(candidates,)`` 1 at a new site, less at one with failures."""
         tried = np.array([self._tried[candidate.site] for candidate in self._stock])
         return np.where(tried > 0, REPEATED ** np.minimum(tried, 5), 1.0)
 
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A scene as numbers.
-
-    ``features``, the forest's input, are embedding, genome and severities. ``site`` is the part of its cell
-    that is known before a rollout, ``severity`` the sum over the operators.
-    """
-
-    genome: Genome
-    features: Numbers
-    site: str
-    severity: float
-
-
-class Breeder:
-    """Generates candidates: random ones, and children of failures or of passes that nearly failed."""
-
-    def __init__(self, space: Source, proposals: ProposalFactory) -> None:
-        self._space, self._proposals = space, proposals
-        self._variation = Variation(space.genes)
-        self._failures: deque[Genome] = deque(maxlen=PARENTS)
-        self._drawn: deque[Genome] = deque(maxlen=PARENTS)
-        self._nearly: list[tuple[float, Genome]] = []
-
-    def candidate(self, genome: Genome) -> Candidate:
-        """Everything known about a genome without a rollout."""
-        scene = self._space.decode(genome)
-        severities = self._space.severities(scene)
-        features = np.concatenate([self._space.embed(scene), genome, list(severities.values())])
-        return Candidate(genome, features, self._space.site(scene, severities), sum(severities.values()))
-
-    def learn(self, genome: Genome, score: Score) -> None:
-        """Keep the genome if it may become a parent."""
-        if score.failed:
-            self._failures.append(genome)
-        else:
-            self._nearly = sorted([*self._nearly, (score.ease, genome)], key=lambda pair: pair[0])[:HARDEST]
-
-    def breed(self, n: int, rng: Rng) -> list[Candidate]:
-        """Up to ``n`` new candidates that pass the static checks, none proposed before."""
-        genomes = [self._fresh(rng) if rng.random() < FRESH else self._child(rng) for _ in range(n)]
-        new = self._proposals.new(genomes)
-        return [self.candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new]
-
-    def _fresh(self, rng: Rng) -> Genome:
-        self._drawn.append(self._space.nearest(self._space.sample(rng)))
-        return self._drawn[-1]
-
-    def _child(self, rng: Rng) -> Genome:
-        """A parent with few operators changed, or crossed with a random scene."""
+    def _bred(self, rng: Rng) -> Genome:
+        """A random scene, or a child of a failure or a hard pass: a few operators changed, or crossed."""
+        fresh = rng.random() < FRESH
         parents = self._failures or [genome for _, genome in self._nearly]
-        if not parents or not self._drawn:
-            return self._fresh(rng)
+        if fresh or not parents or not self._drawn:
+            self._drawn.append(self._space.nearest(self._space.sample(rng)))
+            return self._drawn[-1]
         parent = parents[rng.integers(len(parents))]
         if rng.random() < CROSSED:
             other = self._drawn[rng.integers(len(self._drawn))]

@@ -1,8 +1,4 @@
-"""Variation: mutation and crossover that respect what a gene stands for.
-
-Values move on the grid, angles wrap, categories have no order, and a confounder is added or removed as a
-whole.
-"""
+"""Variation: mutation and crossover on the grid; angles wrap, and confounders come and go as a whole."""
 
 from collections.abc import Collection, Hashable, Iterable, Sequence
 from typing import Any
@@ -34,11 +30,12 @@ class Variation:
         self._units: dict[str, list[Levels]] = {}
         for (operator, _), indices in _grouped((gene.operator, gene.slot) for gene in genes).items():
             self._units.setdefault(operator, []).append(indices)
+        self._of_confounders = {gene.operator for gene in genes if gene.slot.startswith(AROUND)}
 
     def operators(self, genome: Genome) -> list[str]:
         """The operators that affect the scene: those of confounders only if there are any."""
         bare = self._number(self._levels(genome)) == 0
-        return [name for name in self._units if not (bare and self._is_around(name))]
+        return [name for name in self._units if not (bare and name in self._of_confounders)]
 
     def mutate_some(self, genome: Genome, again: float, rng: np.random.Generator) -> Genome:
         """The genome with one operator changed, and each time with the chance ``again`` one more."""
@@ -51,7 +48,7 @@ class Variation:
         levels = self._levels(genome)
         for name in operators:
             units = self._units[name]
-            if self._is_around(name):
+            if name in self._of_confounders:
                 units = units[: max(self._number(levels), 1)]
             unit = units[rng.integers(len(units))]
             chosen = rng.random(len(unit)) < 0.5
@@ -65,7 +62,7 @@ class Variation:
         first, second = self._levels(mother), self._levels(father)
         child = first.copy()
         for name, units in self._units.items():
-            for unit in () if self._is_around(name) else units:
+            for unit in () if name in self._of_confounders else units:
                 if rng.random() < 0.5:
                     child[unit] = second[unit]
         return self._genome(self._gathered(child, first, second, rng))
@@ -124,11 +121,6 @@ class Variation:
 
     def _genome(self, levels: Levels) -> Genome:
         return np.asarray((levels + 0.5) / self._sizes)
-
-    def _is_around(self, operator: str) -> bool:
-        """Whether an operator varies the confounders."""
-        gene = self._genes[int(self._units[operator][0][0])]
-        return gene.slot.startswith(AROUND)
 
 
 def _grouped(keys: Iterable[Hashable]) -> dict[Any, Levels]:

@@ -3,7 +3,7 @@ import pytest
 from tests.search.test_nsga2 import EARLY, HARD, LATE, SIMPLE, dominates, population
 from tests.search.worlds import space
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.search.baselines.nsga2d import Nsga2D
+from vlafuzz.search.nsga2 import Nsga2D
 from vlafuzz.search.scoring import Score
 
 

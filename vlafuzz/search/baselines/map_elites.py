@@ -19,15 +19,14 @@ AGAIN = 0.4  # chance that a mutation changes one more operator
 PASSING = -1.0  # objective at or below which a scene passed, see Score.ease
 
 Rng = np.random.Generator
-Genomes = NDArray[np.float64]  # (n, dim)
 
 
 class MapElites(OneByOne):
     """Mouret, Clune 2015 <https://arxiv.org/abs/1504.04909>, with the archive of pyribs.
 
     A niche is a lost stage (or none), the operator farthest from nominal, and the target's square in the
-    4 × 4 grid. Each keeps the scene that fails earliest, or passes latest. Parents are drawn uniformly from
-    the failing elites; from all elites while none fails.
+    4 × 4 grid. Each keeps the scene that fails earliest, or passes latest. Parents are the failing elites;
+    all elites while none fails.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -65,7 +64,7 @@ class MapElites(OneByOne):
         names = (lost, farthest if severities[farthest] > 0 else "base", square)
         return [known.setdefault(name, len(known)) for known, name in zip(self._numbers, names, strict=True)]
 
-    def _parents(self) -> tuple[Genomes, float]:
+    def _parents(self) -> tuple[NDArray[np.float64], float]:
         """``(n, dim)`` elites to choose parents from, and the share of random scenes."""
         elites, objectives = (np.asarray(self._archive.data(field)) for field in ("solution", "objective"))
         failing = elites[objectives > PASSING]

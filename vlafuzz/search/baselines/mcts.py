@@ -31,8 +31,7 @@ class Node:
         child = self.children.get(extent)
         if child is None or child.visits == 0:
             return math.inf
-        known = child.failures / child.visits
-        return known + CURIOSITY * math.sqrt(math.log(self.visits) / child.visits)
+        return child.failures / child.visits + CURIOSITY * math.sqrt(math.log(self.visits) / child.visits)
 
 
 class Mcts(OneByOne):
@@ -40,8 +39,7 @@ class Mcts(OneByOne):
 
     UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest
     <https://github.com/scuama/RoboTest> rewards successes. The n-th level of the tree decides how far the
-    n-th operator is from nominal; a path is completed at random and drawn as a scene. A pending scene counts
-    as a pass until it is scored, so that a batch spreads over the tree.
+    n-th operator is from nominal. A pending scene counts as a pass, so that a batch spreads over the tree.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -69,24 +67,20 @@ class Mcts(OneByOne):
         node: Node | None = self._root
         path, extents = [self._root], dict[str, int]()
         for operator in self._operators:
-            if node is None:
+            if node is None:  # below a new node, or where the tree may not grow
                 extents[operator] = int(rng.integers(len(EXTENTS)))
                 continue
             promises = [node.promise(extent) for extent in range(len(EXTENTS))]
             best = [extent for extent, promise in enumerate(promises) if promise == max(promises)]
-            extents[operator] = best[rng.integers(len(best))]
-            node = self._entered(node, extents[operator], path)
+            extent = extents[operator] = best[rng.integers(len(best))]
+            known = node.children.get(extent)
+            if known is not None:
+                path.append(known)
+            elif self._nodes < MOST_NODES:
+                path.append(node.children.setdefault(extent, Node()))
+                self._nodes += 1
+            node = known
         return extents, path
-
-    def _entered(self, node: Node, extent: int, path: list[Node]) -> Node | None:
-        """The child to continue from; None below a new node, or where the tree may not grow."""
-        known = node.children.get(extent)
-        if known is None and self._nodes < MOST_NODES:
-            path.append(node.children.setdefault(extent, Node()))
-            self._nodes += 1
-        elif known is not None:
-            path.append(known)
-        return known
 
     def _drawn(self, extents: dict[str, int], rng: Rng) -> Genome:
         """A random scene with every operator as far from nominal as its extent says."""
