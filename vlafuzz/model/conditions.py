@@ -141,12 +141,7 @@ class Conditions:
     @property
     def model(self) -> str:
         """The policy as people read it; runs that stand alone are told apart."""
-        return f"{self.policy} ({self.label})" if self.alone else self.called
-
-    @property
-    def called(self) -> str:
-        """The policy as people read it: the label that the user gave it, if any, before its name."""
-        return str(self.tested)
+        return f"{self.policy} ({self.label})" if self.alone else str(self.tested)
 
     @property
     def tested(self) -> Model:
@@ -173,15 +168,15 @@ class Conditions:
         found = {
             declared.metadata["keyed_as"] or declared.name: getattr(self, declared.name)
             for declared in _declared(self)
-            if declared.metadata["role"] in roles and not self._left_out(declared)
+            if declared.metadata["role"] in roles
+            and not (declared.metadata["later"] and getattr(self, declared.name) == declared.default)
         }
         return found | {**_IN_KEYS, **found.pop("world")} if "world" in found else found
 
     def value(self, name: str) -> Any:
         """A field or a setting by its name; None for a setting that has its default."""
-        if name in (row.name for row in fields(self)):
-            return getattr(self, name)
-        return self.world.get(name, _AMONG_FIELDS.get(name))
+        known = {row.name for row in fields(self)}
+        return getattr(self, name) if name in known else self.world.get(name, _AMONG_FIELDS.get(name))
 
     def without(self, setting: str) -> Self:
         """The same conditions with the default of a setting."""
@@ -202,11 +197,11 @@ class Conditions:
     ) -> tuple[str, ...]:
         """Names of the fields and settings, of some roles and origins, in which others differ."""
         differing = [
-            declared.name
-            for declared in _declared(self)
-            if declared.metadata["role"] in roles
-            and declared.metadata["origin"] in origins
-            and _compared(self, declared) != _compared(other, declared)
+            row.name
+            for row in _declared(self)
+            if row.metadata["role"] in roles
+            and row.metadata["origin"] in origins
+            and row.metadata["by"](getattr(self, row.name)) != row.metadata["by"](getattr(other, row.name))
         ]
         if "world" in differing:
             names = sorted({**self.world, **other.world})
@@ -222,9 +217,6 @@ class Conditions:
     def flags(cls) -> tuple[str, ...]:
         """Names of the fields that hold what a flag of the same name gave."""
         return tuple(row.name for row in _declared(cls) if row.metadata["origin"] is Origin.FLAG)
-
-    def _left_out(self, declared: Field[Any]) -> bool:
-        return bool(declared.metadata["later"]) and getattr(self, declared.name) == declared.default
 
 
 def as_kept(conditions: Conditions) -> dict[str, Any]:
@@ -255,7 +247,3 @@ def check_choice(name: str, value: str, known: Collection[str]) -> str:
 
 def _declared(conditions: Conditions | type[Conditions]) -> list[Field[Any]]:
     return [declared for declared in fields(conditions) if "role" in declared.metadata]
-
-
-def _compared(conditions: Conditions, declared: Field[Any]) -> object:
-    return declared.metadata["by"](getattr(conditions, declared.name))

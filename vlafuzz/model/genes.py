@@ -39,7 +39,7 @@ class Grid:
 
     @cached_property
     def size(self) -> int:
-        return self._last - self._first + 1
+        return math.floor(self._steps(self.high) + 1e-9) - self._first + 1
 
     @property
     def nominal_level(self) -> int:
@@ -95,10 +95,6 @@ class Grid:
     @cached_property
     def _first(self) -> int:
         return math.ceil(self._steps(self.low) - 1e-9) + self.wraps
-
-    @cached_property
-    def _last(self) -> int:
-        return math.floor(self._steps(self.high) + 1e-9)
 
     def _steps(self, value: float) -> float:
         return (self._scaled(value) - self._scaled(self.nominal)) / self.step

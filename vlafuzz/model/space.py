@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from typing import Any, Protocol
 
@@ -26,14 +26,12 @@ CONFOUNDERS = "confounders"
 
 
 class Composer(Protocol):
-    """Values, one per gene, to scenes and back. It knows no grid: any number is a value."""
+    """Values, one per gene of all operators, to scenes and back. It knows no grid: any number is a value."""
 
     @property
-    def genes(self) -> Sequence[Gene]:
-        """Those of all operators, in their order."""
+    def genes(self) -> Sequence[Gene]: ...
 
-    def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values."""
+    def compose(self, values: Mapping[str, float]) -> Scene: ...
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no value stands for it."""
@@ -84,15 +82,10 @@ class Space(ABC):
     blocking: Sequence[str] = ()
 
     def __init__(self, task: Task, robot: str, operators: Operators, composer: Composer) -> None:
-        self.task, self.robot = task, robot
-        self._operators, self._composer = operators, composer
+        self.task, self.robot, self.operators, self._composer = task, robot, operators, composer
         self.by_path = {gene.path: gene for gene in composer.genes}
         self.genes = tuple(gene for gene in composer.genes if self.varies(gene))
         self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in composer.genes}
-
-    @property
-    def operators(self) -> Operators:
-        return self._operators
 
     @property
     @abstractmethod
@@ -142,13 +135,8 @@ class Space(ABC):
         Raises:
             SceneError: no genome decodes to this scene; the message names the value.
         """
-        if scene.task != self.task.name:
-            raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
-        if len(scene.targets) != self.task.targets:
-            raise SceneError(
-                f"targets: {self.task.name} has {self.task.targets}, the scene {len(scene.targets)}"
-            )
-        genome = self._genome(self._levels(self.values(scene), scene))
+        self._check_task(scene)
+        genome = self._genome(self._levels(scene))
         again = self.decode(genome)
         if again != scene:
             path, value = _difference(asdict(scene), asdict(again))
@@ -161,10 +149,16 @@ class Space(ABC):
         Raises:
             SceneError: it is of another task, or has a value that no operator gives.
         """
-        if (scene.task, len(scene.targets)) != (self.task.name, self.task.targets):
-            raise SceneError(f"task: {scene.task!r} is not {self.task.name!r}, the task of this search space")
+        self._check_task(scene)
         values = self._expressible(scene, self.by_path)
         return self._genome({gene.path: gene.grid.snap(values[gene.path]) for gene in self.genes})
+
+    def _check_task(self, scene: Scene) -> None:
+        task = self.task
+        if scene.task != task.name:
+            raise SceneError(f"task: {scene.task!r} is not {task.name!r}, the task of this search space")
+        if len(scene.targets) != task.targets:
+            raise SceneError(f"targets: {task.name} has {task.targets}, the scene {len(scene.targets)}")
 
     def values(self, scene: Scene) -> Values:
         """One value per gene: nominal for unused slots, NaN for values that no gene can express."""
@@ -181,9 +175,7 @@ class Space(ABC):
         return self.reset(like, [operator for group in self.groups.values() for operator in group])
 
     def reset(self, scene: Scene, operators: Iterable[str], to: Scene | None = None) -> Scene:
-        """The scene with some operators reset to their values in another scene of the same targets.
-
-        By default to nominal. The other operators keep their values, on the grid or not.
+        """The scene with some operators nominal, or as in another scene of the same targets.
 
         Raises:
             SceneError: a scene has a value that no operator gives, or the targets are of other types.
@@ -191,7 +183,12 @@ class Space(ABC):
         operators = set(operators)
         kept = [path for path, gene in self.by_path.items() if gene.operator not in operators]
         values = self._expressible(scene, kept)
-        start = self.nominal_values if to is None else self._like(to, scene, self.by_path.keys() - kept)
+        start = self.nominal_values
+        if to is not None:
+            types, others = ([placed.object for placed in shown.targets] for shown in (scene, to))
+            if (scene.task, types) != (to.task, others):
+                raise SceneError(f"targets: {', '.join(others)} cannot stand for {', '.join(types)}")
+            start = self._expressible(to, self.by_path.keys() - kept)
         return self.compose(start | {path: values[path] for path in kept})
 
     def severities(self, scene: Scene) -> dict[str, float]:
@@ -276,33 +273,23 @@ class Space(ABC):
         values = self.values(scene)
         for path in paths:
             if math.isnan(values[path]):
-                operator = self.by_path[path].operator
-                raise SceneError(
-                    f"{path}: {value_at(scene, path)!r} is not a value of the operator {operator}"
-                )
+                problem = f"is not a value of the operator {self.by_path[path].operator}"
+                raise SceneError(f"{path}: {value_at(scene, path)!r} {problem}")
         return values
 
-    def _like(self, reference: Scene, scene: Scene, paths: Iterable[str]) -> Values:
-        """The values of a reference for a scene, after a check that it is of the same targets."""
-        types, others = ([placed.object for placed in shown.targets] for shown in (scene, reference))
-        if (scene.task, types) != (reference.task, others):
-            raise SceneError(f"targets: {', '.join(others)} cannot stand for {', '.join(types)}")
-        return self._expressible(reference, paths)
-
-    def _levels(self, values: Values, scene: Scene) -> dict[str, int]:
+    def _levels(self, scene: Scene) -> dict[str, int]:
+        values = self.values(scene)
         levels: dict[str, int] = {}
         for path, gene in self.by_path.items():
             level = gene.grid.level(values[path])
             if level is None:
                 grid = f"is not on the grid of {gene.operator}, from {gene.grid.low:g} to {gene.grid.high:g}"
-                raise SceneError(
-                    f"{path}: {value_at(scene, path)!r} {'is unknown' if gene.kind == 'category' else grid}",
-                    hint="scenes from elsewhere keep their floats",
-                )
+                problem = "is unknown" if gene.kind == "category" else grid
+                hint = "scenes from elsewhere keep their floats"
+                raise SceneError(f"{path}: {value_at(scene, path)!r} {problem}", hint)
             if level != gene.grid.nominal_level and not self.varies(gene):
-                still = f"is not nominal, and {gene.operator} does not vary"
-                hint = f"vary {gene.operator} as well"
-                raise SceneError(f"{path}: {value_at(scene, path)!r} {still}", hint=hint)
+                problem = f"{value_at(scene, path)!r} is not nominal, and {gene.operator} does not vary"
+                raise SceneError(f"{path}: {problem}", hint=f"vary {gene.operator} as well")
             levels[path] = level
         return levels
 
@@ -330,25 +317,23 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
 def embedded(genes: Sequence[Gene], values: Mapping[str, float]) -> list[float]:
     """The embedding of the values of a scene; genes without a value give zeros.
 
-    Two scenes that differ in a single operator are at most 1 apart, whichever operator it is. Numbers are
-    centred, so that zero, which stands for an unused slot, is equally far from both ends of a range. Angles
-    are points on a circle, categories are one-hot.
+    Two scenes that differ in a single operator are at most 1 apart. Numbers are centred, so that zero, for an
+    unused slot, is equally far from both ends of a range. Angles are on a circle, categories one-hot.
     """
     count = Counter(gene.operator for gene in genes)
     numbers: list[float] = []
     for gene in genes:
         weight = 1 / math.sqrt(count[gene.operator])
-        numbers += [weight * number for number in _numbers(gene, values.get(gene.path))]
+        numbers += [weight * number for number in _numbers(gene, values.get(gene.path, math.nan))]
     return numbers
 
 
-def _numbers(gene: Gene, value: float | None) -> Iterator[float]:
+def _numbers(gene: Gene, value: float) -> list[float]:
     """A value as numbers at most 1 away from those of any other value; zeros for no value."""
-    missing = value is None or math.isnan(value)
     if gene.kind == "category":
-        yield from (math.sqrt(0.5) * (index == value) for index in range(gene.grid.size))
-    elif gene.kind == "angle":
-        yield 0.0 if missing else math.sin(math.radians(value or 0.0)) / 2
-        yield 0.0 if missing else math.cos(math.radians(value or 0.0)) / 2
-    else:
-        yield 0.0 if missing else gene.grid.share(value or 0.0) - 0.5
+        return [math.sqrt(0.5) * (index == value) for index in range(gene.grid.size)]
+    if math.isnan(value):
+        return [0.0, 0.0] if gene.kind == "angle" else [0.0]
+    if gene.kind == "angle":
+        return [math.sin(math.radians(value)) / 2, math.cos(math.radians(value)) / 2]
+    return [gene.grid.share(value) - 0.5]

@@ -45,12 +45,7 @@ class Task:
 
 
 class Monitor:
-    """Tracks stages and progress of a rollout.
-
-    Args:
-        stages: in order; the last one is success.
-        published: the weaker success, see ``Task.published``.
-    """
+    """Tracks stages and progress of a rollout; see ``Task`` for the arguments."""
 
     def __init__(self, stages: tuple[Stage, ...], published: Callable[[Any], bool]) -> None:
         self._stages, self._published = stages, published
@@ -63,7 +58,12 @@ class Monitor:
         """Take notice of the situation after a control step."""
         for index, stage in enumerate(self._stages):
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
-        self._advance()
+        if self.success_now:
+            self.reached = [stage.name for stage in self._stages]
+        for stage, streak in list(zip(self._stages, self._streaks, strict=True))[len(self.reached) : -1]:
+            if streak < stage.steps:
+                break
+            self.reached.append(stage.name)
         self._trace.append(self._progress(situation))
         self.published_now = self._published(situation)
         self.published_success = self.published_success or self.published_now
@@ -87,16 +87,6 @@ class Monitor:
     def trace(self) -> NDArray[np.float32]:
         """``(steps,)`` progress after each step."""
         return np.array(self._trace, dtype=np.float32)
-
-    def _advance(self) -> None:
-        stages = self._stages
-        if self.success_now:
-            self.reached = [stage.name for stage in stages]
-        while len(self.reached) < len(stages) - 1:
-            index = len(self.reached)
-            if self._streaks[index] < stages[index].steps:
-                break
-            self.reached.append(stages[index].name)
 
     def _progress(self, situation: Any) -> float:
         stages, done = self._stages, len(self.reached)

@@ -139,7 +139,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
 
 def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
     return [
-        ("Policy", named(run.called for run in runs)),
+        ("Policy", named(str(run.tested) for run in runs)),
         ("Task", named(run.task for run in runs)),
         ("Strategy", named(run.strategy for run in runs)),
         ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),

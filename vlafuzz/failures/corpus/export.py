@@ -158,7 +158,7 @@ def _choose(store: Store, run: int | None, task: str | None = None) -> list[tupl
 
 
 def _check_alike(store: Store, runs: Sequence[Run]) -> None:
-    kinds = {f"{run.manifest.called} on {run.manifest.task}" for run in runs}
+    kinds = {f"{run.manifest.tested} on {run.manifest.task}" for run in runs}
     if len(kinds) > 1:
         problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
         raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")

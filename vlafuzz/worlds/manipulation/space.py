@@ -58,6 +58,7 @@ class TableSpace(Space):
     ``operators``: those of the task, where it has ranges of its own.
     """
 
+    operators: OperatorSet
     groups, subject = GROUPS, TargetType.name
     # A confounder may stand where a target belongs, and the target where that confounder does.
     blocking = (TargetPosition.name, ConfounderPosition.name)
@@ -68,11 +69,6 @@ class TableSpace(Space):
         self._turned = [gene for gene in self.genes if gene.operator != CameraPosition.name]
         moved = [gene for gene in self.genes if gene.path == "camera.distance"]
         self._farthest = moved[0].grid.high if moved else 0.0
-
-    @property
-    def operators(self) -> OperatorSet:
-        assert isinstance(self._operators, OperatorSet)
-        return self._operators
 
     @property
     def conditions(self) -> dict[str, Any]:
