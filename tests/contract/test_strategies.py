@@ -67,9 +67,7 @@ class TestStrategy:
     def test_it_proposes_at_most_as_many_as_asked_for_with_consecutive_ids(self, name: str):
         proposals = play(MAKERS[name](0), 5, 0, 1, 7, 40, 3)
         assert [proposal.id for proposal in proposals] == list(range(len(proposals)))
-        assert len(proposals) == 56 or (
-            name.startswith("causes") and 5 < len(proposals) < 56
-        )  # it waits for outcomes
+        assert len(proposals) == 56 or (name == "causes" and 5 < len(proposals) < 56)  # it waits for outcomes
 
     def test_a_genome_is_a_vector_of_the_space(self, name: str):
         for proposal in play(MAKERS[name](0), 20, 20):
@@ -106,16 +104,8 @@ class TestStrategy:
 
 
 @shipped
-def test_the_budget_may_be_unknown(name: str):
-    strategy = STRATEGIES[name](SPACE, 0, None)
-    proposals = play(strategy, *(16,) * 6)
-    assert [proposal.id for proposal in proposals] == list(range(len(proposals)))
-    assert len(proposals) > 16
-
-
-@shipped
-@pytest.mark.parametrize("budget", [1, 17, 10_000])
-def test_a_run_may_go_on_beyond_its_budget(name: str, budget: int):
+@pytest.mark.parametrize("budget", [None, 1, 17, 10_000])
+def test_a_run_may_go_on_beyond_its_budget_or_have_none(name: str, budget: int | None):
     assert len(play(STRATEGIES[name](SPACE, 0, budget), *(16,) * 4)) > 17
 
 
@@ -161,11 +151,6 @@ def test_random_draws_the_same_whatever_the_batches(seed: int):
     assert [p.genome.tolist() for p in one] == [p.genome.tolist() for p in other]
 
 
-def test_random_draws_other_scenes_with_another_seed():
-    one, other = play(MAKERS["random"](0), 10), play(MAKERS["random"](1), 10)
-    assert [p.genome.tolist() for p in one] != [p.genome.tolist() for p in other]
-
-
 def test_a_pool_proposes_its_scenes_in_order_and_ends():
     scenes = [scene(x=0.01 * number) for number in range(5)]
     pool = Pool(scenes, TinySpace())
@@ -188,11 +173,6 @@ def test_an_unknown_strategy_is_refused_with_the_nearest_known():
 def test_the_pool_is_asked_for_by_its_scenes():
     with pytest.raises(UsageError, match="needs a file of scenes"):
         strategy_factory("pool")
-
-
-def test_a_strategy_of_ones_own_is_named_by_module_and_factory():
-    make = strategy_factory("python:tests.search.climb:make")
-    assert genomes(make(SPACE, 3, 120).ask(5)) == genomes(Climb(SPACE, 3, 120).ask(5))
 
 
 @pytest.mark.parametrize(

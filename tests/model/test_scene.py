@@ -55,27 +55,12 @@ TEXT = ONE.to_json()
 @given(SCENES)
 def test_what_is_written_is_read_back_equal(scene: Scene):
     again = Scene.from_json(scene.to_json())
-    assert again == scene
-    assert again.digest == scene.digest
-    assert again.to_json() == scene.to_json()
+    assert (again, again.digest, again.to_json()) == (scene, scene.digest, scene.to_json())
 
 
 @given(SCENES, SCENES)
 def test_scenes_have_equal_digests_exactly_when_they_are_equal(one: Scene, other: Scene):
     assert (one == other) == (one.digest == other.digest)
-
-
-@given(
-    SCENES.flatmap(
-        lambda scene: st.tuples(st.just(scene), st.sampled_from(["x", "y", "yaw", "scale"]), NUMBER)
-    )
-)
-def test_a_digest_sees_every_number_of_a_placement(drawn):
-    scene, name, value = drawn
-    if getattr(scene.targets[0], name) == value:
-        return
-    changed = replace(scene, targets=(replace(scene.targets[0], **{name: value}), *scene.targets[1:]))
-    assert changed.digest != scene.digest
 
 
 @pytest.mark.parametrize(
@@ -84,6 +69,10 @@ def test_a_digest_sees_every_number_of_a_placement(drawn):
         replace(ONE, task="put-in"),
         replace(ONE, instruction="Put apple on plate"),
         replace(ONE, targets=ONE.targets[::-1]),
+        *(
+            replace(ONE, targets=(replace(ONE.targets[0], **{name: 0.5}), ONE.targets[1]))
+            for name in ("x", "y", "yaw", "scale")
+        ),
         replace(ONE, targets=ONE.placements, confounders=()),
         replace(ONE, confounders=(replace(ONE.confounders[0], quaternion=None),)),
         replace(ONE, light=Light(2.0000000001)),
@@ -99,14 +88,8 @@ def test_a_digest_sees_everything_that_is_shown(changed):
 
 def test_whole_numbers_and_minus_zero_are_the_floats_that_they_equal():
     floats = replace(ONE, light=Light(1.0), camera=Camera(0.0))
-    for same in (
-        replace(floats, light=Light(1)),
-        replace(floats, camera=Camera(-0.0)),
-        replace(floats, camera=Camera(0)),
-    ):
-        assert same == floats
-        assert same.digest == floats.digest
-        assert same.to_json() == floats.to_json()
+    for same in (replace(floats, light=Light(1)), *(replace(floats, camera=Camera(x)) for x in (-0.0, 0))):
+        assert (same, same.digest, same.to_json()) == (floats, floats.digest, floats.to_json())
 
 
 def test_the_order_of_keys_and_blanks_in_a_file_do_not_matter():
@@ -143,17 +126,8 @@ def test_what_is_left_out_is_nominal():
     scene = Scene.from_json(
         '{"task": "pick-up", "instruction": "go", "targets": [{"object":"a","rest":"b","x":0,"y":0}]}'
     )
-    assert (scene.light, scene.camera, scene.confounders, scene.robot, scene.schema) == (
-        Light(),
-        Camera(),
-        (),
-        "panda",
-        SCHEMA,
-    )
-
-
-def test_placements_are_the_targets_first():
-    assert [placement.object for placement in ONE.placements] == ["apple", "plate", "orange"]
+    known = (scene.light, scene.camera, scene.confounders, scene.robot, scene.schema)
+    assert known == (Light(), Camera(), (), "panda", SCHEMA)
 
 
 @pytest.mark.parametrize(
@@ -227,19 +201,19 @@ def test_a_broken_line_is_named_and_blank_ones_are_passed_over(tmp_path: Path):
 
 @pytest.mark.parametrize(
     ("content", "says"),
-    [(b"", "no scenes in it"), (b"\n \n", "no scenes in it"), (b"\xff\xfe\x00", "not UTF-8 text")],
+    [
+        (b"", "no scenes in it"),
+        (b"\n \n", "no scenes in it"),
+        (b"\xff\xfe\x00", "not UTF-8 text"),
+        (None, "cannot be read"),
+    ],
 )
-def test_a_file_without_scenes_is_refused(tmp_path: Path, content: bytes, says: str):
+def test_a_file_without_scenes_is_refused(tmp_path: Path, content: bytes | None, says: str):
     path = tmp_path / "scenes.jsonl"
-    path.write_bytes(content)
+    if content is not None:
+        path.write_bytes(content)
     with pytest.raises(SceneError, match=says):
         load_scenes(path)
-
-
-def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path):
-    for path in (tmp_path / "none.jsonl", tmp_path):
-        with pytest.raises(SceneError, match="cannot be read"):
-            load_scenes(path)
 
 
 def test_what_came_later_is_not_in_the_json_of_what_is_without():

@@ -12,12 +12,6 @@ def filled(points: np.ndarray, capacity: int = 50) -> Archive:
     return archive
 
 
-def test_novelty_is_the_mean_distance_to_the_nearest():
-    archive = filled(np.array([[0.0, 0.0], [3.0, 4.0], [100.0, 0.0]]))
-    assert archive.novelty(np.array([[0.0, 1.0]]), neighbours=1) == pytest.approx([1.0])
-    assert archive.novelty(np.array([[0.0, 8.0]]), neighbours=2) == pytest.approx([(5.0 + 8.0) / 2])
-
-
 def test_novelty_agrees_with_scikit_learn():
     rng = np.random.default_rng(0)
     known, points = rng.random((40, 7)), rng.random((11, 7))

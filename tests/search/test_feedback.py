@@ -23,16 +23,6 @@ def told(*scores: Score) -> Feedback:
     return strategy
 
 
-def test_what_reaches_a_place_first_is_kept():
-    strategy = told(failing("a"), failing("b"), passing(0.5), passing(0.1))
-    assert [seed.score for seed in strategy._seeds.values()] == [
-        failing("a"),
-        failing("b"),
-        passing(0.5),
-        passing(0.1),
-    ]
-
-
 def test_a_place_keeps_its_least_severe_scene():
     (seed,) = told(failing("a", 2.0), failing("a", 1.0), failing("a", 3.0))._seeds.values()
     assert (seed.score.severity, seed.hits) == (1.0, 3)
@@ -42,10 +32,6 @@ def test_passes_that_are_nearly_as_late_are_in_one_place():
     assert len(told(passing(0.1), passing(0.099), passing(0.03))._seeds) == 2
 
 
-def test_what_was_not_judged_is_not_kept():
-    assert not told(Score(Verdict.INVALID, None, 0.0), Score(Verdict.ERROR, None, 0.0))._seeds
-
-
 def test_rare_places_have_more_energy():
     strategy = told(*[failing("often")] * 30, failing("rarely"))
     rare = space().decode(strategy._seeds["rarely"].genome)
@@ -53,11 +39,10 @@ def test_rare_places_have_more_energy():
     assert sum(child.targets[0].object == rare.targets[0].object for child in children) > 60
 
 
-def test_places_are_bounded(monkeypatch):
+def test_places_are_bounded_and_the_one_reached_most_goes_first(monkeypatch):
     monkeypatch.setattr(feedback, "MOST_SEEDS", 3)
-    strategy = told(failing("a"), failing("b"), failing("b"), failing("c"), failing("d"), failing("e"))
-    assert list(strategy._seeds) == ["c", "d", "e"] or len(strategy._seeds) == 3
-    assert "b" not in strategy._seeds
+    strategy = told(*map(failing, "abbcd"))
+    assert list(strategy._seeds) == ["a", "c", "d"]
 
 
 def test_a_bandit_learns_what_pays():
@@ -67,13 +52,3 @@ def test_a_bandit_learns_what_pays():
         bandit.learn(chosen, float(chosen == ("light",)))
     chosen = [bandit.choose(OPERATORS, rng)[0] for _ in range(100)]
     assert chosen.count("light") > 70
-
-
-def test_a_bandit_forgets():
-    bandit, rng = Bandit(), np.random.default_rng(0)
-    for pay in (1.0, 0.0):
-        for _ in range(300):
-            bandit.learn(("light",), pay)
-            bandit.learn(("camera-position",), 1.0 - pay)
-    chosen = [bandit.choose(OPERATORS[:2], rng)[0] for _ in range(100)]
-    assert chosen.count("camera-position") > 95

@@ -43,14 +43,6 @@ def test_it_predicts_what_it_was_shown():
     assert hardness[points[:, 0] > 0.6].min() > hardness[points[:, 0] < 0.4].max()
 
 
-def test_it_has_no_opinion_before_it_was_shown_enough():
-    made = Forest(0)
-    made.learn(drawn(forest.SOONEST - 1), [passed()] * (forest.SOONEST - 1))
-    assert not made.fitted
-    made.learn(drawn(1), [FAILED])
-    assert made.fitted
-
-
 def left_half(points: np.ndarray) -> list[Score]:
     return right_half(1 - points)
 
@@ -62,14 +54,6 @@ def test_it_misleads_when_the_world_turns_round():
         points = drawn(32, 10 + number)
         made.learn(points, left_half(points))
     assert made.misleads()
-
-
-def test_a_few_failures_are_too_few_to_say_that_it_misleads():
-    made = taught(right_half, right_half)
-    made._judged.clear()
-    points = drawn(forest.ENOUGH - 1, 5)
-    made.learn(points, left_half(points))
-    assert not made.misleads()
 
 
 def all_alike(points: np.ndarray) -> list[Score]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, manifest
-from tests.search import climb
 from tests.search.worlds import space, toy
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
@@ -104,8 +103,3 @@ def test_what_it_raises_is_a_sentence_that_says_where():
 def test_it_may_say_something_of_itself():
     assert about(Own("python:mine:make", Given([0.5]), 1)) == "nothing new"
     assert about(strategy_factory("python:tests.search.climb:make")(space(), 0, 60)) == ""
-
-
-def test_the_example_is_about_twenty_lines():
-    lines = Path(climb.__file__).read_text().partition("import numpy")[2].splitlines()
-    assert len([line for line in lines if line.strip()]) <= 22

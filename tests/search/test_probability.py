@@ -100,11 +100,6 @@ def test_the_interval_is_within_0_and_1_holds_the_estimate_and_only_shrinks(draw
         before = failure_probability(draws[:number])
 
 
-def test_the_same_draws_give_the_same_interval():
-    run = guided(np.random.default_rng(2), inside=0.9, budget=50)
-    assert failure_probability(run) == failure_probability(iter(run))
-
-
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [

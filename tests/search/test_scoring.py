@@ -20,10 +20,6 @@ def test_a_failure_scores_its_progress_and_severity():
     assert (got.verdict, got.progress, got.severity, got.failed) == (Verdict.FAILED, 0.25, 1.0, True)
 
 
-def test_a_pass_is_no_failure():
-    assert not score(scene(), passed(), SPACE).failed
-
-
 @pytest.mark.parametrize("outcome", [Outcome.invalid("solved", "already solved"), Outcome.error("timeout")])
 def test_progress_is_unknown_where_the_policy_was_not_judged(outcome: Outcome):
     got = score(scene(), outcome, SPACE)
@@ -41,12 +37,8 @@ def passed_after(*steps: int) -> Outcome:
 
 
 def test_the_slack_of_a_pass_is_the_less_the_later_its_slowest_rollout_succeeded():
-    assert [score(scene(), passed_after(*steps), SPACE).slack for steps in ((0,), (1,), (9,), (3, 0))] == [
-        1.0,
-        0.5,
-        0.1,
-        0.25,
-    ]
+    slacks = [score(scene(), passed_after(*steps), SPACE).slack for steps in ((0,), (1,), (9,), (3, 0))]
+    assert slacks == [1.0, 0.5, 0.1, 0.25]
 
 
 def test_failures_have_no_slack_and_passes_no_cell():
@@ -69,10 +61,6 @@ def test_a_pass_without_a_trace_is_as_hard_as_can_be():
 def test_a_cell_names_lost_stage_far_operators_and_place():
     severities = {"light": 0.9, "camera-position": 0.6, "target-type": 0.5}
     assert cell(scene(x=0.0, y=-0.39), failed(), severities, TABLE) == "grasp|camera-position+light|x2y0"
-
-
-def test_a_failure_near_nominal_is_in_a_base_cell():
-    assert cell(scene(x=0.0, y=0.0), failed(), {"light": 0.1}, TABLE) == "grasp|base|x2y2"
 
 
 @pytest.mark.parametrize(("x", "y", "place"), [(-0.2, -0.4, "x0y0"), (0.2, 0.4, "x3y3"), (-9.0, 9.0, "x0y3")])

@@ -7,7 +7,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
-from vlafuzz.search.surrogate import GUIDED, KEPT, WARM, Surrogate
+from vlafuzz.search.surrogate import KEPT, WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
@@ -57,18 +57,6 @@ def test_the_first_scenes_are_farther_from_nominal_than_random_ones():
         return float(np.mean([space().severity(scene) for scene in scenes]))
 
     assert far(Surrogate(space(), 3, 200).ask(WARM)) > 1.2 * far(Random(space(), 3).ask(WARM))
-
-
-def test_the_oftener_a_guess_fails_the_fewer_scenes_are_fresh():
-    sure, unsure = Surrogate(space(), 0, 200), Surrogate(space(), 0, 200)
-    played(sure, lambda _: FAILED)
-    played(unsure, coin)
-    assert sure._share_of_fresh() == 0 < unsure._share_of_fresh() <= GUIDED
-
-
-def coin(proposal: Proposal) -> Score:
-    """Failures that nothing foretells."""
-    return FAILED if int(space().decode(proposal.genome).digest, 16) % 2 else PASSED
 
 
 def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():

@@ -7,13 +7,9 @@ from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, space
 from vlafuzz.model.scene import Scene
-from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.variation import Variation
-from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
-tasks = pytest.mark.parametrize("task", TASKS)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -32,20 +28,6 @@ def mutated(scene: Scene, *operators: str, seed: int = 0) -> Scene:
     return one.decode(Variation(one.genes).mutate(one.encode(scene), operators, rng))
 
 
-@tasks
-@quickly
-@given(seed=seeds)
-def test_children_are_fair_and_on_the_grid_once_repaired(task: str, seed: int):
-    one, rng = space(task), np.random.default_rng(seed)
-    variation, proposals = Variation(one.genes), ProposalFactory(one)
-    mother, father = (one.encode(drawn(seed + add, task)) for add in (0, 1))
-    child = variation.cross(mother, father, rng)
-    child = proposals.fair(variation.mutate(child, variation.operators(child), rng), rng)
-    scene = one.decode(child)
-    assert check_static(scene, CATALOGUE, 0.15) is None
-    assert one.encode(scene).tolist() == child.tolist()
-
-
 @quickly
 @given(seed=seeds)
 def test_mutation_changes_the_operators_that_it_is_given_and_no_others(seed: int):
@@ -53,11 +35,7 @@ def test_mutation_changes_the_operators_that_it_is_given_and_no_others(seed: int
     for name in ("target-type", "light", "camera-position", "camera-orientation", "target-position"):
         before, after = one.severities(scene), one.severities(mutated(scene, name, seed=seed))
         assert mutated(scene, name, seed=seed) != scene
-        rest = set(before) - {
-            name,
-            "target-orientation",
-            "confounder-type",
-        }  # poses and names go with the type
+        rest = set(before) - {name, "target-orientation", "confounder-type"}  # they go with the type
         assert {other: after[other] for other in rest} == {other: before[other] for other in rest}
 
 
@@ -102,29 +80,20 @@ def test_the_count_goes_up_or_down_by_one_and_the_other_confounders_stay():
 @quickly
 @given(seed=seeds)
 def test_a_crossed_childs_confounders_are_whole_ones_of_its_parents(seed: int):
-    one = space()
+    one, rng = space(), np.random.default_rng(seed)
     mother, father = drawn(seed, around=3), drawn(seed + 1, around=2)
-    child = one.decode(
-        Variation(one.genes).cross(one.encode(mother), one.encode(father), np.random.default_rng(seed))
-    )
+    child = one.decode(Variation(one.genes).cross(one.encode(mother), one.encode(father), rng))
     assert len(child.confounders) in (2, 3)
-    around = (*mother.confounders, *father.confounders)
-    assert {(placement.x, placement.y, placement.yaw) for placement in child.confounders} <= {
-        (e.x, e.y, e.yaw) for e in around
-    }
-    if (
-        len({placement.object for placement in (*mother.targets, *father.targets, *around)}) == 7
-    ):  # no name gave way
-        assert set(child.confounders) <= set(around)
+    around = {(e.x, e.y, e.yaw) for e in (*mother.confounders, *father.confounders)}
+    assert {(e.x, e.y, e.yaw) for e in child.confounders} <= around
 
 
 @quickly
 @given(seed=seeds)
 def test_splicing_leaves_everything_but_the_confounders_alone(seed: int):
-    one, scene, donor = space(), drawn(seed, around=1), drawn(seed + 1, around=3)
-    child = one.decode(
-        Variation(one.genes).splice(one.encode(scene), one.encode(donor), np.random.default_rng(seed))
-    )
+    one, rng = space(), np.random.default_rng(seed)
+    scene, donor = drawn(seed, around=1), drawn(seed + 1, around=3)
+    child = one.decode(Variation(one.genes).splice(one.encode(scene), one.encode(donor), rng))
     assert (child.targets, child.light, child.camera) == (scene.targets, scene.light, scene.camera)
     assert len(child.confounders) in (1, 3)
 

@@ -117,17 +117,6 @@ def test_it_takes_two_different_checkpoints(names):
         bisect(probes(), names, nullcontext, Recorded("recorded"))
 
 
-def test_probabilities_follow_the_outcomes():
-    baseline, outcomes = np.array([1.0, 0.0] * 50), np.full((3, 100), np.nan)
-    outcomes[2] = 0.0
-    assert believe(baseline, outcomes).if_one_step == pytest.approx([1 / 3] * 3)
-    outcomes[1] = baseline
-    assert believe(baseline, outcomes).one_step[2] > 0.9
-    outcomes[1] = 0.0
-    outcomes[0] = baseline
-    assert believe(baseline, outcomes).one_step[1] > 0.9
-
-
 def losing(*losses: float) -> np.ndarray:
     """Outcomes of checkpoints that lose so much of what the baseline passes, in turn."""
     return np.array([np.arange(200) % 100 < 80 * (1 - loss) for loss in losses], float)
