@@ -34,6 +34,14 @@ def noisy(broken: int, rng: np.random.Generator, loss: float = 0.3):
     return {name: flaky(0.2 + loss * (n >= broken), rng, name) for n, name in enumerate(NAMES)}
 
 
+def breaking(broken: int):
+    """Sixteen checkpoints that do as recorded, and from one on nothing any more."""
+    return {
+        name: Planned(lambda n, _, at=at: n % 5 > 0 and at < broken, name=name)
+        for at, name in enumerate(NAMES)
+    }
+
+
 def test_it_names_the_checkpoint_in_few_comparisons():
     right: Counter[bool] = Counter()
     for seed in range(12):
@@ -46,20 +54,15 @@ def test_it_names_the_checkpoint_in_few_comparisons():
 
 
 def test_without_a_loss_nothing_but_the_last_checkpoint_is_run():
-    opened, result = search({name: Planned(lambda n, _: n % 5 > 0, name=name) for name in NAMES})
+    opened, result = search(breaking(16))
     assert (opened, result.alarm, result.named, result.likely) == ([NAMES[-1]], False, None, ())
-    assert result.verdict.startswith(
-        "step 15 is not shown to be worse than recorded: 0 worse and 0 better of 200"
-    )
+    said = "step 15 is not shown to be worse than recorded: 0 worse and 0 better of 200"
+    assert result.verdict.startswith(said)
 
 
 @pytest.mark.parametrize("broken", [0, 7, 15])
 def test_a_checkpoint_that_does_nothing_any_more_takes_few_rollouts(broken):
-    sides = {
-        name: Planned(lambda n, _, at=at: n % 5 > 0 and at < broken, name=name)
-        for at, name in enumerate(NAMES)
-    }
-    opened, result = search(sides)
+    opened, result = search(breaking(broken))
     assert (result.named, result.certain) == (NAMES[broken], True)
     assert len(opened) <= 6
     assert result.rollouts <= 130
@@ -76,10 +79,7 @@ def test_with_few_controls_it_says_which_others_it_may_be():
 
 def test_the_baseline_is_rolled_out_once_in_every_control():
     baseline = Planned(lambda n, _: n % 5 > 0, name="before")
-    sides = {
-        name: Planned(lambda n, _, at=at: n % 5 > 0 and at < 9, name=name) for at, name in enumerate(NAMES)
-    }
-    search(sides, baseline)
+    search(breaking(9), baseline)
     assert len(baseline.calls) == len(set(baseline.calls)) < 100
 
 
@@ -98,14 +98,14 @@ def test_after_its_deadline_no_rollout_is_begun_and_what_is_known_is_said():
 
 
 def test_a_checkpoint_that_only_breaks_is_an_error():
-    sides = {name: Planned(lambda n, _: False, name=name) for name in NAMES}
+    sides = breaking(0)
     sides[NAMES[7]] = Planned(lambda n, _: Verdict.ERROR, name=NAMES[7])
     with pytest.raises(PrerequisiteError, match="step 7: cannot tell: no rollout could be judged: policy"):
         search(sides)
 
 
 def test_a_last_checkpoint_whose_errors_could_hide_an_alarm_is_an_error():
-    sides = {name: Planned(lambda n, _: n % 5 > 0, name=name) for name in NAMES}
+    sides = breaking(16)
     sides[NAMES[-1]] = Planned(lambda n, _: Verdict.ERROR if n % 5 == 1 else n % 5 > 0, name=NAMES[-1])
     with pytest.raises(PrerequisiteError, match="cannot tell: 160 of 200 rollouts could be judged: policy"):
         search(sides)

@@ -1,6 +1,6 @@
 """A corpus gets the minimal findings of a store that still hold."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,11 +24,50 @@ from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 
+def failing(proposal: int, scene: Scene) -> Trial:
+    severity, cell = SPACE.severity(scene), str(proposal)
+    return Trial(proposal=proposal, scene=scene, outcome=failed(), severity=severity, cell=cell)
+
+
 class CheckingRunner(PlantedRunner):
     renderer = "a renderer"
 
     def picture(self, scene: Scene) -> bytes | None:
         return PNG
+
+
+def runner(run) -> CheckingRunner:
+    return CheckingRunner([TILTED if run.manifest.seed else DARK])
+
+
+def altered(change: Callable[[Scene, int, Outcome], Outcome], **options) -> Callable[..., CheckingRunner]:
+    """Runners that fail in the dark, with their outcomes changed."""
+
+    class Altered(CheckingRunner):
+        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+            found = super().evaluate(scenes, numbers)
+            return [change(*row) for row in zip(scenes, numbers, found, strict=True)]
+
+    return lambda run: Altered([DARK], **options)
+
+
+def loose(scene: Scene, number: int, outcome: Outcome) -> Outcome:
+    """It passes in every fourth rollout."""
+    return passed() if number % 4 == 3 else outcome
+
+
+def chaotic(scene: Scene, number: int, outcome: Outcome) -> Outcome:
+    """It passes in every fourth rollout, unless it is very dark."""
+    return passed() if number % 4 == 3 and scene.light.intensity > 0.2 else outcome
+
+
+def later(scene: Scene, number: int, outcome: Outcome) -> Outcome:
+    rollouts = (replace(failed().rollouts[0], reached=("grasp",)),)
+    return Outcome.of(rollouts, CheckingRunner.stages) if outcome.lost_stage else passed()
+
+
+def silent(*_: object) -> Outcome:
+    return Outcome.error("policy: connect: refused", unanswered=True)
 
 
 @pytest.fixture
@@ -38,23 +77,10 @@ def store(tmp_path: Path):
         for seed, condition in enumerate((DARK, TILTED)):
             run = opened.begin(manifest(seed=seed))
             for proposal, scene in enumerate(scenes([condition], 2)):
-                opened.add(
-                    run,
-                    Trial(
-                        proposal=proposal,
-                        scene=scene,
-                        outcome=failed(),
-                        severity=SPACE.severity(scene),
-                        cell=str(proposal),
-                    ),
-                )
-        triage(opened, lambda run: CheckingRunner([TILTED if run.manifest.seed else DARK]))
+                opened.add(run, failing(proposal, scene))
+        triage(opened, runner)
         assert [row.bucket for row in opened.triaged()] == ["minimal"] * 4
         yield opened
-
-
-def runner(run) -> CheckingRunner:
-    return CheckingRunner([TILTED if run.manifest.seed else DARK])
 
 
 def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: Store):
@@ -99,23 +125,13 @@ def test_where_no_alarm_is_possible_it_ends_before_the_findings_are_checked(stor
 def test_a_control_that_broke_is_replaced_by_another_and_all_have_seeds_of_their_own(store: Store):
     asked: list[int] = []
 
-    class Shaky(CheckingRunner):
-        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-            outcomes = super().evaluate(scenes, numbers)
-            if numbers[0] < CONTROL:
-                return outcomes
-            asked.extend(numbers)
-            return [Outcome.error("x") if number % 3 == 0 else outcomes.pop() for number in numbers]
+    def shaky(scene: Scene, number: int, outcome: Outcome) -> Outcome:
+        asked.extend([number] if number >= CONTROL else [])
+        return Outcome.error("x") if number >= CONTROL and number % 3 == 0 else outcome
 
-    controls = export(store, lambda run: Shaky([DARK]), name="a", run=1, controls=40).controls
+    controls = export(store, altered(shaky), name="a", run=1, controls=40).controls
     assert len(controls) == 40 < len(asked) == len(set(asked))
     assert {number_of(control.scene) for control in controls} < set(asked)
-
-
-def test_only_one_run_when_so_wished(store: Store):
-    assert {case.operators for case in export(store, runner, name="a", run=2).cases} == {
-        ("camera-orientation",)
-    }
 
 
 def test_what_no_longer_fails_is_left_out_and_said(store: Store):
@@ -126,35 +142,25 @@ def test_what_no_longer_fails_is_left_out_and_said(store: Store):
         export(store, lambda run: CheckingRunner([lambda scene: False]), name="a")
 
 
-def test_what_fails_without_its_operators_too_is_left_out(store: Store):
-    with pytest.raises(StoreError, match="without light it no longer passes"):
-        export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=0)
-
-
-def test_what_cannot_be_judged_is_left_out_and_said(store: Store):
-    class Silent(CheckingRunner):
-        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-            return [Outcome.error("policy: connect: refused", unanswered=True) for _ in scenes]
-
-    with pytest.raises(StoreError, match="the policy or the simulator broke"):
-        export(store, lambda run: Silent([DARK]), name="a", run=1)
-
-
-class Loose(CheckingRunner):
-    """Passes in every fourth rollout where it should fail."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
-        pairs = zip(outcomes, numbers, strict=True)
-        return [passed() if number % 4 == 3 else outcome for outcome, number in pairs]
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda run: CheckingRunner([lambda scene: True]), "without light it no longer passes"),
+        (lambda run: CheckingRunner([DARK], solvable=lambda scene: False), UNSOLVED),
+        (altered(later), "later stage"),
+        (altered(silent), "the policy or the simulator broke"),
+    ],
+)
+def test_what_does_not_hold_any_more_is_left_out_and_said(store: Store, make, says: str):
+    with pytest.raises(StoreError, match=says):
+        export(store, make, name="a", run=1, controls=0)
 
 
 def test_a_share_of_the_neighbourhood_can_be_asked_for(store: Store):
-    assert len(export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.7).cases) == 2
+    assert len(export(store, altered(loose), name="a", run=1, firm=0.7).cases) == 2
     with pytest.raises(StoreError, match="it fails in less than 80% of its neighbourhood"):
-        export(store, lambda run: Loose([DARK]), name="a", run=1, firm=0.8)
-    firm = export(store, lambda run: CheckingRunner([DARK]), name="a", run=1, firm=0.95)
-    assert len(firm.cases) == 2
+        export(store, altered(loose), name="a", run=1, firm=0.8)
+    assert len(export(store, runner, name="a", run=1, firm=0.95).cases) == 2
 
 
 def test_several_processes_check_the_same(store: Store):
@@ -162,22 +168,6 @@ def test_several_processes_check_the_same(store: Store):
     shared = export(store, runner, name="a", firm=0.9, controls=20, workers=2)
     assert [case.scene for case in shared.cases] == [case.scene for case in alone.cases]
     assert (shared.controls, shared.renderer) == (alone.controls, alone.renderer)
-
-
-def test_what_its_witness_no_longer_solves_is_left_out(store: Store):
-    with pytest.raises(StoreError, match=UNSOLVED):
-        export(store, lambda run: CheckingRunner([DARK], solvable=lambda scene: False), name="a", run=1)
-
-
-def test_what_fails_at_a_later_stage_is_left_out(store: Store):
-    class Later(CheckingRunner):
-        def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-            outcomes = super().evaluate(scenes, numbers)
-            late = Outcome.of((replace(failed().rollouts[0], reached=("grasp",)),), self.stages)
-            return [late if outcome.lost_stage else passed() for outcome in outcomes]
-
-    with pytest.raises(StoreError, match="later stage"):
-        export(store, lambda run: Later([DARK]), name="a", run=1)
 
 
 def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
@@ -190,28 +180,16 @@ def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
 def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
     run = store.begin(manifest(policy="other", seed=0))
     scene = scenes([DARK], 3)[-1]
-    store.add(run, Trial(proposal=0, scene=scene, outcome=failed(), severity=SPACE.severity(scene), cell="c"))
+    store.add(run, failing(0, scene))
     triage(store, runner)
     with pytest.raises(UsageError, match=r"has findings of .* and task"):
         export(store, runner, name="a")
     assert len(export(store, runner, name="a", run=run).cases) == 1
 
 
-class Chaotic(CheckingRunner):
-    """Passes in every fourth rollout that fails, unless it is very dark."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
-        lucky = (
-            number % 4 == 3 and scene.light.intensity > 0.2
-            for scene, number in zip(scenes, numbers, strict=True)
-        )
-        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
-
-
 def test_a_scene_that_does_not_hold_firmly_moves_on_in_the_same_direction(store: Store):
     found = {row.scene.digest: row for row in store.triaged()}
-    cases = export(store, lambda run: Chaotic([DARK]), name="a", run=1, firm=0.95).cases
+    cases = export(store, altered(chaotic), name="a", run=1, firm=0.95).cases
     assert cases
     for case in cases:
         before = found[case.found]
@@ -228,4 +206,4 @@ def test_a_scene_does_not_move_to_where_no_witness_solves_it(store: Store):
         return scene.light.intensity > 0.3
 
     with pytest.raises(StoreError, match="it fails in less than 95% of its neighbourhood"):
-        export(store, lambda run: Chaotic([DARK], solvable=solvable), name="a", run=1, firm=0.95)
+        export(store, altered(chaotic, solvable=solvable), name="a", run=1, firm=0.95)

@@ -143,16 +143,11 @@ def test_a_verdict_needs_half_of_the_controls():
 def test_a_verdict_needs_the_controls_that_could_have_made_an_alarm(errors: int, tells: bool):
     """Those that the baseline fails could not."""
     lost = {number for number in range(60) if number % 5 == 0} | {5 * n + 1 for n in range(errors)}
-    result = compare(
-        probes(),
-        Planned(lambda number, repeat: Verdict.ERROR if number in lost else number % 5 > 0),
-        RECORDED,
-    )
+    policy = Planned(lambda number, repeat: Verdict.ERROR if number in lost else number % 5 > 0)
+    result = compare(probes(), policy, RECORDED)
     assert (result.stopped, result.lacking, result.tells) == ("done", errors, tells)
-    said = (
-        "cannot tell: 43 of 60 controls could be judged; 5 could not be, and 5 that break would make an alarm"
-    )
-    assert (result.verdict == said) is not tells
+    said = "43 of 60 controls could be judged; 5 could not be, and 5 that break would make an alarm"
+    assert (result.verdict == f"cannot tell: {said}") is not tells
 
 
 def test_an_outcome_that_is_not_recorded_cannot_be_judged():
@@ -171,26 +166,17 @@ def test_policies_of_equal_skill_hardly_raise_an_alarm_and_a_much_worse_one_does
 
 def test_every_scene_of_a_corpus_is_probed_once_controls_first():
     scenes = probes_of(make_corpus(case(0), case(1), case(1), controls=2))
-    assert [(probe.group, probe.passed) for probe in scenes] == [
-        ("control", False),
-        ("control", True),
-        ("failing", False),
-        ("failing", False),
-        ("nominal", True),
-        ("counterpart", True),
-    ]
+    groups = ("control", "control", "failing", "failing", "nominal", "counterpart")
+    passed = (False, True, False, False, True, True)
+    assert [(probe.group, probe.passed) for probe in scenes] == list(zip(groups, passed, strict=True))
     assert scenes[2].what == "light: fails from intensity × 0.25 on"
     assert scenes[5].what.endswith(" without light")
     assert next(probe for probe in scenes if probe.group == "nominal").scene == scene()
 
 
 def test_a_nominal_scene_that_failed_is_recorded_as_such():
-    nominal = next(
-        probe
-        for probe in probes_of(make_corpus(replace(case(1), nominal_passes=False)))
-        if probe.group == "nominal"
-    )
-    assert not nominal.passed
+    probes = probes_of(make_corpus(replace(case(1), nominal_passes=False)))
+    assert [probe.passed for probe in probes if probe.group == "nominal"] == [False]
 
 
 @pytest.fixture
@@ -246,10 +232,11 @@ def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repea
 
 
 def test_runs_under_other_conditions_get_runners_of_their_own():
-    runners = []
-    Rerun(
-        "new",
-        [manifest(), manifest(world={"min_distance": 0.2})],
-        lambda run: runners.append(run) or RuleRunner(lambda shown: True, run),
-    )
-    assert [run.value("min_distance") for run in runners] == [0, 0.2]
+    asked = []
+
+    def runner(run):
+        asked.append(run.value("min_distance"))
+        return RuleRunner(lambda shown: True, run)
+
+    Rerun("new", [manifest(), manifest(world={"min_distance": 0.2})], runner)
+    assert asked == [0, 0.2]

@@ -66,8 +66,7 @@ def test_witnesses_solve_the_scenes_and_the_policy_fails_in_them_here_too(
         passes = runner.evaluate([next(iter(case.counterparts.values())) for case in cases], [0] * SAMPLE)
     failed = sum(outcome.verdict is Verdict.FAILED for outcome in failures)
     passed = sum(outcome.verdict is Verdict.PASSED for outcome in passes)
-    record_property(
-        "figure", f"{corpus.name}: {failed} of {SAMPLE} failures hold here, {passed} counterparts"
-    )
+    figure = f"{corpus.name}: {failed} of {SAMPLE} failures hold here, {passed} counterparts"
+    record_property("figure", figure)
     assert solved == [Verdict.PASSED] * len(cases)
     assert min(failed, passed) >= HOLD
