@@ -67,7 +67,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "picture": (TabletopEnv, "picture"),
     "model": (Mini, "act"),
     "reset": (TabletopEnv, "begin"),
-    "validity": (ManiSkillEvaluator, "_check"),
+    "validity": (ManiSkillEvaluator, "check"),
     "rest": (ManiSkillEvaluator, "evaluate"),
 }
 Picture = NDArray[np.uint8]

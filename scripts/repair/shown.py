@@ -16,7 +16,7 @@ from vlafuzz.exports.selection import Wanted
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 SPARE = 3  # scenes for each demonstration: some are not fair, and some the expert does not solve
 JOB = 10  # demonstrations, in a folder of their own
@@ -49,10 +49,10 @@ class Job:
         return written
 
 
-_pairs: dict[tuple[str, str, Path | None], tuple[Demonstrator, ManiSkillEvaluator]] = {}  # of this process
+_pairs: dict[tuple[str, str, Path | None], tuple[Demonstrator, SceneEvaluator]] = {}  # of this process
 
 
-def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, ManiSkillEvaluator]:
+def _pair(run: Manifest, driver: Path | None) -> tuple[Demonstrator, SceneEvaluator]:
     key = run.task, run.key(seeded=False), driver
     if key not in _pairs:
         once, demonstrator = replace(run, repeats=1, stop_early=True), Demonstrator(driver)

@@ -108,6 +108,7 @@ class Study:
                 folders[kind] = options.out / "demos" / before / f"{kind}-{number}"
                 unfinished = stack.enter_context(once(folders[kind]))
                 for task in options.tasks if unfinished else ():
+                    assert unfinished is not None
                     store = options.out / "found" / before / f"{task}.db"
                     jobs += shown.jobs(store, task, kind, number, init, unfinished)
             if jobs:

@@ -158,12 +158,6 @@ def test_a_pool_proposes_its_scenes_in_order_and_ends():
     assert [pool.decode(proposal.genome) for proposal in asked] == scenes
 
 
-def test_a_pool_finds_its_scenes_again():
-    pool = Pool([scene(x=0.01 * number) for number in range(5)], TinySpace())
-    drawn = pool.sample(np.random.default_rng(0))
-    assert pool.decode(pool.encode(drawn)) == drawn
-
-
 def test_an_unknown_strategy_is_refused_with_the_nearest_known():
     with pytest.raises(UsageError, match="unknown strategy 'randon'") as caught:
         strategy_factory("randon")

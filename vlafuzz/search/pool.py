@@ -24,12 +24,6 @@ class Pool:
     def decode(self, genome: Genome) -> Scene:
         return self.scenes[int(genome[0])]
 
-    def encode(self, scene: Scene) -> Genome:
-        return np.array([self.scenes.index(scene)], dtype=np.float64)
-
-    def sample(self, rng: np.random.Generator) -> Scene:
-        return self.scenes[rng.integers(len(self.scenes))]
-
 
 class InOrder:
     """Proposes the scenes of a pool in order, each once."""
