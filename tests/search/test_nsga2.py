@@ -16,7 +16,7 @@ BROKEN = (Score(Verdict.ERROR, None, 0.0), Score(Verdict.INVALID, None, 0.0))
 
 
 def population(strategy: Nsga2) -> list[Score]:
-    return list(strategy._algorithm.pop.get("score"))
+    return list(strategy._population.get("score"))
 
 
 def dominates(one: tuple[float, ...], other: tuple[float, ...]) -> bool:

@@ -2,18 +2,11 @@
 
 from collections.abc import Sequence
 from itertools import compress
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from pymoo.algorithms.moo.nsga2 import NSGA2
-from pymoo.core.crossover import Crossover
-from pymoo.core.duplicate import DuplicateElimination
-from pymoo.core.mutation import Mutation
 from pymoo.core.population import Population
 from pymoo.core.problem import Problem
-from pymoo.core.repair import Repair
-from pymoo.core.termination import NoTermination
+from pymoo.operators.survival.rank_and_crowding import RankAndCrowding
 
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import Archive, ProposalFactory
@@ -31,11 +24,10 @@ MOST_SEVERE = 100.0  # above any severity
 LEAVES = 0.5  # share of a population replaced by random scenes when it stalls: NSGA-II-D
 
 Rng = np.random.Generator
-Genomes = NDArray[np.float64]  # (n, dim)
 
 
 class Nsga2:
-    """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's selection.
+    """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's survival.
 
     Failures are ranked by progress, severity and novelty among the failures; every failure dominates every
     pass. Each batch competes with the population at once, so batches may have any size. Children are
@@ -50,19 +42,8 @@ class Nsga2:
         if budget is not None:
             self.about += f", {budget // self._size} generations"
         self._proposals, self._failures = ProposalFactory(space), Archive()
-        variation = Variation(space.genes)
-        self._algorithm = NSGA2(
-            pop_size=self._size,
-            sampling=None,
-            crossover=_Crossing(variation),
-            mutation=_Mutating(variation),
-            repair=_Repairing(self._proposals),
-            eliminate_duplicates=_OnlyNew(self._proposals),
-        )
-        problem = Problem(n_var=space.dim, n_obj=3, n_ieq_constr=1, xl=0.0, xu=1.0)
-        self._algorithm.setup(problem, seed=seed)
-        self._algorithm.termination = NoTermination()
-        self._algorithm.mating.n_max_iterations = TRIES
+        self._variation = Variation(space.genes)
+        self._population = Population()
 
     def ask(self, n: int) -> list[Proposal]:
         """Random scenes to begin with, then mostly children of the best."""
@@ -79,43 +60,88 @@ class Nsga2:
         return proposals
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Let the batch compete with the population."""
+        """Let the batch compete with the population; before there is one, all of it is."""
         if not proposals:
             return
-        population = Population.new("X", np.array([proposal.genome for proposal in proposals]))
-        points = [self._space.embed(self._space.decode(proposal.genome)) for proposal in proposals]
-        for individual, point, score in zip(population, points, scores, strict=True):
+        size = self._size if len(self._population) else len(proposals)
+        batch = Population.new("X", np.array([proposal.genome for proposal in proposals]))
+        for individual, score in zip(batch, scores, strict=True):
+            point = self._space.embed(self._space.decode(individual.X))
             individual.set("point", point)
             individual.set("score", score)
             if score.failed:
                 self._failures.add(point)
-        self._judge(population)
-        if self._algorithm.is_initialized:
-            self._judge(self._algorithm.pop)  # novelty changes with the archive
-        self._algorithm.random_state = np.random.default_rng([self._seed, proposals[0].id, 2])
-        self._algorithm.tell(infills=population)
+        self._population = Population.merge(self._population, batch)
+        self._judge()  # all, as novelty changes with the archive
+        self._survive(size, np.random.default_rng([self._seed, proposals[0].id, 2]))
 
     def _share_of_fresh(self) -> float:
         """1 while all scores are equal."""
         if len(self._failures):
             return GUIDED
-        known = self._algorithm.pop.get("score") if self._algorithm.is_initialized else ()
+        known = self._population.get("score") if len(self._population) else ()
         return BLIND if len({score.ease for score in known if score.rolled_out}) > 1 else 1.0
 
-    def _children(self, n: int, rng: Rng) -> Sequence[Genome]:
-        if n == 0:
-            return []
-        self._algorithm.random_state, self._algorithm.n_offsprings = rng, n
-        children = self._algorithm.ask()
-        self._algorithm.termination.force_termination = False  # set when mating found no new children
-        return [] if children is None else list(children.get("X"))
-
-    def _judge(self, population: Any) -> None:
+    def _judge(self) -> None:
         """Set objectives and constraint: invalid scenes rank behind all others."""
-        scores: list[Score] = list(population.get("score"))
-        novelty = self._failures.novelty(population.get("point"))
-        population.set("F", np.array([self._objectives(*pair) for pair in zip(scores, novelty, strict=True)]))
-        population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
+        scores: list[Score] = list(self._population.get("score"))
+        pairs = zip(scores, self._failures.novelty(self._population.get("point")), strict=True)
+        self._population.set("F", np.array([self._objectives(*pair) for pair in pairs]))
+        self._population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
+
+    def _survive(self, size: int, rng: Rng) -> None:
+        """Keep the best by rank and crowding distance."""
+        problem = Problem(n_var=self._space.dim, n_obj=3, n_ieq_constr=1)
+        survival = RankAndCrowding()
+        self._population = survival.do(problem, self._population, n_survive=size, random_state=rng)
+
+    def _children(self, n: int, rng: Rng) -> list[Genome]:
+        """Up to ``n`` new children; fewer if mating finds hardly any."""
+        children: list[Genome] = []
+        known = [individual.X for individual in self._population]
+        for _ in range(TRIES):
+            if len(children) == n:
+                break
+            bred = self._bred(n - len(children), rng)
+            children += compress(bred, self._proposals.new(bred, [*known, *children]))
+        return children
+
+    def _bred(self, n: int, rng: Rng) -> list[Genome]:
+        """Fair children of parents that won a binary tournament, crossed or not, all mutated."""
+        among = len(self._population)
+        drawn = np.concatenate([rng.permutation(among) for _ in range(-(-4 * n // among))])[: 4 * n]
+        won = [self._winner(a, b, rng) for a, b in drawn.reshape(-1, 2).tolist()]
+        pairs = [
+            (self._population[a].X, self._population[b].X) for a, b in zip(won[::2], won[1::2], strict=True)
+        ]
+        crossed = rng.random(n) < CROSSED
+        children = [mother for mother, _ in pairs]
+        if crossed.any():
+            children = [self._variation.cross(*pair, rng) for pair in pairs]
+        for index in np.flatnonzero(~crossed):
+            children[index] = pairs[index][rng.choice(2, size=1, replace=False)[0]]
+        children = [self._mutated(child, rng) for child in children]
+        rng.random(n)  # as pymoo drew for every mutation, so that runs stay what they were
+        return [self._proposals.fair(child, rng) for child in children]
+
+    def _winner(self, a: int, b: int, rng: Rng) -> int:
+        """Of two in the population the valid one, else the dominating one, else the less crowded one."""
+        one, other = self._population[a], self._population[b]
+        merits = [(other.CV[0], one.CV[0])]
+        if max(merits[0]) == 0:
+            dominates = bool((one.F <= other.F).all() and (one.F < other.F).any())
+            dominated = bool((one.F >= other.F).all() and (one.F > other.F).any())
+            merits = [(dominates, dominated), (one.get("crowding"), other.get("crowding"))]
+        for ours, theirs in merits:
+            if ours != theirs:
+                return a if ours > theirs else b
+        return int(rng.choice([a, b]))
+
+    def _mutated(self, genome: Genome, rng: Rng) -> Genome:
+        operators = self._variation.operators(genome)
+        chosen = rng.random(len(operators)) < CHANGES / len(operators)
+        chosen[rng.integers(len(operators))] = True
+        return self._variation.mutate(genome, list(compress(operators, chosen)), rng)
 
     @staticmethod
     def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
@@ -156,10 +182,7 @@ class Nsga2D(Nsga2):
     def _repopulate(self) -> None:
         """Keep the better half of the population."""
         stay = max(round((1 - LEAVES) * self._size), 1)
-        algorithm, rng = self._algorithm, np.random.default_rng([self._seed, self._asked, 3])
-        algorithm.pop = algorithm.survival.do(
-            algorithm.problem, algorithm.pop, n_survive=stay, algorithm=algorithm, random_state=rng
-        )
+        self._survive(stay, np.random.default_rng([self._seed, self._asked, 3]))
         self._vacant, self._stalled = self._size - stay, 0
 
     def _share_of_fresh(self) -> float:
@@ -169,48 +192,3 @@ class Nsga2D(Nsga2):
     def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
         """To be minimized. Invalid scenes rank behind all others by their constraint."""
         return (score.ease, score.severity, -novelty) if score.rolled_out else (0.0, MOST_SEVERE, 0.0)
-
-
-class _Crossing(Crossover):
-    def __init__(self, variation: Variation) -> None:
-        super().__init__(n_parents=2, n_offsprings=1, prob=CROSSED)
-        self._variation = variation
-
-    def _do(self, _: Problem, parents: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
-        """``(2, n, dim)`` parents to ``(1, n, dim)`` children."""
-        pairs = zip(*parents, strict=True)
-        return np.array([[self._variation.cross(mother, father, random_state) for mother, father in pairs]])
-
-
-class _Mutating(Mutation):
-    def __init__(self, variation: Variation) -> None:
-        super().__init__(prob=1.0)
-        self._variation = variation
-
-    def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
-        mutants = []
-        for genome in genomes:
-            operators = self._variation.operators(genome)
-            chosen = random_state.random(len(operators)) < CHANGES / len(operators)
-            chosen[random_state.integers(len(operators))] = True
-            mutants.append(self._variation.mutate(genome, list(compress(operators, chosen)), random_state))
-        return np.array(mutants)
-
-
-class _Repairing(Repair):
-    def __init__(self, proposals: ProposalFactory) -> None:
-        super().__init__()
-        self._proposals = proposals
-
-    def _do(self, _: Problem, genomes: Genomes, *, random_state: Rng, **__: Any) -> Genomes:
-        return np.array([self._proposals.fair(genome, random_state) for genome in genomes])
-
-
-class _OnlyNew(DuplicateElimination):
-    def __init__(self, proposals: ProposalFactory) -> None:
-        super().__init__()
-        self._proposals = proposals
-
-    def do(self, pop: Any, *others: Any, **_: Any) -> Any:
-        earlier = [individual.X for other in others for individual in other]
-        return pop[self._proposals.new([individual.X for individual in pop], earlier)]
