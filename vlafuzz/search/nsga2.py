@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import compress
+from typing import Any
 
 import numpy as np
 from pymoo.core.population import Population
@@ -71,8 +72,9 @@ class Nsga2:
             individual.set("score", score)
             if score.failed:
                 self._failures.add(point)
+        for part in (batch, self._population):  # all, as novelty changes with the archive
+            self._judge(part)
         self._population = Population.merge(self._population, batch)
-        self._judge()  # all, as novelty changes with the archive
         self._survive(size, np.random.default_rng([self._seed, proposals[0].id, 2]))
 
     def _share_of_fresh(self) -> float:
@@ -82,12 +84,14 @@ class Nsga2:
         known = self._population.get("score") if len(self._population) else ()
         return BLIND if len({score.ease for score in known if score.rolled_out}) > 1 else 1.0
 
-    def _judge(self) -> None:
+    def _judge(self, population: Any) -> None:
         """Set objectives and constraint: invalid scenes rank behind all others."""
-        scores: list[Score] = list(self._population.get("score"))
-        pairs = zip(scores, self._failures.novelty(self._population.get("point")), strict=True)
-        self._population.set("F", np.array([self._objectives(*pair) for pair in pairs]))
-        self._population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
+        if not len(population):
+            return
+        scores: list[Score] = list(population.get("score"))
+        pairs = zip(scores, self._failures.novelty(population.get("point")), strict=True)
+        population.set("F", np.array([self._objectives(*pair) for pair in pairs]))
+        population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
 
     def _survive(self, size: int, rng: Rng) -> None:
         """Keep the best by rank and crowding distance."""
