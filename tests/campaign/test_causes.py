@@ -37,14 +37,14 @@ class Cut(PlantedEvaluator):
 
 
 def run(path: Path, executor=None, *, space=SPACE, strategy=None, resume: int | None = None):
-    """The causes of a run of 60 rollouts, and its last tally."""
+    """The causes of a run of 100 rollouts, and its last tally."""
     tallies = []
     with Store.open(path, "write") as store:
         fuzz(
-            manifest=manifest(strategy="causes", budget=60, batch=4),
+            manifest=manifest(strategy="causes", budget=100, batch=4),
             stages=STAGES,
             space=space,
-            strategy=strategy or strategy_factory("causes")(space, 0, 60),
+            strategy=strategy or strategy_factory("causes")(space, 0, 100),
             executor=executor or LocalExecutor(PlantedEvaluator(FAULTS)),
             store=store,
             resume=resume,

@@ -44,7 +44,7 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(cap
     assert causes.keys() >= {"pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw"}
     first = causes["pick-up|grasp|light:dark"]
     assert (first["bucket"], first["lost_stage"], first["witness"]) == ("minimal", "grasp", "seeing")
-    assert first["rate"]["failures"] == first["rate"]["rollouts"] >= 5
+    assert first["rate"]["failures"] == first["rate"]["rollouts"] >= 4
     shares = [cause["share"]["value"] for cause in printed["causes"] if cause["bucket"] == "minimal"]
     assert shares == sorted(shares, reverse=True)
     assert min(shares) > 0
@@ -62,7 +62,7 @@ def test_the_json_of_a_run_has_its_causes_and_triage_and_report_say_the_same(cap
 
 
 def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_others(capsys):
-    printed = told(capsys, [*RUN, "--strategy", "causes", "--budget", "60", "--json"])
+    printed = told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--json"])
     assert printed["certification"]["certified"] == 1 < printed["certification"]["causes"]
     assert [cause["bucket"] for cause in printed["causes"]][:2] == ["minimal", "observed"]
     (run,) = told(capsys, ["triage", "a.db", "--json"])["runs"]

@@ -89,7 +89,7 @@ def crowded(scene: Scene) -> bool:
     ids=" ".join,
 )
 def test_some_operators_only_are_enough(vary: tuple[str, ...]):
-    found = operators(played(lambda scene: dark(scene) or crowded(scene), 120, where=space("pick-up", *vary)))
+    found = operators(played(lambda scene: dark(scene) or crowded(scene), 200, where=space("pick-up", *vary)))
     assert ("light",) in found
     assert found <= {("light",), ("confounders",), ("light", "confounders"), ("confounders", "light")}
 
@@ -152,7 +152,7 @@ def test_a_cause_at_the_ends_of_two_ranges_is_found_though_few_random_scenes_sho
 
     rng = np.random.default_rng(99)
     assert np.mean([fails(space().sample(rng)) for _ in range(600)]) < 0.02
-    assert operators(played(fails, 150, seed)) == {("light", "camera-orientation")}
+    assert operators(played(fails, 250, seed)) == {("light", "camera-orientation")}
 
 
 def test_a_policy_that_fails_in_the_nominal_scene_is_compared_with_a_scene_that_it_passes():
@@ -166,7 +166,8 @@ def test_a_failure_that_is_not_attributed_yet_counts_as_unexplained():
     strategy = Causes(space(), 0, 100)
     proposals = strategy.ask(16)
     strategy.tell(proposals, [PASSED, *[FAILED] * 15])
-    assert len(strategy.unexplained) == 15
+    nominal = 3  # of the sixteen are the reference once more, jittered
+    assert len(strategy.unexplained) in (15 - nominal, 15 - nominal + 1)
     assert strategy.causes() == []
 
 
@@ -207,3 +208,14 @@ def test_scenes_that_fail_anyway_are_not_counted_for_a_cause():
     dark_ones = np.mean([dark(space().sample(rng)) for _ in range(400)])
     assert share is not None
     assert share.low <= 0.7 * dark_ones <= share.high
+
+
+@pytest.mark.parametrize("background", [0.1, 0.3, 0.6])
+def test_a_policy_whose_failures_nothing_explains_has_no_causes(background: float):
+    rng = np.random.default_rng(11)
+    assert operators(played(lambda scene: rng.random() < background, 200, 2)) == set()
+
+
+def test_a_cause_is_found_beside_failures_by_chance():
+    rng = np.random.default_rng(4)
+    assert operators(played(lambda scene: dark(scene) or rng.random() < 0.2, 300, 1)) == {("light",)}

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 
+from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.suspects import FIRM, Mask, Suspects
 from vlafuzz.search.causes.units import Levels
 
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
 LARGEST = 4  # units of a cause
 FEW, MOST = (12, 30), (22, 45)  # tests of a firm failure and of others: by suspicion, and in all
+LONGER = 3.0  # times the background: so much longer do attributions take where policies fail by chance
+BY_CHANCE = 0.95  # probability that a failure is one by chance from which it is given up
+REPEATED = 4  # rollouts of a scene before it is said to show a cause
+QUIET = 0.06  # background up to which an answer may rest on the tests that it was chosen by
 
 
 class Attribution:
@@ -17,32 +24,111 @@ class Attribution:
 
     Tests are chosen by how much they tell about the suspects, until one of them is almost sure or that takes
     too long. Then units are removed one by one from the smallest set that failed, until it takes all of them.
+    That answer, which was chosen for its outcomes, is confirmed by tests that it does not rest on: with all
+    of its units the scene fails more often than by chance, and without any one of them it does not. Of a
+    policy that seems never to fail by chance, the latter may rest on any tests.
+
+    Args:
+        confirmed: log likelihood ratio that tests of the answer have to show.
+        quiet: whether most attributions have found a cause.
 
     Attributes:
         waiting: the outcome of a test is awaited.
         cause: the units, once no further test is needed; None if there is no answer.
+        scene: the units of the scene that shows it: the cause's, and those whose reset is not fair.
     """
 
-    def __init__(self, levels: Levels, suspects: Suspects, *, guided: bool = True) -> None:
+    def __init__(
+        self,
+        levels: Levels,
+        suspects: Suspects,
+        background: Background,
+        *,
+        confirmed: float,
+        quiet: bool,
+        guided: bool = True,
+    ) -> None:
         self.levels, self.suspects, self._guided = levels, suspects, guided
+        self._background, self._confirmed, self._quiet = background, confirmed, quiet
+        self._longer = 1 + LONGER * background.rate
         self.waiting, self._sure = False, False
         self.cause: Mask | None = None
+        self.scene: Mask | None = None
+        self._answer: Mask | None = None
+        self._failures: Counter[bytes] = Counter()  # of the tests that confirm the answer
+        self._passes: Counter[bytes] = Counter()
 
     def next_test(self, rng: np.random.Generator) -> Mask | None:
         """The units to keep in the next test; None if no further one is needed."""
         suspects = self.suspects
-        few, most = FEW if suspects.rate > FIRM else MOST
-        guided = self._guided and not self._sure and suspects.tests < few
-        kept = suspects.next_test(rng) if guided else None
-        if kept is None and suspects.tests < most:
-            kept = suspects.without_one()
-        answered = kept is None and (self._sure or suspects.tests < most)
-        if answered and suspects.smallest.sum() <= LARGEST:
-            self.cause = suspects.smallest
-        return kept
+        few, most = (self._longer * tests for tests in (FEW if suspects.rate > FIRM else MOST))
+        if suspects.by_chance > BY_CHANCE:
+            return None
+        if self._answer is None:
+            kept = None
+            if self._guided and not self._sure and suspects.tests < few:
+                kept = suspects.next_test(rng)
+            if kept is None and suspects.tests < most:
+                kept = suspects.without_one()
+            if kept is not None or not (self._sure or suspects.tests < most):
+                return kept
+            if suspects.smallest.sum() > LARGEST:
+                return None
+            self._propose(suspects.smallest)
+        return self._confirm() if suspects.tests < 2 * most else None
 
     def learn(self, kept: Mask, *, failed: bool) -> None:
         """Learn the outcome of a test."""
+        if not kept.any():
+            self._background.learn(failed=failed)
+            return
+        if self._answer is not None:
+            (self._failures if failed else self._passes)[kept.tobytes()] += 1
         self.suspects.learn_test(kept, failed=failed)
         chance, has_failed = self.suspects.best()
         self._sure = chance >= SURE and has_failed
+
+    def _propose(self, answer: Mask) -> None:
+        self._answer = answer
+        self._failures.clear()
+        self._passes.clear()
+
+    def _confirm(self) -> Mask | None:
+        """The next test of the answer; None if it is confirmed or refuted."""
+        assert self._answer is not None
+        answer, mark = self._answer, self._answer.tobytes()
+        failures, passes = self._failures[mark], self._passes[mark]
+        scene = self.suspects.ratio(failures, passes, self._background.chances)
+        if scene < -self._confirmed:
+            return None
+        if scene < self._confirmed or failures + passes < REPEATED:
+            return answer
+        needed = answer.copy()
+        for unit in np.flatnonzero(answer):
+            without = answer.copy()
+            without[unit] = False
+            found = self._evidence(without)
+            if self.suspects.is_unfair(without):
+                needed[unit] = self.suspects.rollouts(without) > 0 and self.suspects.evidence(without) < 0
+                continue
+            if found > self._confirmed:
+                if not without.any():  # the reference fails as often
+                    return None
+                self._propose(without)
+                return without
+            if found > -self._confirmed:
+                return without
+        if needed.any():
+            self.cause, self.scene = needed, answer
+        return None
+
+    def _evidence(self, kept: Mask) -> float:
+        """Log likelihood ratio of the tests of the answer: these units are in a fault, or they are not."""
+        if not kept.any():
+            return self.suspects.ratio(
+                self._background.failures, self._background.passes, self._background.chances
+            )
+        if self._quiet and self._background.rate < QUIET:
+            return self.suspects.evidence(kept)
+        mark = kept.tobytes()
+        return self.suspects.ratio(self._failures[mark], self._passes[mark], self._background.chances)

@@ -73,8 +73,12 @@ class Rule:
         """Whether it takes all units of another rule, and more."""
         return bool((self.kept >= other.kept).all() and (self.kept > other.kept).any())
 
-    def learn_failure(self, deviations: Numbers, levels: Levels, units: Units) -> None:
-        """A scene with its units alone fails: its range reaches as far."""
+    def learn_failure(self, deviations: Numbers, levels: Levels | None) -> None:
+        """A scene with its units alone fails: its range reaches as far.
+
+        Args:
+            levels: of the scene; None where it may have failed by chance, and cannot stand for the rule.
+        """
         nearer = True
         for index in np.flatnonzero(self.kept).tolist():
             if index in self.values:
@@ -87,7 +91,7 @@ class Rule:
                 if abs(self.inner[index]) < abs(self.safe[index]):
                     self.safe[index] = 0.0
         self.inner[-1] = max(self.inner[-1], deviations[-1])
-        if nearer:
+        if nearer and levels is not None:
             self.levels = levels
 
     def learn_pass(self, deviations: Numbers) -> None:
@@ -126,7 +130,7 @@ class Rules(list[Rule]):
         """
         for other in self:
             if other.same_kind(rule):
-                other.learn_failure(deviations, rule.levels, units)
+                other.learn_failure(deviations, rule.levels)
                 return other
         for other in [other for other in self if other.needs_all_of(rule)]:
             scene = units.deviations(other.levels[None])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
-from vlafuzz.search.causes.attribution import Attribution
+from vlafuzz.search.causes.attribution import BY_CHANCE, QUIET, Attribution
+from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import STRETCHED, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
@@ -27,16 +28,27 @@ HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
 REPEATS = 6  # of the first failures as they are: they show how often a fault makes the policy fail
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
+# Rollouts of the reference at most, and at first; more only of a policy that fails there.
+NOMINAL, SOON = 12, 4
+SHARE = 30  # proposals for each of them: few where the budget is small
+PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
+TRIALS = 6  # of a rule on a failure, at most
+RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is worth
+# Likelihood ratio that tests of an answer have to show, times the square of the odds that an attribution ends
+# without one, as many of those are chances to be wrong; and its least logarithm.
+CONFIRMED, LEAST_CONFIRMED = 20.0, 2.3
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
-NEARBY = 6  # known scenes beside which a new one is looked for
+NEARBY = 20  # known scenes beside which a new one is looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Test:
-    """A failing scene with only some units kept: for an attribution, or to try a rule on it.
+    """A scene with only some units kept: for an attribution, to try a rule on it, or for the background.
 
     Attributes:
         failure: whether the rule is to explain a failure; else its range is probed.
+        chance: probability that the scene is in the range of the rule, so far.
+        trial: number of rollouts for that, this one included.
     """
 
     scene: Levels
@@ -44,6 +56,8 @@ class Test:
     attribution: Attribution | None = None
     rule: Rule | None = None
     failure: bool = False
+    chance: float = 0.5
+    trial: int = 1
 
 
 class Causes:
@@ -74,13 +88,14 @@ class Causes:
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
         self._has_reference = False
+        self._background, self._nominal, self._passed = Background(), 0, 0
         self._rules = Rules()
         self._pending: deque[Levels] = deque()
         self._active: list[Attribution] = []
         self._tests: deque[Test] = deque()
         self._out: dict[int, tuple[Test | None, Genome]] = {}
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
-        self._rates, self._repeats = RATE_PRIOR, REPEATS
+        self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
 
     def ask(self, n: int) -> list[Proposal]:
@@ -90,7 +105,7 @@ class Causes:
         while len(proposals) < n:
             self._begin()
             due = self._draws.due(self._asked)
-            test = None if due else self._next_test(rng)
+            test = self._nominal_test(rng) or (None if due else self._next_test(rng))
             if not (test or due or self._may_draw(len(proposals))):
                 break
             genome = test[1] if test else self._draw(rng)
@@ -113,6 +128,8 @@ class Causes:
                 self._learn_test(test, test.attribution, score)
             elif test.rule is not None:
                 self._learn_trial(test, test.rule, levels, score)
+            elif score.rolled_out:
+                self._learn_nominal(failed=score.failed)
 
     def causes(self) -> list[Cause]:
         """The causes found so far, in the order in which they were found."""
@@ -164,6 +181,27 @@ class Causes:
         left = math.inf if self._budget is None else self._budget - self._asked
         return int(max(1, min(len(self._out) + 1, left // TESTS)))
 
+    def _nominal_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
+        """The reference again, a few times: how often the policy fails there is the background."""
+        if self._asked == 0 or self._nominal >= self._nominal_due():
+            return None
+        nothing = np.zeros(len(self._units.units), dtype=bool)
+        genome = self._fair(self._units.jittered(self._units.reference, rng), rng)
+        self._nominal += 1
+        return (Test(self._units.reference, nothing), genome) if genome is not None else None
+
+    def _nominal_due(self) -> int:
+        """How often the reference is to be rolled out so far, without its first time."""
+        few = self._asked // SHARE + 1
+        if self._background.failures or not self._has_reference:
+            few = min(NOMINAL, (self._budget or NOMINAL * SHARE) // SHARE)
+        return min(NOMINAL, max(few, 0 if self._budget and self._budget < SOON * SHARE else SOON) - 1)
+
+    def _learn_nominal(self, *, failed: bool) -> None:
+        self._background.learn(failed=failed)
+        self._passed += not failed
+        self._has_reference = self._has_reference or self._passed >= PASSED
+
     def _begin(self) -> None:
         """Attribute failures that wait, unless a rule explains them."""
         while self._has_reference and self._pending and len(self._active) < self._at_once():
@@ -173,22 +211,26 @@ class Causes:
             if rule is None or chance < POSSIBLE:
                 self._attribute(levels)
             elif chance < KNOWN:
-                self._tests.append(Test(levels, rule.kept, rule=rule, failure=True))
+                self._tests.append(Test(levels, rule.kept, rule=rule, failure=True, chance=chance))
             else:
                 rule.hits += 1
 
     def _attribute(self, levels: Levels) -> None:
         deviations = self._units.deviations(levels[None])[0]
         severity = self._units.severity(deviations)
-        if not severity.any():
+        by_chance = self._background.by_chance
+        if not severity.any() or by_chance > BY_CHANCE:
             self._given_up.append(levels)
             return
-        suspects = Suspects(severity, self._rates)
+        suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
         if self._known:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             alike = self._units.alike(self._units.deviations(scenes), deviations)
             suspects.learn_scenes(alike, failed, otherwise)
-        self._active.append(Attribution(levels, suspects, guided=self._guided))
+        odds = (len(self._given_up) + 1) / (len(self._rules) + 1)
+        confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
+        about = levels, suspects, self._background
+        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, guided=self._guided))
 
     def _next_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         while self._tests:
@@ -219,33 +261,37 @@ class Causes:
 
     def _fair(self, levels: Levels, rng: np.random.Generator) -> Genome | None:
         """The genome of a scene if it is fair; of one beside it if it is known."""
-        for _ in range(NEARBY):
-            scene = self._space.decode(self._units.genome(levels))
+        beside = levels
+        for number in range(NEARBY):
+            scene = self._space.decode(self._units.genome(beside))
             repaired = self._space.repaired(scene, np.random.default_rng(0))
-            if repaired is None or repaired.digest != scene.digest:
+            if repaired is not None and repaired.digest == scene.digest:
+                genome = self._space.nearest(scene)
+                if self._proposals.new([genome])[0]:
+                    return self._proposals.registered(genome)
+            elif number == 0:
                 return None
-            genome = self._space.nearest(scene)
-            if self._proposals.new([genome])[0]:
-                return self._proposals.registered(genome)
-            levels = self._units.jittered(levels, rng)
+            beside = self._units.jittered(levels if number % 2 else beside, rng)
         return None
 
     def _learn_draw(self, number: int, levels: Levels, score: Score) -> None:
-        if number == 0:
-            self._has_reference = not score.failed
+        if number == 0 and score.rolled_out:
+            self._learn_nominal(failed=score.failed)
         if not score.rolled_out or number == 0:
             return
         explained = self._remember(levels, failed=score.failed)
+        self._background.learn_draw(1 - explained, failed=score.failed)
         self._draws.learn(number, levels, failed=score.failed, explained=explained)
         if score.failed:
             self._pending.append(levels)
-        elif not self._has_reference:
+        elif not self._has_reference and self._nominal >= self._nominal_due():
             self._refer()
 
     def _remember(self, levels: Levels, *, failed: bool) -> float:
         """Keep a scene for attributions to come; returns the chance that a rule explains a failure there."""
         explained = float(self._rules.explain(self._units.deviations(levels[None]), self._units)[0])
-        self._known.append((levels, failed, max(ELSEWHERE, explained)))
+        otherwise = 1 - (1 - explained) * (1 - self._background.rate)
+        self._known.append((levels, failed, min(max(ELSEWHERE, otherwise), 0.98)))
         return explained
 
     def _refer(self) -> None:
@@ -255,6 +301,7 @@ class Causes:
             severities = [self._units.severity(one).sum() for one in self._units.deviations(passing)]
             self._units = Units(self._space.genes, passing[int(np.argmin(severities))])
             self._has_reference = True
+            self._background, self._nominal = Background(), 0
             self._draws.forget()
 
     def _learn_test(self, test: Test, attribution: Attribution, score: Score) -> None:
@@ -262,9 +309,6 @@ class Causes:
             self._miss(test)
             return
         attribution.waiting = False
-        if np.array_equal(test.kept, attribution.suspects.deviating):
-            rates = self._rates * (RATES if score.failed else 1 - RATES)
-            self._rates = rates / rates.sum()
         attribution.learn(test.kept, failed=score.failed)
         if not score.failed:
             self._remember(self._units.keep(test.scene, test.kept), failed=False)
@@ -278,22 +322,36 @@ class Causes:
             self._attribute(test.scene)
 
     def _learn_trial(self, test: Test, rule: Rule, levels: Levels, score: Score) -> None:
-        deviations = self._units.deviations(levels[None])[0]
-        if score.failed:
-            rule.learn_failure(deviations, levels, self._units)
-            rule.hits += test.failure
+        """Learn whether a scene is in a rule's range; again until that is clear."""
+        if not score.rolled_out:
+            self._miss(test)
             return
-        if score.rolled_out:
+        background = self._background.rate
+        inside = background + (1 - background) * float(self._rates @ RATES) / float(self._rates.sum())
+        odds = test.chance / max(1 - test.chance, 1e-6)
+        odds *= inside / background if score.failed else (1 - inside) / (1 - background)
+        chance = odds / (1 + odds)
+        deviations = self._units.deviations(levels[None])[0]
+        if chance >= KNOWN:
+            rule.learn_failure(deviations, levels if background < QUIET else None)
+            rule.hits += test.failure
+        elif chance <= POSSIBLE:
             rule.learn_pass(deviations)
-        self._miss(test)
+            self._miss(test)
+        elif test.trial < TRIALS:
+            self._tests.appendleft(replace(test, chance=chance, trial=test.trial + 1))
+        else:
+            self._miss(test)
 
     def _end(self, attribution: Attribution) -> None:
         """Make a rule of what an attribution has found."""
         self._active.remove(attribution)
-        if attribution.cause is None:
+        self._background.learn_likelihood(attribution.suspects.told_of_backgrounds)
+        if attribution.cause is None or attribution.scene is None:
             self._given_up.append(attribution.levels)
             return
-        levels = self._units.keep(attribution.levels, attribution.cause)
+        self._rates = self._rates + attribution.suspects.rates
+        levels = self._units.keep(attribution.levels, attribution.scene)
         deviations = self._units.deviations(levels[None])[0]
         new = Rule.of(attribution.cause, levels, deviations, self._units)
         rule = self._rules.add(new, deviations, self._units)

@@ -8,35 +8,46 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.search.causes.background import RATES as BACKGROUNDS
+
 Mask = NDArray[np.bool_]  # (units,)
 Numbers = NDArray[np.float64]
 
 SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
-RATES = np.array([0.98, 0.75, 0.5])  # of failure inside a fault, of which one holds
+RATES = np.array([0.98, 0.75, 0.5])  # of failure due to a fault, inside of it; one of them holds
 RATE_PRIOR = np.array([0.6, 0.25, 0.15])
-OTHERWISE = 0.04  # chance that a scene fails with nothing left of what is to blame: by another fault
 HALVES = 100  # random sets of units that are considered as a test
 EXACT = 0.3  # worth in bits of a test that may end the attribution
 UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
 RIVALS = 12  # most likely suspects whose unions and differences are considered
-FIRM, AGAIN = 0.93, 3  # expected failure rate from which one test is enough; else up to three
+FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to three
+LEAST_EFFECT = 0.2  # by which a scene fails more often inside a fault than outside
+NOISY, OFTEN = 0.08, 10  # background from which a test may be repeated, and how often
+SETTLED = 2.0  # log likelihood ratio, 7 to 1, from which tests show on which side of a fault a set is
 
 
 class Suspects:
-    """Sets of units that may be why a scene fails.
+    """Sets of units that may be why a scene fails, beside the chance that nothing in it is to blame.
 
     Args:
         severity: ``(units,)`` chance that a value as far from the reference is in a fault; 0 where it is that
             of the reference.
         rates: ``(3,)`` probability of each of ``RATES``.
+        backgrounds: ``(10,)`` probability of each of ``BACKGROUNDS``, the chance that a scene fails with
+            nothing left of what is to blame.
+        by_chance: probability that the failure is one of these.
 
     Attributes:
         smallest: set of units with which alone the scene has failed.
         tests: number of tests so far; one that is not fair counts in part.
     """
 
-    def __init__(self, severity: Numbers, rates: Numbers) -> None:
+    def __init__(self, severity: Numbers, rates: Numbers, backgrounds: Numbers, by_chance: float) -> None:
         self.deviating = severity > 0
+        effects = (1 - BACKGROUNDS)[:, None] * RATES
+        self._rows = np.argwhere(effects >= LEAST_EFFECT)  # a background and a rate each
+        self._outside = BACKGROUNDS[self._rows[:, 0]]
+        self._inside = self._outside + effects[tuple(self._rows.T)]
         units = np.flatnonzero(self.deviating)
         masks, prior = [], []
         for size, weight in enumerate(SIZES[: len(units)], 1):
@@ -45,26 +56,41 @@ class Suspects:
             plausible = np.array([severity[members].prod() for members in chosen])
             prior.append(weight * plausible / plausible.sum())
         self.masks = np.array(masks)
-        self._log = np.log(rates)[:, None] + np.log(np.concatenate(prior))
+        sets = np.concatenate(prior)
+        row = backgrounds[self._rows[:, 0]] * rates[self._rows[:, 1]]
+        self._log = np.log(row / row.sum())[:, None] + np.log(sets / sets.sum() * (1 - by_chance))
+        self._log_chance = np.log(backgrounds * by_chance)
+        self._weigh()
+        self._backgrounds_before = self.backgrounds
         self.tests, self.smallest = 0.0, self.deviating
-        self._failed = np.zeros(len(self.masks), dtype=bool)
-        self._tried: Counter[bytes] = Counter()
-        self._passed: Counter[bytes] = Counter()
+        self._failures: Counter[bytes] = Counter()
+        self._passes: Counter[bytes] = Counter()
         self._unfair: set[bytes] = set()
 
     @property
-    def chances(self) -> Numbers:
-        """``(sets,)`` the probability of each set."""
-        return np.asarray(self._joint().sum(axis=0))
+    def backgrounds(self) -> Numbers:
+        """``(10,)`` the probability of each of ``BACKGROUNDS``."""
+        return np.asarray(self._by_chance + np.bincount(self._rows[:, 0], self._row, len(BACKGROUNDS)))
+
+    @property
+    def told_of_backgrounds(self) -> Numbers:
+        """``(10,)`` log likelihood of what was learnt since the beginning, by each of ``BACKGROUNDS``."""
+        return np.asarray(np.log(self.backgrounds + 1e-12) - np.log(self._backgrounds_before + 1e-12))
+
+    @property
+    def by_chance(self) -> float:
+        """The probability that no unit is to blame for the failure."""
+        return float(self._by_chance.sum())
 
     @property
     def rates(self) -> Numbers:
-        """``(3,)`` the probability of each of ``RATES``."""
-        return np.asarray(self._joint().sum(axis=1))
+        """``(3,)`` the probability of each of ``RATES``, if a unit is to blame."""
+        rates = np.bincount(self._rows[:, 1], self._row, len(RATES))
+        return np.asarray(rates / rates.sum())
 
     @property
     def rate(self) -> float:
-        """The expected failure rate inside the fault."""
+        """The expected rate of failures due to the fault, inside of it."""
         return float(self.rates @ RATES)
 
     def learn_scenes(self, alike: Numbers, failed: Mask, otherwise: Numbers) -> None:
@@ -75,22 +101,25 @@ class Suspects:
             otherwise: ``(n,)`` chance that the scene fails for another reason.
         """
         inside = np.exp(np.log(alike) @ self.masks.T.astype(float))
-        for row, rate in enumerate(RATES):
+        for number, rate in enumerate(RATES):
             failing = rate * inside + (1 - rate * inside) * otherwise[:, None]
             likely = np.where(failed[:, None], failing, 1 - failing)
-            self._log[row] += np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
+            self._log[self._rows[:, 1] == number] += np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
+        self._log_chance += np.log(np.where(failed, otherwise, 1 - otherwise)).sum()
+        self._weigh()
+        self._backgrounds_before = self.backgrounds
 
     def learn_test(self, kept: Mask, *, failed: bool) -> None:
         """Learn from the scene itself with all units reset but these."""
         self.tests += 1
-        self._tried[kept.tobytes()] += 1
-        failing = np.where(self._inside(kept), RATES[:, None], OTHERWISE)
+        failing = np.where(self._contained(kept), self._inside[:, None], self._outside[:, None])
         self._log += np.log(failing if failed else 1 - failing)
-        if not failed:
-            self._passed[kept.tobytes()] += 1
-            return
-        self._failed |= (self.masks == kept).all(axis=1)
-        if kept.sum() < self.smallest.sum():
+        self._log_chance += np.log(BACKGROUNDS if failed else 1 - BACKGROUNDS)
+        self._weigh()
+        (self._failures if failed else self._passes)[kept.tobytes()] += 1
+        if not failed and (kept == self.smallest).all() and self.evidence(kept) < 0:
+            self.smallest = self._next_smallest()
+        if failed and kept.sum() < self.smallest.sum() and self.evidence(kept) > 0:
             self.smallest = kept
 
     def rule_out(self, kept: Mask) -> None:
@@ -99,10 +128,37 @@ class Suspects:
         self._unfair.add(kept.tobytes())
 
     def best(self) -> tuple[float, bool]:
-        """The probability of the most likely set, and whether the scene with it alone has failed."""
+        """The probability of the most likely set, and whether tests show that it is in a fault."""
         chances = self.chances
         top = int(np.argmax(chances))
-        return float(chances[top]), bool(self._failed[top])
+        return float(chances[top]), self.evidence(self.masks[top]) >= SETTLED
+
+    def evidence(self, kept: Mask) -> float:
+        """Log likelihood ratio of the tests: the scene with these units alone is in a fault, or it is not.
+
+        A set that fails speaks for every larger one, a set that passes against every smaller one.
+        """
+        failures = sum(count for mark, count in self._failures.items() if not (_mask(mark) & ~kept).any())
+        passes = sum(count for mark, count in self._passes.items() if not (kept & ~_mask(mark)).any())
+        return self.ratio(failures, passes, self.backgrounds)
+
+    def ratio(self, failures: int, passes: int, backgrounds: Numbers) -> float:
+        """Log likelihood ratio of so many outcomes in a scene: it is in a fault, or it is not.
+
+        Args:
+            backgrounds: ``(10,)`` probability of each of ``BACKGROUNDS`` outside of it.
+        """
+        inside = self._row @ (self._inside**failures * (1 - self._inside) ** passes) / self._row.sum()
+        outside = backgrounds @ (BACKGROUNDS**failures * (1 - BACKGROUNDS) ** passes)
+        return float(np.log(max(inside, 1e-300)) - np.log(max(outside, 1e-300)))
+
+    def is_unfair(self, kept: Mask) -> bool:
+        """Whether the scene with these units alone is not fair."""
+        return kept.tobytes() in self._unfair
+
+    def rollouts(self, kept: Mask) -> int:
+        """How often the scene with these units alone was rolled out."""
+        return self._failures[kept.tobytes()] + self._passes[kept.tobytes()]
 
     def without_one(self) -> Mask | None:
         """The smallest failing set with one unit less, the least likely first; None if all are tried."""
@@ -111,7 +167,7 @@ class Suspects:
         for unit in units[np.argsort(weights[units], kind="stable")] if len(units) > 1 else ():
             kept = self.smallest.copy()
             kept[unit] = False
-            if not self._passes(kept):
+            if self.evidence(kept) > -SETTLED and kept.tobytes() not in self._unfair:
                 return kept
         return None
 
@@ -121,45 +177,58 @@ class Suspects:
         ranked = self.masks[np.argsort(-chances)[:RIVALS]]
         unions = [one | other for one, other in combinations(ranked[:6], 2)]
         halves = rng.random((HALVES, len(self.deviating))) < rng.uniform(0.3, 0.8, (HALVES, 1))
-        candidates = np.concatenate([[*ranked, *unions], halves & self.deviating, self.deviating & ~ranked])
-        most = 1 if self.rate > FIRM else AGAIN
+        noisy = float(self.backgrounds @ BACKGROUNDS) > NOISY
+        whole = [self.deviating] if noisy else []
+        candidates = np.concatenate(
+            [[*ranked, *unions, *whole], halves & self.deviating, self.deviating & ~ranked]
+        )
+        most = OFTEN if noisy else 1 if self.rate > FIRM else AGAIN
         candidates = candidates[[bool(kept.any()) and self._is_open(kept, most) for kept in candidates]]
         if not len(candidates):
             return None
         sizes = self.masks.sum(axis=1)
         inside = candidates.astype(float) @ self.masks.T.astype(float) == sizes
         exact = (inside & (candidates.sum(axis=1)[:, None] == sizes)) @ chances
-        gains = _information(inside @ chances, self.rate)
+        rate = float(self._row @ self._inside / self._row.sum())
+        gains = _information(inside @ chances, rate, float(self.backgrounds @ BACKGROUNDS))
         return np.asarray(candidates[int(np.argmax(gains + EXACT * exact))])
 
-    def _joint(self) -> Numbers:
-        weights = np.exp(self._log - self._log.max())
-        return np.asarray(weights / weights.sum())
+    def _weigh(self) -> None:
+        """Turn logarithms into probabilities: of the sets, of the rows, and of chance by background."""
+        most = max(float(self._log.max()), float(self._log_chance.max()))
+        weights, chance = np.exp(self._log - most), np.exp(self._log_chance - most)
+        total = float(weights.sum() + chance.sum())
+        self.chances: Numbers = weights.sum(axis=0) / total  # of the sets; what is missing to 1 is chance
+        self._row: Numbers = weights.sum(axis=1) / total
+        self._by_chance: Numbers = chance / total
 
-    def _inside(self, kept: Mask) -> Mask:
+    def _contained(self, kept: Mask) -> Mask:
         """``(sets,)`` whether each is kept as a whole."""
         return np.asarray(~(self.masks & ~kept).any(axis=1))
 
-    def _passes(self, kept: Mask) -> bool:
-        """Whether tests show, or fairness prevents, that the scene fails with these units alone."""
-        enough = 1 if self.rate > FIRM else 2
-        passes = sum(
-            count
-            for mark, count in self._passed.items()
-            if not (kept & ~np.frombuffer(mark, dtype=bool)).any()
+    def _next_smallest(self) -> Mask:
+        """The smallest set for which tests speak that it fails; all units if they do for none."""
+        failed = [_mask(mark) for mark in self._failures]
+        return min(
+            (kept for kept in failed if self.evidence(kept) > 0),
+            key=lambda kept: int(kept.sum()),
+            default=self.deviating,
         )
-        return passes >= enough or kept.tobytes() in self._unfair
 
     def _is_open(self, kept: Mask, most: int) -> bool:
         """Whether a test may still tell something: a sure answer is not asked for again."""
         mark = kept.tobytes()
-        return mark not in self._unfair and self._tried[mark] < most
+        return mark not in self._unfair and self._failures[mark] + self._passes[mark] < most
 
 
-def _information(inside: Numbers, rate: float) -> Numbers:
+def _mask(mark: bytes) -> Mask:
+    return np.frombuffer(mark, dtype=bool)
+
+
+def _information(inside: Numbers, rate: float, otherwise: float) -> Numbers:
     """Bits that a test tells about whether a fault is kept, by the probability that it is."""
-    fails = OTHERWISE + (rate - OTHERWISE) * inside
-    chance = inside * _entropy(np.array(rate)) + (1 - inside) * _entropy(np.array(OTHERWISE))
+    fails = otherwise + (rate - otherwise) * inside
+    chance = inside * _entropy(np.array(rate)) + (1 - inside) * _entropy(np.array(otherwise))
     return np.asarray(_entropy(fails) - chance)
 
 

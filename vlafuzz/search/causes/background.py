@@ -1,0 +1,60 @@
+"""Background: how often a policy fails where no cause is, and how many failures that explains."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Numbers = NDArray[np.float64]
+
+RATES = np.array([0.04, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])  # of failure by chance; one holds
+PRIOR = np.array([0.5, 0.1, 0.08, 0.07, 0.06, 0.05, 0.05, 0.04, 0.03, 0.02])
+BEYOND, WORTH = 0.3, 4.0  # prior of the share of scenes that fail for a cause, and how many draws it is worth
+RAREST, SUREST = 0.05, 0.98  # least such share, and most probability that a failure is one by chance
+
+
+class Background:
+    """Learns from the reference, and from attributions: scenes in which nothing is left of what is to blame.
+
+    Attributes:
+        failures: of the reference.
+    """
+
+    def __init__(self) -> None:
+        self.failures = self.passes = 0
+        self._log = np.log(PRIOR)
+        self._draws = self._failing = 0.0
+
+    @property
+    def chances(self) -> Numbers:
+        """The probability of each of ``RATES``."""
+        weights = np.exp(self._log - self._log.max())
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def rate(self) -> float:
+        """The expected failure rate where no cause is."""
+        return float(self.chances @ RATES)
+
+    @property
+    def by_chance(self) -> float:
+        """The probability that a failure which no known cause explains is one by chance."""
+        rate = (self._failing + BEYOND * WORTH) / (self._draws + WORTH)
+        share = max(RAREST, (rate - self.rate) / (1 - self.rate))
+        chance = self.rate * (1 - share)
+        return min(SUREST, chance / (chance + share))
+
+    def learn(self, *, failed: bool) -> None:
+        """Learn an outcome of the reference."""
+        self.failures += failed
+        self.passes += not failed
+        self._log += np.log(RATES if failed else 1 - RATES)
+
+    def learn_likelihood(self, log_likelihood: Numbers) -> None:
+        """Learn what an attribution tells of each of ``RATES``."""
+        self._log += log_likelihood
+
+    def learn_draw(self, unexplained: float, *, failed: bool) -> None:
+        """Learn the outcome of a draw, by the probability that no known cause explains a failure there."""
+        self._draws += unexplained
+        self._failing += unexplained * failed
