@@ -85,7 +85,7 @@ def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_wh
     whole, tmp_path: Path
 ):
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "cut.db", LocalExecutor(Cut(after=45)))
+        run(tmp_path / "cut.db", LocalExecutor(Cut(after=85)))
     with Store.open(tmp_path / "cut.db") as store:
         early = store.causes(1)
     assert early is not None
@@ -104,7 +104,7 @@ def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_
             return []
 
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "a.db", LocalExecutor(Cut(after=45)))
+        run(tmp_path / "a.db", LocalExecutor(Cut(after=85)))
     with Store.open(tmp_path / "a.db") as store:
         before = store.causes(1)
     with pytest.raises(KeyboardInterrupt):

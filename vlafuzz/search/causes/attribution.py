@@ -46,9 +46,8 @@ class Attribution:
         *,
         confirmed: float,
         quiet: bool,
-        guided: bool = True,
     ) -> None:
-        self.levels, self.suspects, self._guided = levels, suspects, guided
+        self.levels, self.suspects = levels, suspects
         self._background, self._confirmed, self._quiet = background, confirmed, quiet
         self._longer = 1 + LONGER * background.rate
         self.waiting, self._sure = False, False
@@ -66,7 +65,7 @@ class Attribution:
             return None
         if self._answer is None:
             kept = None
-            if self._guided and not self._sure and suspects.tests < few:
+            if not self._sure and suspects.tests < few:
                 kept = suspects.next_test(rng)
             if kept is None and suspects.tests < most:
                 kept = suspects.without_one()

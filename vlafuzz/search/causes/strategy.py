@@ -76,11 +76,8 @@ class Causes:
         budget: int | None = None,
         *,
         stretched: float = STRETCHED,
-        avoid: bool = True,
-        guided: bool = True,
     ) -> None:
         self._space, self._seed, self._asked = space, seed, 0
-        self._avoids, self._guided = avoid, guided
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
@@ -170,7 +167,7 @@ class Causes:
     def _draw(self, rng: np.random.Generator) -> Genome:
         if self._asked == 0:
             return self._proposals.registered(self._units.genome(self._units.reference))
-        return self._draws.draw(self._asked, rng, self._units, self._rules if self._avoids else Rules())
+        return self._draws.draw(self._asked, rng, self._units, self._rules)
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
@@ -230,7 +227,7 @@ class Causes:
         odds = (len(self._given_up) + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
         about = levels, suspects, self._background
-        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, guided=self._guided))
+        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1))
 
     def _next_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         while self._tests:
