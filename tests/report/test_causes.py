@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed
+from tests.doubles import failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
@@ -161,3 +161,14 @@ def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Stor
     shown = [digest for cause in found.causes for digest in cause.found]
     assert {digest for card in view.cards[:3] for digest in card.findings} >= set(shown)
     assert view.cards[0].findings[0] in found.causes[0].found
+
+
+def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):
+    for proposal, outcome in enumerate((failed(), passed(), failed()), start=20):
+        scene = replace(SPACE.nominal(), light=replace(SPACE.nominal().light, azimuth=proposal / 100))
+        store.add(
+            1, Trial(proposal=proposal, scene=scene, outcome=outcome, severity=0.01, cell="grasp|base|x0y0")
+        )
+    store.keep_causes(1, Attribution(()))
+    says = listed(store).sentences[0]
+    assert says.startswith("no cause was found; 2 of 3 nominal scenes fail, mostly at grasp, and nothing")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -30,6 +31,7 @@ EVIDENCE: Mapping[str, str] = {
     "flaky": "not confirmed: flaky",
 }
 _UNCONFIRMED = ("edge", "flaky")
+NEARLY_NOMINAL = 0.1  # severity below which a scene is nominal but for a jitter, which adds about 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +100,7 @@ class CauseList:
         found: number of causes before those with the same signature became one; ``certified`` of them are.
         rollouts: of the policy, to triage their scenes; not part of the run's budget.
         certify: the command that certifies those that are not triaged, with how long it takes.
+        nominal: how often the policy fails in nominal scenes, to follow that there is no cause.
     """
 
     run: int
@@ -109,6 +112,7 @@ class CauseList:
     certified: int
     rollouts: int
     certify: str = ""
+    nominal: str = ""
 
     @property
     def shown(self) -> str | None:
@@ -118,7 +122,7 @@ class CauseList:
     @property
     def sentences(self) -> tuple[str, ...]:
         """All but the causes themselves."""
-        found = [] if self.causes else ["no cause was found"]
+        found = [] if self.causes else [f"no cause was found{self.nominal}"]
         if self.rollouts:
             distinct = sum(cause.bucket == "minimal" for cause in self.causes)
             same = "" if distinct == self.certified else f", {distinct} of them distinct"
@@ -182,7 +186,19 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         ),
         rollouts=sum(row.policy_rollouts for row in triaged.values()),
         certify="" if run.status == "running" else _certify(store, run, listed),
+        nominal="" if listed else _nominal(store, run),
     )
+
+
+def _nominal(store: Store, run: Run) -> str:
+    """What a policy does in nominal scenes of a run, as they are or jittered; empty if it passes."""
+    near = (trial for trial in store.trials(run.id) if trial.severity < NEARLY_NOMINAL)
+    outcomes = [trial.outcome for trial in near if trial.outcome.verdict >= Verdict.PASSED]
+    lost = Counter(outcome.lost_stage for outcome in outcomes if outcome.lost_stage)
+    if not lost:
+        return ""
+    failures = f"{lost.total()} of {len(outcomes)} nominal scenes fail, mostly at {lost.most_common(1)[0][0]}"
+    return f"; {failures}, and nothing that varies is shown to change that"
 
 
 def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
