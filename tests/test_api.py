@@ -65,11 +65,11 @@ def test_a_run_that_looks_for_causes_certifies_and_gives_them(
     dark = [CONDITIONS["light"][0]]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(dark))
     monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner(dark))
-    run = fuzz(Idle(), budget=40, strategy="causes", store=tmp_path / "a.db")
+    run = fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db")
     found = causes(run.store)
     assert "pick-up|grasp|light:dark" in {cause.signature for cause in found.causes}
     assert found.rollouts > found.certified > 0
-    fuzz(Idle(), budget=40, strategy="causes", store=tmp_path / "a.db", certify=False, seed=1)
+    fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db", certify=False, seed=1)
     assert (causes(run.store).run, causes(run.store).certified, causes(run.store, 1)) == (2, 0, found)
     fuzz(Idle(), budget=2, strategy="random", store=tmp_path / "b.db")
     assert causes(tmp_path / "b.db") is None

@@ -22,7 +22,7 @@ from vlafuzz.search.scoring import Score
 
 LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to four workers busy
 ROUNDS = 75  # of outcomes to learn from: the more are outstanding, the later it learns
-TESTS = 15  # of an attribution: none begins that cannot be completed
+TESTS = 20  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure
 HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
@@ -192,7 +192,8 @@ class Causes:
         few = self._asked // SHARE + 1
         if self._background.failures or not self._has_reference:
             few = min(NOMINAL, (self._budget or NOMINAL * SHARE) // SHARE)
-        return min(NOMINAL, max(few, 0 if self._budget and self._budget < SOON * SHARE else SOON) - 1)
+        soon = PASSED if self._budget and self._budget < SOON * 10 else SOON
+        return min(NOMINAL, max(few, soon)) - 1
 
     def _learn_nominal(self, *, failed: bool) -> None:
         self._background.learn(failed=failed)
