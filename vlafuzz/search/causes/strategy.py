@@ -30,6 +30,7 @@ REPEATS = 6  # of the first failures as they are: they show how often a fault ma
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
 # Rollouts of the reference at most, and at first; more only of a policy that fails there.
 NOMINAL, SOON = 12, 4
+SHORT = 40  # proposals, of which two alone are spent on the reference at first
 SHARE = 30  # proposals for each of them: few where the budget is small
 PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 TRIALS = 6  # of a rule on a failure, at most
@@ -192,7 +193,7 @@ class Causes:
         few = self._asked // SHARE + 1
         if self._background.failures or not self._has_reference:
             few = min(NOMINAL, (self._budget or NOMINAL * SHARE) // SHARE)
-        soon = PASSED if self._budget and self._budget < SOON * 10 else SOON
+        soon = PASSED if self._budget and self._budget < SHORT else SOON
         return min(NOMINAL, max(few, soon)) - 1
 
     def _learn_nominal(self, *, failed: bool) -> None:
