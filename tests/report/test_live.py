@@ -173,8 +173,8 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest
     from vlafuzz.campaign import causes, launch
     from vlafuzz.campaign.config import RunConfig, plan
 
-    monkeypatch.setattr(causes, "EVERY", 0.1)
-    monkeypatch.setattr(causes, "SHARE", 1e9)
+    monkeypatch.setattr(causes, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
+    monkeypatch.setattr(causes, "SHARE", float("inf"))
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     path, seen = tmp_path / "a.db", []
 
@@ -184,7 +184,7 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest
                 kept = store.causes(tally.run)
             seen.append(len(kept.causes) if kept else 0)
 
-    planned = plan(RunConfig(policy="pinhole", strategy="causes", budget=60, seed=1, store=path, workers=1))
+    planned = plan(RunConfig(policy="pinhole", strategy="causes", budget=150, seed=1, store=path, workers=1))
     launch.start(planned, watch)
     assert max(seen[:-1]) > 0
 
