@@ -20,7 +20,7 @@ import pytest
 
 from tests.doubles import failed, manifest, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.store import migrations
+from vlafuzz.store.migrations import STEPS, shape_at, shape_of
 from vlafuzz.store.store import Store
 
 
@@ -113,6 +113,12 @@ def a_newer_schema(path: Path) -> None:
         raw.execute("PRAGMA user_version = 99")
 
 
+def an_older_schema(path: Path) -> None:
+    Store.open(path, "write").close()
+    with closing(sqlite3.connect(path)) as raw:
+        raw.execute("PRAGMA user_version = 16")
+
+
 def written(path: Path) -> bytearray:
     with Store.open(path, "write") as store:
         run = store.begin(manifest())
@@ -143,6 +149,7 @@ def a_store_with_a_hole(path: Path) -> None:
         (a_text, "is not a store of vlafuzz"),
         (another_database, "is not a store of vlafuzz"),
         (a_newer_schema, "newer than"),
+        (an_older_schema, r"a\.db: its schema is 16, older than 17, the oldest known here"),
         (a_truncated_store, "is damaged"),
         (a_store_without_its_last_byte, "is damaged"),
         (a_store_with_a_hole, "is damaged"),
@@ -223,73 +230,28 @@ def test_a_read_only_store_can_be_read_but_not_written(folder: int, file: int):
         path.parent.chmod(0o755)
 
 
-def test_an_older_store_is_brought_up_to_date_even_to_read(path: Path, monkeypatch: pytest.MonkeyPatch):
+@pytest.mark.parametrize("mode", ["read", "write"])
+def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, mode):
     written(path)
-    add_a_column = ("ALTER TABLE finding ADD COLUMN note TEXT",)
-    newest = len(migrations.MIGRATIONS) + 1
-    monkeypatch.setattr(migrations, "MIGRATIONS", [*migrations.MIGRATIONS, add_a_column])
-    monkeypatch.setattr("vlafuzz.store.database.MIGRATIONS", migrations.MIGRATIONS)
-    with Store.open(path) as store:
-        assert len(store.findings()) == 30
+    with closing(sqlite3.connect(path)) as raw, raw:
+        raw.execute("ALTER TABLE run DROP COLUMN world")
+        raw.execute("ALTER TABLE triage DROP COLUMN witness_width")
+        raw.execute("PRAGMA user_version = 17")
+        assert shape_of(raw) == shape_at(17)
+    with Store.open(path, mode) as store:
+        assert (len(store.findings()), store.triaged(), store.causes(1)) == (30, [], None)
     with closing(sqlite3.connect(path)) as raw:
-        assert raw.execute("PRAGMA user_version").fetchone() == (newest,)
-        assert raw.execute("SELECT DISTINCT note FROM finding").fetchall() == [(None,)]
+        assert raw.execute("PRAGMA user_version").fetchone() == (max(STEPS),)
+        assert raw.execute("SELECT DISTINCT world FROM run").fetchall() == [("{}",)]
+        assert shape_of(raw) == shape_at(max(STEPS))
 
 
-def test_a_migration_that_breaks_changes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_step_that_breaks_changes_nothing(path: Path, monkeypatch: pytest.MonkeyPatch):
     written(path)
     breaks = ("DROP TABLE finding", "DROP TABLE missing")
-    monkeypatch.setattr(migrations, "MIGRATIONS", [*migrations.MIGRATIONS, breaks])
+    monkeypatch.setattr("vlafuzz.store.migrations.STEPS", STEPS | {max(STEPS) + 1: breaks})
     with pytest.raises(sqlite3.OperationalError, match="no such table: missing"):
         Store.open(path, "write")
     monkeypatch.undo()
     with Store.open(path, "write") as store:
         assert len(store.findings()) == 30
-
-
-_LATER = ("packs", "robot", "checkup", "placement", "given", "source", "visible", "place", "label", "world")
-_LATER_OF_TRIAGE = ("rate", "certified", "counterpart_rates", "reference", "witness_solver", "witness_width")
-
-
-def set_back(path: Path, version: int, *statements: str) -> None:
-    """Make a store what an earlier version would have written."""
-    raw = sqlite3.connect(path)
-    later = [f"ALTER TABLE run DROP COLUMN {name}" for name in _LATER]
-    later += [f"ALTER TABLE triage DROP COLUMN {name}" for name in _LATER_OF_TRIAGE]
-    former = (f"ALTER TABLE {table} RENAME COLUMN {new} TO {old}" for table, old, new in migrations.RENAMED)
-    dropped = (
-        "DROP TABLE repeat",
-        "DROP TABLE solution",
-        "DROP TABLE cause",
-        "DROP TABLE attribution",
-        "ALTER TABLE finding ADD COLUMN evidence TEXT NOT NULL DEFAULT 'observed'",
-        "ALTER TABLE triage ADD COLUMN complete INTEGER NOT NULL DEFAULT 1",
-        "ALTER TABLE triage ADD COLUMN unresolved TEXT NOT NULL DEFAULT '[]'",
-    )
-    for statement in (*former, *dropped, *later, *statements, f"PRAGMA user_version = {version}"):
-        raw.execute(statement)
-    raw.commit()
-    raw.close()
-
-
-TIMES = tuple(f"ALTER TABLE run DROP COLUMN {name}_seconds" for name in ("search", "store"))
-
-
-def test_a_store_of_the_first_schema_keeps_all_that_it_has(path: Path):
-    written(path)
-    set_back(path, 1, "DROP TABLE triage", *TIMES)
-    with Store.open(path, "write") as store:
-        assert (len(store.findings()), store.triaged(), store.causes(1)) == (30, [], None)
-        told = {
-            (run.manifest.packs, run.manifest.robot, run.manifest.value("placement")) for run in store.runs()
-        }
-        assert {(run.manifest.scene_file, run.manifest.source) for run in store.runs()} == {("", "")}
-        assert told == {("[]", "panda", "resting")}
-
-
-def test_a_run_of_an_older_schema_says_nothing_of_its_search(path: Path):
-    written(path)
-    set_back(path, 2, *TIMES)
-    with Store.open(path) as store:
-        (run,) = store.runs()
-        assert (run.search_seconds, run.store_seconds) == (None, None)

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from vlafuzz.common.reading import first_problem
 from vlafuzz.errors import StoreError, VlafuzzError
-from vlafuzz.store.migrations import MIGRATIONS, migrate, shape_at, shape_of
+from vlafuzz.store.migrations import STEPS, migrate, shape_at, shape_of
 
 APPLICATION_ID = 0x766C6166  # "vlaf": what `file` and SQLite's tools show
 MOST_BYTES = 64 << 20  # of one value or row; ours have kilobytes
@@ -119,7 +119,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
 
 def is_outdated(connection: sqlite3.Connection) -> bool:
     """Whether an earlier version of vlafuzz wrote the store."""
-    return int(_pragma(connection, "user_version")) < len(MIGRATIONS)
+    return int(_pragma(connection, "user_version")) < max(STEPS)
 
 
 def _reader(path: Path) -> sqlite3.Connection:
@@ -161,9 +161,12 @@ def _check_content(path: Path, connection: sqlite3.Connection, *, new_allowed: b
     version = _pragma(connection, "user_version")
     if version < 1:
         raise _problem(path, "SQLITE_CORRUPT")
-    if version > len(MIGRATIONS):
-        problem = f"its schema is {version}, newer than {len(MIGRATIONS)}, the newest known here"
+    if version > max(STEPS):
+        problem = f"its schema is {version}, newer than {max(STEPS)}, the newest known here"
         raise StoreError(f"{path}: {problem}", hint="upgrade vlafuzz")
+    if version < min(STEPS):
+        problem = f"its schema is {version}, older than {min(STEPS)}, the oldest known here"
+        raise StoreError(f"{path}: {problem}", hint="export it with the version of vlafuzz that wrote it")
     if _lacks_part_of_a_page(path, connection) or _pragma(connection, "quick_check(1)") != "ok":
         raise _problem(path, "SQLITE_CORRUPT")
     _check_tables(path, connection, version)
@@ -171,7 +174,7 @@ def _check_content(path: Path, connection: sqlite3.Connection, *, new_allowed: b
 
 def _check_tables(path: Path, connection: sqlite3.Connection, version: int) -> None:
     """Raise a StoreError unless the tables are those of its version, complete, and without triggers."""
-    expected, newest, here = shape_at(version), shape_at(len(MIGRATIONS)), shape_of(connection)
+    expected, newest, here = shape_at(version), shape_at(max(STEPS)), shape_of(connection)
     changed = [name for name in newest if here.get(name) != expected.get(name)]
     query = "SELECT name FROM sqlite_master WHERE type = 'trigger'"
     changed += [name for (name,) in connection.execute(query)]

@@ -4,13 +4,14 @@ import sqlite3
 from contextlib import closing
 from functools import cache
 
-_FIRST = (
+# As the oldest version whose stores are still opened wrote it.
+_SCHEMA = (
     """
     CREATE TABLE run (
         id INTEGER PRIMARY KEY,
         task TEXT NOT NULL,
-        subject TEXT NOT NULL,
-        subject_key TEXT NOT NULL,
+        policy TEXT NOT NULL,
+        policy_key TEXT NOT NULL,
         spec TEXT NOT NULL,
         strategy TEXT NOT NULL,
         budget INTEGER NOT NULL,
@@ -31,7 +32,18 @@ _FIRST = (
             CHECK (status IN ('running', 'finished', 'stopped', 'interrupted', 'failed')),
         started TEXT NOT NULL,
         ended TEXT,
-        seconds REAL
+        seconds REAL,
+        search_seconds REAL,
+        store_seconds REAL,
+        packs TEXT NOT NULL DEFAULT '[]',
+        robot TEXT NOT NULL DEFAULT 'panda',
+        checkup TEXT NOT NULL DEFAULT '',
+        placement TEXT NOT NULL DEFAULT 'resting',
+        scene_file TEXT NOT NULL DEFAULT '',
+        source TEXT NOT NULL DEFAULT '',
+        visible TEXT NOT NULL DEFAULT '',
+        place TEXT NOT NULL DEFAULT '',
+        label TEXT NOT NULL DEFAULT ''
     ) STRICT
     """,
     "CREATE TABLE scene (digest TEXT PRIMARY KEY, json TEXT NOT NULL) STRICT",
@@ -76,23 +88,18 @@ _FIRST = (
     CREATE TABLE finding (
         id INTEGER PRIMARY KEY,
         scene TEXT NOT NULL REFERENCES scene,
-        subject_key TEXT NOT NULL,
+        policy_key TEXT NOT NULL,
         run INTEGER NOT NULL REFERENCES run,
         trial INTEGER NOT NULL REFERENCES trial,
-        evidence TEXT NOT NULL DEFAULT 'observed',
         cell TEXT NOT NULL,
-        UNIQUE (scene, subject_key)
+        UNIQUE (scene, policy_key)
     ) STRICT
     """,
-)
-
-
-# Lists of operators, counterparts by operator, and thresholds are JSON.
-_TRIAGE = """
+    # Lists of operators, counterparts by operator, and thresholds are JSON.
+    """
     CREATE TABLE triage (
         scene TEXT NOT NULL REFERENCES scene,
-        subject_key TEXT NOT NULL,
-        bucket TEXT NOT NULL CHECK (bucket IN ('minimal', 'witnessed', 'base', 'unproven', 'flaky')),
+        policy_key TEXT NOT NULL,
         detail TEXT NOT NULL,
         repeats INTEGER NOT NULL,
         failures INTEGER NOT NULL,
@@ -104,30 +111,34 @@ _TRIAGE = """
         sufficient TEXT NOT NULL,
         thresholds TEXT NOT NULL,
         counterparts TEXT NOT NULL,
-        unresolved TEXT NOT NULL,
         signature TEXT,
         witness_actions BLOB,
         witness_hash TEXT,
         witness_grasp INTEGER,
-        complete INTEGER NOT NULL CHECK (complete IN (0, 1)),
         shrink_rollouts INTEGER NOT NULL,
-        subject_rollouts INTEGER NOT NULL,
+        policy_rollouts INTEGER NOT NULL,
         expert_rollouts INTEGER NOT NULL,
         seconds REAL NOT NULL,
         ended TEXT NOT NULL,
-        PRIMARY KEY (scene, subject_key)
+        bucket TEXT NOT NULL DEFAULT 'flaky'
+            CHECK (bucket IN ('minimal', 'witnessed', 'base', 'unproven', 'edge', 'flaky')),
+        rate TEXT NOT NULL DEFAULT 'null',
+        certified TEXT NOT NULL DEFAULT 'null',
+        counterpart_rates TEXT NOT NULL DEFAULT '{}',
+        reference TEXT REFERENCES scene,
+        witness_solver TEXT,
+        PRIMARY KEY (scene, policy_key)
     ) STRICT
-    """
-
-# A run whose strategy looks for causes has one row in ``attribution``, and one in ``cause`` for each of them.
-_CAUSES = (
+    """,
+    # A run that looks for causes has one row in ``attribution``, and one in ``cause`` for each of them.
     """
     CREATE TABLE attribution (
         run INTEGER PRIMARY KEY REFERENCES run,
         unexplained INTEGER NOT NULL,
         probability REAL,
         low REAL,
-        high REAL
+        high REAL,
+        at_random TEXT NOT NULL DEFAULT '[]'
     ) STRICT
     """,
     """
@@ -143,10 +154,8 @@ _CAUSES = (
         PRIMARY KEY (run, rank)
     ) STRICT
     """,
-)
-
-# The expert's, as demonstrations; without an attempt where none solves the scene.
-_SOLUTION = """
+    # The expert's, as demonstrations; without an attempt where none solves the scene.
+    """
     CREATE TABLE solution (
         scene TEXT NOT NULL REFERENCES scene,
         "key" TEXT NOT NULL,
@@ -155,10 +164,9 @@ _SOLUTION = """
         actions BLOB NOT NULL,
         PRIMARY KEY (scene, "key")
     ) STRICT
+    """,
+    # Rollouts of a triage that was interrupted, for the next one that is made in the same way.
     """
-
-# Rollouts of a triage that was interrupted, for the next one that is made in the same way.
-_REPEAT = """
     CREATE TABLE repeat (
         run INTEGER NOT NULL REFERENCES run,
         made TEXT NOT NULL,
@@ -169,67 +177,16 @@ _REPEAT = """
         rollouts INTEGER NOT NULL,
         PRIMARY KEY (run, made, scene, number)
     ) STRICT
-    """
-
-RENAMED = (
-    ("run", "subject", "policy"),
-    ("run", "subject_key", "policy_key"),
-    ("run", "given", "scene_file"),
-    ("finding", "subject_key", "policy_key"),
-    ("triage", "subject_key", "policy_key"),
-    ("triage", "subject_rollouts", "policy_rollouts"),
-)
-_ADD = "ALTER TABLE run ADD COLUMN"
-_ADD_TO_TRIAGE = "ALTER TABLE triage ADD COLUMN"
-# SQLite changes no constraint: the column is made anew, last.
-_BUCKETS = (
-    "ALTER TABLE triage RENAME COLUMN bucket TO old_bucket",
-    f"{_ADD_TO_TRIAGE} bucket TEXT NOT NULL DEFAULT 'flaky' "
-    "CHECK (bucket IN ('minimal', 'witnessed', 'base', 'unproven', 'edge', 'flaky'))",
-    "UPDATE triage SET bucket = old_bucket",
+    """,
 )
 
-# Each step is the statements that it executes.
-MIGRATIONS: list[tuple[str, ...]] = [
-    _FIRST,
-    (_TRIAGE,),
-    (f"{_ADD} search_seconds REAL", f"{_ADD} store_seconds REAL"),  # unknown for earlier runs
-    (f"{_ADD} packs TEXT NOT NULL DEFAULT '[]'",),  # earlier runs had none
-    (f"{_ADD} robot TEXT NOT NULL DEFAULT 'panda'",),  # the only one before
-    (f"{_ADD} checkup TEXT NOT NULL DEFAULT ''",),  # earlier runs checked no policy
-    (f"{_ADD} placement TEXT NOT NULL DEFAULT 'resting'",),  # earlier runs dropped no objects
-    # Unknown for earlier runs: their file of scenes, and the user's own code.
-    (f"{_ADD} given TEXT NOT NULL DEFAULT ''", f"{_ADD} source TEXT NOT NULL DEFAULT ''"),
-    # A policy was called a subject, and the file of scenes what was given.
-    tuple(f"ALTER TABLE {table} RENAME COLUMN {old} TO {new}" for table, old, new in RENAMED),
-    # These were written, but never read.
-    (
-        "ALTER TABLE finding DROP COLUMN evidence",
-        "ALTER TABLE triage DROP COLUMN complete",
-        "ALTER TABLE triage DROP COLUMN unresolved",
-    ),
-    # Findings of earlier versions were not repeated in their neighbourhood.
-    (
-        *_BUCKETS,
-        "ALTER TABLE triage DROP COLUMN old_bucket",
-        f"{_ADD_TO_TRIAGE} rate TEXT NOT NULL DEFAULT 'null'",
-        f"{_ADD_TO_TRIAGE} certified TEXT NOT NULL DEFAULT 'null'",
-        f"{_ADD_TO_TRIAGE} counterpart_rates TEXT NOT NULL DEFAULT '{{}}'",
-        f"{_ADD_TO_TRIAGE} reference TEXT REFERENCES scene",
-        f"{_ADD_TO_TRIAGE} witness_solver TEXT",
-    ),
-    # Earlier runs did not check whether targets are visible, nor note their place.
-    (f"{_ADD} visible TEXT NOT NULL DEFAULT ''", f"{_ADD} place TEXT NOT NULL DEFAULT ''"),
-    _CAUSES,
-    # Unknown for earlier runs.
-    ("ALTER TABLE attribution ADD COLUMN at_random TEXT NOT NULL DEFAULT '[]'",),
-    (f"{_ADD} label TEXT NOT NULL DEFAULT ''",),  # earlier runs did not say which model a policy was
-    (_SOLUTION,),
-    (_REPEAT,),
+# The statements that lead to each number of the schema. Lower numbers were never released.
+STEPS: dict[int, tuple[str, ...]] = {
+    17: _SCHEMA,
     # Earlier runs had no other settings of worlds, and all actions seven numbers.
-    (f"{_ADD} world TEXT NOT NULL DEFAULT '{{}}'",),
-    (f"{_ADD_TO_TRIAGE} witness_width INTEGER",),
-]
+    18: ("ALTER TABLE run ADD COLUMN world TEXT NOT NULL DEFAULT '{}'",),
+    19: ("ALTER TABLE triage ADD COLUMN witness_width INTEGER",),
+}
 
 
 Shape = dict[str, tuple[object, ...]]  # of each table: whether it is one, strict and by row ids; its columns
@@ -248,18 +205,19 @@ def shape_of(connection: sqlite3.Connection) -> Shape:
 def shape_at(version: int) -> Shape:
     """The tables that a version of the schema has."""
     with closing(sqlite3.connect(":memory:", isolation_level=None)) as fresh:
-        for statement in (statement for statements in MIGRATIONS[:version] for statement in statements):
-            fresh.execute(statement)
+        for number, statements in STEPS.items():
+            if number <= version:
+                fresh.executescript(";".join(statements))
         return shape_of(fresh)
 
 
 def migrate(connection: sqlite3.Connection, application_id: int) -> None:
     """Bring a store to the newest schema, each step in a transaction of its own."""
     (version,) = connection.execute("PRAGMA user_version").fetchone()
-    for number, statements in enumerate(MIGRATIONS[version:], start=version + 1):
+    for number in range(max(version + 1, min(STEPS)), max(STEPS) + 1):
         connection.execute("BEGIN IMMEDIATE")
         with connection:
-            for statement in statements:
+            for statement in STEPS[number]:
                 connection.execute(statement)
             connection.execute(f"PRAGMA application_id = {application_id}")
             connection.execute(f"PRAGMA user_version = {number}")
