@@ -23,8 +23,8 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
 from vlafuzz.rollouts.lockstep import lanes_for
-from vlafuzz.rollouts.policies import check_policy_name, is_shared
-from vlafuzz.rollouts.registry import Place, default_workers, policy_at
+from vlafuzz.rollouts.policies import check_policy_name
+from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_at
 from vlafuzz.rollouts.setup import here
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
@@ -44,7 +44,7 @@ MOST = 2**63 - 1  # the largest integer of SQLite
 class Plan:
     """A run that can be started, or with ``resume`` a stored one that can be resumed.
 
-    ``triage_workers``: processes for triage of the run, each with a policy of its own, on this machine.
+    ``triage_place``: where triage of the run rolls out.
     ``done``: rollouts of the stored part.
     """
 
@@ -57,7 +57,7 @@ class Plan:
     store: Path
     patience: int | None
     place: Place
-    triage_workers: int
+    triage_place: Place
     resume: int | None = None
     done: int = 0
 
@@ -109,7 +109,7 @@ def plan(
         store=config.store or default_store(task.name, policy_name, config.seed),
         patience=None if scenes else PATIENCE,  # a file of scenes ends by itself, fair or not
         place=place,
-        triage_workers=_triage_workers(config.workers, policy_name, place),
+        triage_place=_triage_place(config.workers, policy_name, place),
     )
 
 
@@ -118,19 +118,18 @@ def _place(config: RunConfig, policy: str, most: int) -> Place:
     workers = config.workers
     if workers is None:
         workers = 1 if config.executor == "local" else default_workers(policy, most)
-    kind, _, address = (config.executor or "").partition(":")
-    place = Place(workers, *((kind, address or None) if kind == "ray" else (config.executor, None)))
-    place.check()
+    place = place_of(workers, config.executor)
     if policy.startswith(OBJECT) and place.kind != "local":
         hint = "name a factory of yours: python:pkg.mod:factory"
         raise UsageError(f"--workers: {policy} works in this process only", hint=hint)
     return place
 
 
-def _triage_workers(wanted: int | None, policy: str, place: Place) -> int:
-    if place.kind in ("local", "ray") or is_shared(policy):
-        return 1
-    return default_workers(policy) if wanted is None else wanted
+def _triage_place(wanted: int | None, policy: str, place: Place) -> Place:
+    """As the run's, but with all workers that there are: triage has no batch that bounds them."""
+    if place.kind != "processes":
+        return place
+    return replace(place, workers=default_workers(policy) if wanted is None else wanted)
 
 
 def default_store(task: str, policy: str, seed: int) -> Path:

@@ -162,7 +162,7 @@ class Forecast:
             seconds: that a rollout of the run took, if that is known.
         """
         lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        foreseen = rollouts * self._answers * self._answer(self.plan.triage_workers, lanes)
+        foreseen = rollouts * self._answers * self._answer(self.plan.triage_place.workers, lanes)
         return foreseen * (seconds / self._rollout if seconds else 1)
 
     @property

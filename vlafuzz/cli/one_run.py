@@ -301,7 +301,7 @@ def _triage(
         result = triage_store(
             plan.store,
             allowance,
-            workers=plan.triage_workers,
+            plan.triage_place,
             causes_of=None if asked.triage else summary.run,
             show=asked.triage and not asked.json,
         )
@@ -318,7 +318,7 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline, forecast: Forecast |
     from vlafuzz.store.store import Store
 
     with Store.open(plan.store) as store:
-        seconds = pace(store, plan.triage_workers)
+        seconds = pace(store, plan.triage_place.workers)
     one = forecast.certifying(PER_FINDING, seconds) if forecast else PER_FINDING * seconds
     if until.left < one * PER_CAUSE / PER_FINDING:
         left = duration(max(until.left, 0.0))

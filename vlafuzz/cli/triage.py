@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
+from vlafuzz.cli.flags import ExecutorFlag, JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.summary import TriageSummary
     from vlafuzz.report.causes import CauseList
+    from vlafuzz.rollouts.registry import Place
     from vlafuzz.store.store import Store
 
 AGAIN = "the next triage tries them again"
@@ -50,6 +51,7 @@ def command(
         ),
     ] = False,
     workers: WorkersFlag = None,
+    executor: ExecutorFlag = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -69,12 +71,16 @@ def command(
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.failures.triage.jobs import Allowance
+    from vlafuzz.failures.triage.pipeline import usual_workers
     from vlafuzz.report.causes import all_causes
+    from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store
 
     note_alone(store)
+    with Store.open(store) as opened:
+        place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
     options = {"max_rollouts": max_rollouts, "limit": limit, "thorough": thorough}
-    result = triage_store(store, Allowance(rollouts, until), workers, show=not json, **options)
+    result = triage_store(store, Allowance(rollouts, until), place, show=not json, **options)
     with Store.open(store) as opened:
         found = all_causes(opened)
     if json:
@@ -105,7 +111,7 @@ def note_alone(store: Path) -> None:
 def triage_store(
     store: Path,
     allowance: Allowance,
-    workers: int | None = None,
+    place: Place,
     *,
     causes_of: int | None = None,
     show: bool,
@@ -117,7 +123,7 @@ def triage_store(
         causes_of: a run: only the failures that show its commonest causes.
         options: ``max_rollouts``, ``limit`` and ``thorough`` of ``pipeline.triage``.
     """
-    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage, usual_workers
+    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage
     from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
     from vlafuzz.failures.triage.triager import Unjudged
@@ -135,10 +141,9 @@ def triage_store(
     note = f"interrupted: all finished {kind} are stored{hint}"
     with interruptible(note) as bar, Store.open(store, "write") as opened:
         runner = partial(runner_of_run, store, note=Bar.note)
-        workers = workers or usual_workers(opened)
-        within: dict[str, Any] = {"allowance": allowance, "workers": workers, "watch": watch}
+        within: dict[str, Any] = {"allowance": allowance, "place": place, "watch": watch}
         if causes_of is None:
-            _forecast(opened, options.get("limit"), workers, allowance)
+            _forecast(opened, options.get("limit"), place.workers, allowance)
             unjudged = triage(opened, runner, **within, **options)
         else:
             unjudged = certify_causes(opened, runner, causes_of, **within)

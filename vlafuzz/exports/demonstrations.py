@@ -6,7 +6,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
@@ -16,9 +16,9 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.exports.expert_runner import UNFAIR, ExpertRunner
 from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.exports.selection import Wanted
-from vlafuzz.failures.triage.pool import process_pool
 from vlafuzz.model.conditions import Role
 from vlafuzz.policies.clients.interface import interface_of
+from vlafuzz.rollouts.calls import process_pool
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import place, provenance, world_of
@@ -145,7 +145,7 @@ def _crew(workers: int) -> Iterator[Each]:
 
 
 def _spread(
-    pool: ProcessPoolExecutor, workers: int, function: Callable[[Any], Any], items: Sequence[Any]
+    pool: Executor, workers: int, function: Callable[[Any], Any], items: Sequence[Any]
 ) -> Iterator[tuple[int, Any]]:
     running: dict[Future[Any], int] = {}
     todo = iter(enumerate(items))

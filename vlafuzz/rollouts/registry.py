@@ -3,6 +3,8 @@
 import importlib.util
 import re
 from collections.abc import Callable
+from concurrent.futures import Executor as Pool
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -10,6 +12,7 @@ from typing import Any
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install, suggestion
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.harness import release
+from vlafuzz.rollouts.calls import process_pool
 from vlafuzz.rollouts.capacity import most_workers
 from vlafuzz.rollouts.executor import Executor, LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
@@ -57,6 +60,14 @@ class Place:
             raise PrerequisiteError("--executor ray needs the package 'ray'", install("ray"))
 
 
+def place_of(workers: int, executor: str | None) -> Place:
+    """The place that the flags name: ``ray:ADDRESS`` is a cluster. Errors: see ``Place.check``."""
+    kind, _, address = (executor or "").partition(":")
+    place = Place(workers, *((kind, address or None) if kind == "ray" else (executor, None)))
+    place.check()
+    return place
+
+
 def default_workers(policy: str, most: int | None = None) -> int:
     """Processes for a policy of that name, and for as many tasks at a time as there are at most.
 
@@ -102,3 +113,12 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
     from vlafuzz.rollouts.ray import RayExecutor  # loads ray
 
     return RayExecutor(make, place.workers, address=place.address, **options)
+
+
+def pool_at(place: Place) -> AbstractContextManager[Pool]:
+    """As many processes with one thread each as the place has workers; a SimulatorError where they die."""
+    if place.kind != "ray":
+        return process_pool(place.workers)
+    from vlafuzz.rollouts.ray import RayPool  # loads ray
+
+    return RayPool(place.workers, place.address)

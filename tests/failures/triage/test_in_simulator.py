@@ -1,5 +1,7 @@
 """Planted causes in the real simulator, physics only: an expert that does not move where they hold."""
 
+import os
+from pathlib import Path
 from statistics import median
 
 import numpy as np
@@ -136,3 +138,32 @@ def test_thresholds_are_within_a_grid_step_in_90_per_cent(evaluator):
         values = {where: value for each in thresholds for where, value in each.at}
         right.append(path in values and abs(values[path] - first) < 1.01 * step)
     assert sum(right) >= 0.9 * len(right)
+
+
+class TiltedModel(Afraid):
+    """One for all workers; notes in the current folder in which process it was made."""
+
+    shared = True
+    conditions = tuple(CONDITIONS["camera-orientation"][:1])
+
+    def __init__(self):
+        super().__init__()
+        with Path("made").open("a") as noted:
+            noted.write(f"{os.getpid()}\n")
+
+
+@pytest.mark.xdist_group("ray")
+@pytest.mark.parametrize("executor", ["processes", "ray"])
+def test_workers_share_one_model_in_triage_wherever_they_are(tmp_path, monkeypatch, executor):
+    if executor == "ray":
+        pytest.importorskip("ray")
+    monkeypatch.chdir(tmp_path)
+    policy = "python:tests.failures.triage.test_in_simulator:TiltedModel"
+    write_scenes(tmp_path / "scenes.jsonl", [Planted(CONDITIONS["camera-orientation"][:1]).finding(4)])
+    assert main(["run", "--scenes", "scenes.jsonl", "--policy", policy, "--store", "a.db", "--json"]) == 0
+    Path("made").unlink()
+    assert main(["triage", "a.db", "--trust", "--workers", "2", "--executor", executor]) == 0
+    assert len(Path("made").read_text().split()) == 1
+    with Store.open(tmp_path / "a.db") as store:
+        (found,) = store.triaged()
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")

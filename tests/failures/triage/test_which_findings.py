@@ -15,6 +15,7 @@ from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
@@ -115,15 +116,35 @@ def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
     made = []
     for workers in (1, 2):
         with Store.open(tmp_path / f"{workers}.db", "write") as store:
-            assert triage(fill(store, scenes([TILTED], 4)), tilted, workers=workers) == {}
+            assert triage(fill(store, scenes([TILTED], 4)), tilted, place=Place(workers)) == {}
             made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
     assert made[0] == made[1]
     assert len(made[0]) == 4
 
 
+@pytest.mark.xdist_group("ray")
+def test_workers_on_ray_come_to_what_one_process_does(tmp_path: Path):
+    pytest.importorskip("ray")
+    made = []
+    for place in (Place(), Place(2, "ray")):
+        with Store.open(tmp_path / f"{place.kind}.db", "write") as store:
+            assert triage(fill(store, scenes([TILTED], 4)), tilted, place=place) == {}
+            made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
+    assert made[0] == made[1]
+    assert len(made[0]) == 4
+
+
+@pytest.mark.xdist_group("ray")
+def test_a_worker_on_ray_that_dies_is_one_sentence_too(store):
+    pytest.importorskip("ray")
+    opened = store(scenes([TILTED], 2))
+    with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
+        triage(opened, dying, place=Place(2, "ray"))
+
+
 def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
     opened = store(scenes([TILTED], 2))
     with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
-        triage(opened, dying, workers=2)
+        triage(opened, dying, place=Place(2))
     assert triage(opened, tilted) == {}
     assert len(opened.triaged()) == 2

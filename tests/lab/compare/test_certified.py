@@ -13,6 +13,7 @@ from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare.certified import certified, certify, known_results, uncertified
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
 from vlafuzz.store.store import Store
 
@@ -119,7 +120,7 @@ def test_an_interruption_and_the_number_of_workers_change_nothing(store: Store, 
         with pytest.raises(KeyboardInterrupt):
             certify(other, lambda run: Interrupted([fails]), other.runs(), limit=1000)
         assert 0 < len(other.triaged()) < len(SCENES)
-        certify(other, runner, other.runs(), limit=1000, workers=2)
+        certify(other, runner, other.runs(), limit=1000, place=Place(2))
         assert results(other) == results(store)
 
 

@@ -17,10 +17,12 @@ from vlafuzz.failures.corpus.controls import CONTROLS, record, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.pipeline import SOON, pace
-from vlafuzz.failures.triage.pool import PooledRunner, process_pool, side_by_side
+from vlafuzz.failures.triage.pool import pooled_runner
 from vlafuzz.failures.triage.summary import summarise
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
+from vlafuzz.rollouts.calls import process_pool, side_by_side
+from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import provenance
@@ -134,8 +136,8 @@ def _checker(
         with closing(make(run)) as runner:
             yield runner, lambda function, findings: enumerate(map(function, findings))
     else:
-        with process_pool(workers) as pool:
-            yield PooledRunner(pool, make, run), partial(side_by_side, pool, workers)
+        with process_pool(workers) as pool, pooled_runner(pool, make, run, Place(workers)) as runner:
+            yield runner, partial(side_by_side, pool, workers)
 
 
 def tasks_of(store: Store, run: int | None) -> list[str]:

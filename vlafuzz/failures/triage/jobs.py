@@ -8,12 +8,14 @@ from typing import NamedTuple
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.failures.triage.known import certified
-from vlafuzz.failures.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.failures.triage.pool import Make, pooled_runner
 from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.failures.triage.shared_runner import SharedRunner
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.calls import side_by_side
+from vlafuzz.rollouts.registry import Place, pool_at
 from vlafuzz.store.records import Finding, Repeats, Run, Triaged
 
 WAVE = 4  # findings that do not know each other's causes
@@ -89,7 +91,7 @@ def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator
 
 
 def work_in_processes(
-    make: Make, jobs: Sequence[Job], workers: int, allowance: Allowance
+    make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance
 ) -> Iterator[Triaged | Unjudged]:
     """Triage as many findings at a time as there are workers, whose rollouts all workers share.
 
@@ -99,11 +101,12 @@ def work_in_processes(
     def work(
         function: Callable[[Finding], Triaged | Unjudged], findings: Sequence[Finding]
     ) -> Iterator[Triaged | Unjudged]:
-        return (triaged for _, triaged in side_by_side(pool, workers, function, findings))
+        return (triaged for _, triaged in side_by_side(pool, place.workers, function, findings))
 
-    with process_pool(workers) as pool:
+    with pool_at(place) as pool:
         for job in jobs:
-            yield from _in_waves(work, job, PooledRunner(pool, make, job.run), allowance)
+            with pooled_runner(pool, make, job.run, place) as runner:
+                yield from _in_waves(work, job, runner, allowance)
 
 
 def _in_waves(

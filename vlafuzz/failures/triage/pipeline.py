@@ -12,7 +12,7 @@ from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.pool import Make
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts.registry import default_workers
+from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import commit
@@ -21,6 +21,7 @@ PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
 SOON = 60.0  # seconds up to which nobody need be told
 FAR = 3  # times the search, above which a part is suggested: to certify a run's causes takes about once
+HERE = Place()
 SAMPLE = 200  # rollouts that tell how long one takes
 
 
@@ -82,7 +83,7 @@ def triage(
     max_rollouts: int | None = None,
     limit: int | None = None,
     allowance: Allowance | None = None,
-    workers: int = 1,
+    place: Place = HERE,
     thorough: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Counter[Unjudged]:
@@ -100,6 +101,7 @@ def triage(
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
+        place: where it rolls out: here, in processes or on ray. Results do not depend on it.
         thorough: shrink every finding by a search of its own, to its smallest values, also where it has a
             cause that is certified already, and locate its thresholds anew.
         watch: called after every finding.
@@ -138,10 +140,10 @@ def triage(
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))
-    if workers == 1:
+    if place.kind == "local":
         results = work_here(runner, jobs, allowance)
     else:
-        results = work_in_processes(runner, jobs, workers, allowance)
+        results = work_in_processes(runner, jobs, place, allowance)
     try:
         for triaged in results:
             if isinstance(triaged, Triaged):
@@ -173,7 +175,7 @@ def certify_causes(
     run: int,
     *,
     allowance: Allowance | None = None,
-    workers: int = 1,
+    place: Place = HERE,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Counter[Unjudged]:
     """Triage the findings that show the commonest causes of a run, which takes about as long as the run.
@@ -182,7 +184,7 @@ def certify_causes(
     as long as the rollouts are no more than those of the run.
 
     Args:
-        runner, allowance, watch: see ``triage``.
+        runner, allowance, place, watch: see ``triage``.
 
     Returns:
         The number of findings that could not be judged, see ``triage``.
@@ -192,7 +194,7 @@ def certify_causes(
     number, allowance = affordable(budget), allowance or Allowance()
     while number > 0 and waiting and not allowance.used_up:
         some, waiting = waiting[:number], waiting[number:]
-        unjudged += triage(store, runner, findings=some, allowance=allowance, workers=workers, watch=watch)
+        unjudged += triage(store, runner, findings=some, allowance=allowance, place=place, watch=watch)
         tried += some
         keys = {finding.key for finding in tried}
         rows = [row for row in store.triaged() if row.key in keys]

@@ -2,60 +2,44 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
-from typing import Any, TypeVar
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any
 
-from vlafuzz.errors import SimulatorError
+from vlafuzz.common.plugins import check_trusted, trust
+from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.model.evidence import Actions, Solver
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts import forks
+from vlafuzz.rollouts.policies import is_shared
+from vlafuzz.rollouts.registry import Place
+from vlafuzz.rollouts.shared import share
+from vlafuzz.rollouts.worker_pool import TRIES, Lost
 from vlafuzz.store.records import Run
 
-T = TypeVar("T")
-R = TypeVar("R")
-Make = Callable[[Run], SceneRunner]
+Make = Callable[..., SceneRunner]
+"""Makes the scene runner of a run, with the argument ``policy`` where workers share its policy."""
 
 
 @contextmanager
-def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes with one thread each; a SimulatorError where one of them dies."""
-    with forks.single_threaded():
-        environment = dict(os.environ)
-    pool = ProcessPoolExecutor(workers, forks.context(), forks.settle_in, (environment,))
+def pooled_runner(pool: Executor, make: Make, run: Run, place: Place) -> Iterator[PooledRunner]:
+    """The runner of a run whose rollouts a pool at that place shares, and one policy where it says so."""
+    name = run.manifest.policy
+    check_trusted(name)  # before its code is loaded; workers elsewhere do not know what the user trusts
+    shared = False
+    with suppress(UsageError):  # for a name that is none, which ``make`` says in its own sentence
+        shared = is_shared(name)
+    if not shared:
+        yield PooledRunner(pool, make, run)
+        return
+    policy = share(name, everywhere=place.kind == "ray")
     try:
-        with forks.single_threaded():  # the server starts with the first process
-            yield pool
-    except (BrokenProcessPool, EOFError):  # the latter where the server that forks them dies
-        hint = "repeat the command to continue, perhaps with fewer --workers"
-        raise SimulatorError("a worker died; finished findings are stored", hint=hint) from None
+        yield PooledRunner(pool, partial(make, policy=policy), run)
     finally:
-        pool.shutdown(cancel_futures=True)
-
-
-def side_by_side(
-    pool: ProcessPoolExecutor, workers: int, function: Callable[[T], R], items: Sequence[T]
-) -> Iterator[tuple[int, R]]:
-    """Call a function, whose rollouts are the pool's, for several items at a time.
-
-    Yields each item's number with the result, in the order in which they are done. Where the caller stops,
-    the pool does, too: what is running could not end otherwise.
-    """
-    threads = ThreadPoolExecutor(workers)
-    try:
-        numbers = {threads.submit(function, item): number for number, item in enumerate(items)}
-        for future in as_completed(numbers):
-            yield numbers[future], future.result()
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        raise
-    finally:
-        threads.shutdown(cancel_futures=True)
+        policy.close()
 
 
 class PooledRunner:
@@ -68,7 +52,7 @@ class PooledRunner:
         renderer: as that of the processes' runners; None where they have none.
     """
 
-    def __init__(self, pool: ProcessPoolExecutor, make: Make, run: Run) -> None:
+    def __init__(self, pool: Executor, make: Make, run: Run) -> None:
         self._pool, self._make, self._run = pool, make, run
         about = pool.submit(_about, make, run).result()
         self.space, self.stages, self.deterministic, self.renderer = about
@@ -110,6 +94,7 @@ def _runner(make: Make, run: Run) -> SceneRunner:
         for runner in _runners.values():
             runner.close()
         _runners.clear()
+        trust(run.manifest.policy)
         _runners[run.id] = make(run)
     return _runners[run.id]
 
@@ -120,4 +105,11 @@ def _about(make: Make, run: Run) -> tuple[Any, ...]:
 
 
 def _call(make: Make, run: Run, method: str, arguments: tuple[Any, ...]) -> Any:
-    return getattr(_runner(make, run), method)(*arguments)
+    """Call a method of the worker's runner, once more with a new one where the shared policy died."""
+    for _ in range(TRIES):
+        try:
+            return getattr(_runner(make, run), method)(*arguments)
+        except Lost as cause:
+            problem = f"{cause}, {TRIES} times; finished findings are stored"
+            _runners.clear()
+    raise SimulatorError(problem, hint="repeat the command to continue")

@@ -156,9 +156,11 @@ class SimulatorSceneRunner:
             evaluator.close()
 
 
-def runner_of_run(store: Path, run: Run, *, note: Callable[[str], None] = Watch.note) -> SimulatorSceneRunner:
+def runner_of_run(
+    store: Path, run: Run, policy: Policy | None = None, *, note: Callable[[str], None] = Watch.note
+) -> SimulatorSceneRunner:
     """A scene runner for the findings of a run; notes when it differs from what found them."""
-    runner = SimulatorSceneRunner(store, run.manifest)
+    runner = SimulatorSceneRunner(store, run.manifest, policy=policy)
     verb = "differs" if len(runner.changed) == 1 else "differ"
     version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
     if how := " and ".join(filter(None, (version, runner.elsewhere))):

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from functools import partial
 
 from vlafuzz.failures.triage.jobs import Job
-from vlafuzz.failures.triage.pipeline import findings_in_order, job_of
-from vlafuzz.failures.triage.pool import Make, PooledRunner, process_pool, side_by_side
+from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
+from vlafuzz.failures.triage.pool import Make, pooled_runner
 from vlafuzz.failures.triage.runner import SceneRunner
+from vlafuzz.rollouts.calls import side_by_side
+from vlafuzz.rollouts.registry import Place, pool_at
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 
@@ -63,7 +65,7 @@ def certify(
     make: Make,
     runs: Sequence[Run],
     limit: int,
-    workers: int = 1,
+    place: Place = HERE,
     watch: Callable[[int, int], None] = lambda number, spent: None,
 ) -> int:
     """Triage the findings of every run, in order, until they have taken ``limit`` rollouts of the policy.
@@ -78,14 +80,14 @@ def certify(
         The number of findings that could not be judged: see ``pipeline.triage``.
     """
     results = known_results(store)
-    with process_pool(workers) if workers > 1 else nullcontext() as pool:
+    with pool_at(place) if place.kind != "local" else nullcontext() as pool:
         for index, run in enumerate(runs):
             findings = findings_in_order(store, run.id)
             job = job_of(store, run, findings)
             watch(index, 0)
-            with closing(PooledRunner(pool, make, run) if pool else make(run)) as runner:
+            with pooled_runner(pool, make, run, place) if pool else closing(make(run)) as runner:
                 triage = partial(_triaged, job, runner)
-                while batch := _missing(findings, results, limit)[:workers]:
+                while batch := _missing(findings, results, limit)[: place.workers]:
                     here = enumerate(map(triage, batch))
                     for number, triaged in side_by_side(pool, len(batch), triage, batch) if pool else here:
                         results[batch[number].key] = triaged

@@ -20,6 +20,7 @@ from vlafuzz.lab.compare.comparison import Comparison, compare_runs
 from vlafuzz.lab.compare.figures import count_run, with_causes
 from vlafuzz.lab.versions import check_one_version
 from vlafuzz.model.conditions import ASKED
+from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 
@@ -103,7 +104,7 @@ def compare(
         note_places(runs, watch)
         counted = [count_run(store, done, first.embed) for done in runs]
         if limit:
-            _certify(store, runs, limit, first.triage_workers, watch)
+            _certify(store, runs, limit, first.triage_place, watch)
         counted = with_causes(store, counted, limit)
     by_strategy = {name: [one for one in counted if one.run.manifest.strategy == name] for name in strategies}
     return compare_runs(by_strategy, strategies[0], store=str(run.store), limit=limit)
@@ -130,7 +131,7 @@ def _wanted(
     ]
 
 
-def _certify(store: Store, runs: Sequence[Run], limit: int, workers: int, watch: Watch) -> None:
+def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch: Watch) -> None:
     """Triage the failures of each run, as far as that was not done before."""
     left = uncertified(store, runs, limit)
     if not left:
@@ -145,7 +146,7 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, workers: int, watch:
         watch.progress(f"triage {index + 1} of {len(left)}: {name}", index * limit + spent, most)
 
     make = partial(scene_runner.runner_of_run, store.path, note=watch.note)
-    if unjudged := certify(store, make, left, limit, workers, progress):
+    if unjudged := certify(store, make, left, limit, place, progress):
         watch.note(
             f"{plural(unjudged, 'failure')} could not be judged: the policy broke, or it is no longer fair\n"
             "hint: the same command tries them again"
