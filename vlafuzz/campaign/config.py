@@ -126,7 +126,7 @@ def _place(config: RunConfig, policy: str, most: int) -> Place:
 
 
 def _triage_place(wanted: int | None, policy: str, place: Place) -> Place:
-    """As the run's, but with all workers that there are: triage has no batch that bounds them."""
+    """Choose where triage rolls out: where the run does, with all workers, as no batch bounds them."""
     if place.kind != "processes":
         return place
     return replace(place, workers=default_workers(policy) if wanted is None else wanted)

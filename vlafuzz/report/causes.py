@@ -191,7 +191,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
 
 
 def _nominal(store: Store, run: Run) -> str:
-    """What a policy does in nominal scenes of a run, as they are or jittered; empty if it passes."""
+    """Say how often a policy fails in a run's nominal scenes, jittered ones included; empty if it passes."""
     near = (trial for trial in store.trials(run.id) if trial.severity < NEARLY_NOMINAL)
     outcomes = [trial.outcome for trial in near if trial.outcome.verdict >= Verdict.PASSED]
     lost = Counter(outcome.lost_stage for outcome in outcomes if outcome.lost_stage)

@@ -116,7 +116,7 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
 
 
 def pool_at(place: Place) -> AbstractContextManager[Pool]:
-    """As many processes with one thread each as the place has workers; a SimulatorError where they die."""
+    """Start as many single-threaded processes as the place has workers; SimulatorError when one dies."""
     if place.kind != "ray":
         return process_pool(place.workers)
     from vlafuzz.rollouts.ray import RayPool  # loads ray

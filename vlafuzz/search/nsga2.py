@@ -129,7 +129,7 @@ class Nsga2:
         return [self._proposals.fair(child, rng) for child in children]
 
     def _winner(self, a: int, b: int, rng: Rng) -> int:
-        """Of two in the population the valid one, else the dominating one, else the less crowded one."""
+        """Choose the better of two: the valid one, else the dominating one, else the less crowded one."""
         one, other = self._population[a], self._population[b]
         merits = [(other.CV[0], one.CV[0])]
         if max(merits[0]) == 0:

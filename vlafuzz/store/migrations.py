@@ -4,7 +4,7 @@ import sqlite3
 from contextlib import closing
 from functools import cache
 
-# As the oldest version whose stores are still opened wrote it.
+# The oldest version whose stores are still opened wrote this schema.
 _SCHEMA = (
     """
     CREATE TABLE run (
