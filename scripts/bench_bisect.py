@@ -1,15 +1,15 @@
 #!/usr/bin/env python
 """How often `vlafuzz bisect` names the right one of 16 checkpoints, and how often it is certain and wrong.
 
-By the same code as on the command line, in the controls of a shipped corpus; only the outcomes are made up,
-of policies that pass with known probabilities. A random checkpoint loses 20 or 10 points, and those after it
-as much (`20 points`, `10 points`), or 5 points more each (`growing`); or two random ones lose 15 points each
-(`twice`), or 30 points get lost little by little from a random one on (`gradual`). The last three are no
-single step, so that it is wrong to be certain. Working checkpoints are `independent` of the baseline and each
-other, or `related`, equal to the baseline in nine of ten scenes.
+By the same code as on the command line, in the controls of a shipped corpus; only the outcomes are made up, of policies
+that pass with known probabilities. A random checkpoint loses 20 or 10 points, and those after it as much (`20 points`,
+`10 points`), or 5 points more each (`growing`); or two random ones lose 15 points each (`twice`), or 30 points get lost
+little by little from a random one on (`gradual`). The last three are no single step, so that it is wrong to be certain.
+Working checkpoints are `independent` of the baseline and each other, or `related`, equal to the baseline in nine of ten
+scenes.
 
-The kind `mini` has real outcomes, which `--record` makes: of `mini` with weights that are hardly disturbed,
-and from the broken checkpoint on with growing noise on them; the controls come in another order each time.
+The kind `mini` has real outcomes, which `--record` makes: of `mini` with weights that are hardly disturbed, and from
+the broken checkpoint on with growing noise on them; the controls come in another order each time.
 """
 
 from __future__ import annotations
@@ -205,9 +205,7 @@ def disturb(folder: Path, noise: float, seed: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--simulations", type=int, default=200, help="of each kind")
     parser.add_argument(
         "--seed", type=int, default=FRESH, help=f"of the first one; those below {FRESH} chose the model"

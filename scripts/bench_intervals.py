@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """How often the 95 % intervals of paired runs contain the truth, beside a bootstrap of SciPy's.
 
-For each kind of values and number of pairs: the percentage of intervals that contain the true mean of ours,
-mean difference and ratio of means, and of bootstrapped intervals of the ratio; then, of both intervals of the
-ratio, the median width (high / low) and the percentage without bounds. One without bounds contains the truth.
+For each kind of values and number of pairs: the percentage of intervals that contain the true mean of ours, mean
+difference and ratio of means, and of bootstrapped intervals of the ratio; then, of both intervals of the ratio, the
+median width (high / low) and the percentage without bounds. One without bounds contains the truth.
 """
 
 from __future__ import annotations
@@ -124,8 +124,7 @@ def main() -> None:
             shares = (
                 coverage([mean_estimate(row) for row in ours.tolist()], many),
                 coverage(
-                    [mean_difference(*row) for row in zip(ours.tolist(), theirs.tolist(), strict=True)],
-                    many - others,
+                    [mean_difference(*row) for row in zip(ours.tolist(), theirs.tolist(), strict=True)], many - others
                 ),
                 coverage(ratios, many / others),
                 coverage(list(booted), many / others),

@@ -29,13 +29,9 @@ def main() -> None:
     flags.add_argument("tasks", nargs="*", help="SUITE/NUMBER; all of the four suites by default")
     flags.add_argument("--states", type=int, default=10, help="initial states of each task")
     flags.add_argument("--actions", type=int, default=50, help="random actions after each")
-    flags.add_argument(
-        "--pictures", type=int, default=0, help="first steps whose two pictures are compared and timed"
-    )
+    flags.add_argument("--pictures", type=int, default=0, help="first steps whose two pictures are compared and timed")
     given = flags.parse_args()
-    tasks = [find_task(name) for name in given.tasks] or [
-        task for suite in SUITES for task in find_tasks(suite)
-    ]
+    tasks = [find_task(name) for name in given.tasks] or [task for suite in SUITES for task in find_tasks(suite)]
     print(versions())
     for task in tasks if given.states else []:
         numbers = range(min(given.states, len(initial_states(task))))
@@ -53,9 +49,7 @@ def _compared(theirs: list[Step], ours: list[Step]) -> str:
     seen = sum(np.array_equal(a[1], b[1]) for a, b in pairs)
     both = [(x, y) for a, b in pairs for x, y in zip(a[2], b[2], strict=True)]
     pictures = sum(np.array_equal(x, y) for x, y in both)
-    return (
-        f"equal: {states} of {len(pairs)} states, {seen} observed states, {pictures} of {len(both)} pictures"
-    )
+    return f"equal: {states} of {len(pairs)} states, {seen} observed states, {pictures} of {len(both)} pictures"
 
 
 def _timed(steps: Iterator[tuple[Step, float]]) -> tuple[list[Step], float]:
@@ -104,9 +98,7 @@ def _libero(task: LiberoTask, numbers: range, actions: int, pictures: int) -> It
 def _their_env(task: LiberoTask, *, cameras: bool):  # type: ignore[no-untyped-def]
     kind = load("libero.libero.envs").OffScreenRenderEnv
     with quiet():
-        return kind(
-            bddl_file_name=str(task.bddl), camera_heights=SIZE, camera_widths=SIZE, use_camera_obs=cameras
-        )
+        return kind(bddl_file_name=str(task.bddl), camera_heights=SIZE, camera_widths=SIZE, use_camera_obs=cameras)
 
 
 def _their_state(seen: dict[str, NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -1,10 +1,10 @@
 #!/usr/bin/env python
 """Time that a campaign spends outside its rollouts: in the strategy's ask and tell, and in the store.
 
-The first part runs one campaign of pinhole in the simulator per strategy, and shows the seconds of search and
-store and their share of the wall time. All campaigns use one simulator that was started before. The second
-part runs one long campaign per strategy on the toy evaluator, in a process of its own, and shows the
-milliseconds of search and store per proposal for successive blocks, and the resident memory after each block.
+The first part runs one campaign of pinhole in the simulator per strategy, and shows the seconds of search and store and
+their share of the wall time. All campaigns use one simulator that was started before. The second part runs one long
+campaign per strategy on the toy evaluator, in a process of its own, and shows the milliseconds of search and store per
+proposal for successive blocks, and the resident memory after each block.
 
 Both parts use campaign.fuzz with a store on disk, which syncs every trial and is deleted in the end.
 --rollouts 0 leaves out the first part, --evaluations 0 the second.
@@ -163,17 +163,13 @@ def show_simulated(rows: list[dict[str, Any]]) -> None:
     print("pinhole in the simulator")
     print(f"{'':14} rollouts  proposals  seconds  search s   share  store s   share")
     for row in rows:
-        print(
-            f"{row['strategy']:14} {row['rollouts']:8}  {row['proposals']:9}  {row['seconds']:7.1f}", end="  "
-        )
+        print(f"{row['strategy']:14} {row['rollouts']:8}  {row['proposals']:9}  {row['seconds']:7.1f}", end="  ")
         print(f"{row['search_seconds']:8.3f}  {row['search_share']:6.2%}", end="  ")
         print(f"{row['store_seconds']:7.3f}  {row['store_share']:6.2%}", flush=True)
 
 
 def show_endured(row: dict[str, Any]) -> None:
-    took = (
-        f"{row['evaluations']} evaluations in {row['seconds']:.0f} s, a store of {row['store_mib']:.1f} MiB"
-    )
+    took = f"{row['evaluations']} evaluations in {row['seconds']:.0f} s, a store of {row['store_mib']:.1f} MiB"
     print(f"\n{row['strategy']} on the toy: {took}")
     print("proposals  search ms  store ms  resident MiB")
     for block in row["blocks"]:

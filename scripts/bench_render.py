@@ -1,17 +1,17 @@
 #!/usr/bin/env python3
 """The cost of an image, the effect of simplified rendering, and rendered rollouts of `mini` per hour.
 
-Three variants of rendering alternate, image by image, each in a process of its own (SAPIEN keeps shaders
-globally). Scenes, room, lights, camera and joint positions are the same:
+Three variants of rendering alternate, image by image, each in a process of its own (SAPIEN keeps shaders globally).
+Scenes, room, lights, camera and joint positions are the same:
 
 ours           the simplified robot, and SAPIEN's `minimal` shaders without their reflectance table
 stock          the Panda's full meshes and `minimal` as it comes, ManiSkill's default
 stock default  the full meshes and SAPIEN's `default` shaders
 
-An image takes `update_render`, `take_picture` and `get_picture` after the robot has moved. Similarity is the
-structural similarity (SSIM, Wang et al. 2004) to stock's image. Start-up is from a fresh process to its first
-image, including imports, with warm caches. `--rollouts` measures whole rollouts instead: nominal light and
-camera, one target, all checks, ten steps after success, as campaigns run them.
+An image takes `update_render`, `take_picture` and `get_picture` after the robot has moved. Similarity is the structural
+similarity (SSIM, Wang et al. 2004) to stock's image. Start-up is from a fresh process to its first image, including
+imports, with warm caches. `--rollouts` measures whole rollouts instead: nominal light and camera, one target, all
+checks, ten steps after success, as campaigns run them.
 """
 
 from __future__ import annotations
@@ -299,10 +299,7 @@ def summarise_rollouts(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def show_rollouts(report: dict[str, Any]) -> None:
-    print(
-        f"{report['workers']} workers, {report['rollouts']} rollouts of pick-up, {report['passed']} passed,",
-        end="",
-    )
+    print(f"{report['workers']} workers, {report['rollouts']} rollouts of pick-up, {report['passed']} passed,", end="")
     print(f" {report['steps_per_rollout']:.1f} control steps each")
     print(f"{report['rollouts_per_hour']:,.0f} rollouts an hour, goal {PER_HOUR:,}:", end=" ")
     print(f"{'reached' if report['goal_reached'] else 'MISSED'};", end=" ")
@@ -318,9 +315,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--size", type=int, default=128, help="pixels of an image's side")
     parser.add_argument("--scenes", type=int, default=6, help="per task")
-    parser.add_argument(
-        "--moves", type=int, default=8, help="of the robot in each scene, with one image each"
-    )
+    parser.add_argument("--moves", type=int, default=8, help="of the robot in each scene, with one image each")
     parser.add_argument("--repetitions", type=int, default=3, help="of the start-up")
     parser.add_argument("--rollouts", action="store_true", help="measure rollouts instead of images")
     parser.add_argument("--workers", type=int, default=2, help="processes for rollouts")

@@ -4,18 +4,17 @@
 Two rates, both measured alternately with and without the server:
 
 answers      observations answered per second, without a simulator. In process: ``act`` on a batch with one
-             observation per client. Server: one process per client, which sends an observation over its own
-             connection and waits for the actions before it sends the next. Since other load on the machine
-             affects the rates, the CPU time per answer is shown as well: with the server, that of server and
-             clients together.
+             observation per client. Server: one process per client, which sends an observation over its own connection
+             and waits for the actions before it sends the next. Since other load on the machine affects the rates, the
+             CPU time per answer is shown as well: with the server, that of server and clients together.
 simulators   control steps per second of as many simulators, each in a process, in the same scenes. In
 process:
-             one `mini` for all of them, which gets the observations that are ready in one batch (``shared``,
-             see ``vlafuzz.policies.base.Policy``). Server: the same through `vlafuzz serve`. Both must go
-             through the same states.
+             one `mini` for all of them, which gets the observations that are ready in one batch (``shared``, see
+             ``vlafuzz.policies.base.Policy``). Server: the same through `vlafuzz serve`. Both must go through the same
+             states.
 
-The server is `vlafuzz serve mini`, in a process of its own, on loopback; it returns only the actions of a
-chunk that are executed.
+The server is `vlafuzz serve mini`, in a process of its own, on loopback; it returns only the actions of a chunk that
+are executed.
 """
 
 from __future__ import annotations
@@ -189,9 +188,7 @@ def summary(rates: Measured) -> dict[str, Any]:
 
 
 def machine() -> dict[str, Any]:
-    models = [
-        line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")
-    ]
+    models = [line for line in Path("/proc/cpuinfo").read_text().splitlines() if line.startswith("model name")]
     name = models[0].partition(":")[2].strip() if models else platform.processor()
     return {"processor": name, "cores": os.cpu_count(), "load_before": os.getloadavg()[0]}
 

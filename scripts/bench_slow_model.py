@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Rollouts per hour behind a slow model: one scene at a time, against as many at a time as its server takes.
 
-The model is `random` behind a vla-eval server in this process. It sleeps for each answer, longer for a batch
-of several observations: by default 50 ms for one and 80 ms for eight, a tenth of what a large model takes.
-It needs no pictures. Both ways evaluate the same scenes, in turns, and must go through the same states.
+The model is `random` behind a vla-eval server in this process. It sleeps for each answer, longer for a batch of several
+observations: by default 50 ms for one and 80 ms for eight, a tenth of what a large model takes. It needs no pictures.
+Both ways evaluate the same scenes, in turns, and must go through the same states.
 """
 
 from __future__ import annotations
@@ -80,9 +80,7 @@ def main() -> None:
     catalogue, operators = load_catalogue(), load_operators()
     space = SearchSpace(operators, catalogue, TASK)
     drawn = (space.sample(np.random.default_rng([options.seed, number])) for number in count())
-    make = partial(
-        make_evaluator, Conditions(task=TASK, world={"min_distance": operators.min_distance}), checked=False
-    )
+    make = partial(make_evaluator, Conditions(task=TASK, world={"min_distance": operators.min_distance}), checked=False)
     rates: dict[str, list[float]] = {ALONE: [], TOGETHER: []}
     batches: dict[str, float] = {}
     with serving(model, "vla-eval") as address, ExitStack() as stack:

@@ -1,10 +1,9 @@
 #!/usr/bin/env python
 """Seconds from the command `vlafuzz run` to its first proposal and its first outcome, best of several.
 
-Each run is a process of its own, with a new store and two workers unless --workers says otherwise. A wrapper
-around the strategy notes when it is first asked and first told, in a batch of one scene, how much CPU time
-the process itself has taken by then, and which heavy libraries it has loaded. Start it twice: the first time
-fills caches.
+Each run is a process of its own, with a new store and two workers unless --workers says otherwise. A wrapper around the
+strategy notes when it is first asked and first told, in a batch of one scene, how much CPU time the process itself has
+taken by then, and which heavy libraries it has loaded. Start it twice: the first time fills caches.
 """
 
 from __future__ import annotations
@@ -86,9 +85,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     chosen = parser.parse_args(arguments)
     with TemporaryDirectory() as folder:
         for policy in chosen.policies.split(","):
-            runs = [
-                measure(policy, chosen.strategy, chosen.workers, Path(folder)) for _ in range(chosen.repeats)
-            ]
+            runs = [measure(policy, chosen.strategy, chosen.workers, Path(folder)) for _ in range(chosen.repeats)]
             for event in ("asked", "proposed", "outcome", "end"):
                 seconds, cpu, loaded = min(run[event] for run in runs if event in run)
                 print(f"{policy:8} {event:9} {seconds:6.2f} s, {cpu:5.2f} s of CPU here  {' '.join(loaded)}")

@@ -7,9 +7,9 @@
     pinhole   the real simulator, a scripted policy with a pinhole camera model, physics only
     mini      the real simulator, a learned policy, with rendering
 
-The n-th runs of all strategies have the same seed and are compared as pairs: ratios of means with 95 %
-intervals, the numbers of pairs with more and with fewer, and p by Wilcoxon's signed-rank test with Holm's
-correction for all tests of a command.
+The n-th runs of all strategies have the same seed and are compared as pairs: ratios of means with 95 % intervals, the
+numbers of pairs with more and with fewer, and p by Wilcoxon's signed-rank test with Holm's correction for all tests of
+a command.
 """
 
 from __future__ import annotations
@@ -73,9 +73,7 @@ def replayed(options: argparse.Namespace) -> dict[str, Any]:
     results.show(table)
     rare = [row for row in table if row["case"].endswith("passes")]
     pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}
-    print(
-        "\nrare outcomes over all VLAs, relative to random; then the share of the possible gain over random:"
-    )
+    print("\nrare outcomes over all VLAs, relative to random; then the share of the possible gain over random:")
     for name, row in pooled.items():
         gains = ", ".join(
             f"{other['case']} {other['gain']:.0%}"
@@ -113,9 +111,7 @@ def simulate(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _run(cases: list[Any], options: argparse.Namespace) -> dict[str, dict[str, list[dict[str, float]]]]:
-    return results.run(
-        cases, options.strategies, seeds=_seeds(options), budget=options.budget, workers=options.workers
-    )
+    return results.run(cases, options.strategies, seeds=_seeds(options), budget=options.budget, workers=options.workers)
 
 
 def _seeds(options: argparse.Namespace) -> range:
@@ -131,36 +127,21 @@ def main() -> None:
         "--arms", nargs="+", choices=arms(), default=list(arms()), metavar="ARM", help=", ".join(arms())
     )
     ground.add_argument("--densities", nargs="+", choices=DENSITIES, default=list(DENSITIES))
-    ground.add_argument(
-        "--policies", nargs="+", help="that get the faults, in the simulator; else no physics"
-    )
-    ground.add_argument(
-        "--budgets", nargs="+", type=int, default=[150, 300, 600, 1200], help="rollouts in all"
-    )
-    ground.add_argument(
-        "--splits", nargs="+", type=float, default=SPLITS, help="shares for search, before triage"
-    )
+    ground.add_argument("--policies", nargs="+", help="that get the faults, in the simulator; else no physics")
+    ground.add_argument("--budgets", nargs="+", type=int, default=[150, 300, 600, 1200], help="rollouts in all")
+    ground.add_argument("--splits", nargs="+", type=float, default=SPLITS, help="shares for search, before triage")
     ground.add_argument("--tuned", type=Path, help="raw results whose best splits are used")
     ground.add_argument("--plot", type=Path, help="PNG file")
     ground = _ground(grounds, "toy", planted, strategies=ALL, budget=300, repeats=20)
-    ground.add_argument(
-        "--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="of scenes that fail"
-    )
+    ground.add_argument("--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="of scenes that fail")
     ground.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
     ground = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
     ground.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
-    for name, repeats, tasks in (
-        ("pinhole", 20, ["pick-up", "put-on"]),
-        ("mini", 5, ["pick-up", "move-near"]),
-    ):
+    for name, repeats, tasks in (("pinhole", 20, ["pick-up", "put-on"]), ("mini", 5, ["pick-up", "move-near"])):
         ground = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
         ground.add_argument("--tasks", nargs="+", default=tasks)
-        ground.add_argument(
-            "--triage-rollouts", type=int, default=0, help="of every run, see `vlafuzz compare`"
-        )
-        ground.add_argument(
-            "--processes", type=int, default=1, help="processes per run; outcomes do not depend on it"
-        )
+        ground.add_argument("--triage-rollouts", type=int, default=0, help="of every run, see `vlafuzz compare`")
+        ground.add_argument("--processes", type=int, default=1, help="processes per run; outcomes do not depend on it")
         ground.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
     options = parser.parse_args()
     if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:

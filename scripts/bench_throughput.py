@@ -4,8 +4,8 @@
 These loops alternate scene by scene, so that other load on the machine affects all of them alike:
 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
-             ``gym.make``, ``reset`` and ``close`` for every scene. It follows the TCP positions and gripper
-             commands of the expert's rollout in the same scene, without rendering.
+             ``gym.make``, ``reset`` and ``close`` for every scene. It follows the TCP positions and gripper commands of
+             the expert's rollout in the same scene, without rendering.
 ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
 bare PhysX   the same objects and robot with the drive targets of our rollout; only physics steps are timed.
              It must end in the same state as ours.
@@ -134,9 +134,7 @@ class Loops:
         self._ours = ManiSkillEvaluator(
             Conditions(task=task, world={"min_distance": apart}), Expert(), catalogue, checked=False
         )
-        self._checked = ManiSkillEvaluator(
-            Conditions(task=task, world={"min_distance": apart}), Expert(), catalogue
-        )
+        self._checked = ManiSkillEvaluator(Conditions(task=task, world={"min_distance": apart}), Expert(), catalogue)
         drawn = (space.sample(np.random.default_rng([seed, index])) for index in count())
         recorded = filter(None, map(self._record, drawn))
         self.courses = [next(recorded) for _ in range(scenes)]

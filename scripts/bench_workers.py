@@ -1,10 +1,10 @@
 #!/usr/bin/env python
 """Rollouts a second of campaigns by number of workers and strategy, on all default ranges of a task.
 
-Workers are started and warmed up once, so that the rates are those of long campaigns: strategy, checks, store
-and waiting for the last rollouts are included, the start is reported beside them. Campaigns with the same
-seeds alternate between the numbers of workers, and must give the same verdicts with all of them. Ratios are
-to the first number and the first strategy.
+Workers are started and warmed up once, so that the rates are those of long campaigns: strategy, checks, store and
+waiting for the last rollouts are included, the start is reported beside them. Campaigns with the same seeds alternate
+between the numbers of workers, and must give the same verdicts with all of them. Ratios are to the first number and the
+first strategy.
 """
 
 from __future__ import annotations

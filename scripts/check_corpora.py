@@ -1,10 +1,10 @@
 #!/usr/bin/env python
 """Check that corpora hold: run all of their scenes again, on the machine at hand.
 
-A failure holds if the policy fails no later than at the recorded stage, a counterpart if it passes, a witness
-if its actions solve the scene. Failures are rolled out once as they are, and five times in their
-neighbourhood, where the majority counts. With --arithmetic all is done in four arithmetics, in which
-processor, torch and software renderer give other last bits. Exit code 1: a figure is below its bound.
+A failure holds if the policy fails no later than at the recorded stage, a counterpart if it passes, a witness if its
+actions solve the scene. Failures are rolled out once as they are, and five times in their neighbourhood, where the
+majority counts. With --arithmetic all is done in four arithmetics, in which processor, torch and software renderer give
+other last bits. Exit code 1: a figure is below its bound.
 """
 
 from __future__ import annotations
@@ -90,9 +90,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     options = parser.parse_args()
     jobs = [
-        Job(folder, first)
-        for folder in options.corpora
-        for first in range(0, len(read_corpus(folder).cases), PART)
+        Job(folder, first) for folder in options.corpora for first in range(0, len(read_corpus(folder).cases), PART)
     ]
     rows: list[dict[str, object]] = []
     for name in ARITHMETICS if options.arithmetic else ("native",):

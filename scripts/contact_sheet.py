@@ -76,9 +76,7 @@ def main() -> None:
     parser.add_argument("--yaw", type=float, default=15.0, help="degrees by which every object is turned")
     options = parser.parse_args()
     studio = Studio()
-    catalogue = load_catalogue(
-        options.objects, packs=[pack for path in options.pack for pack in open_packs(path)]
-    )
+    catalogue = load_catalogue(options.objects, packs=[pack for path in options.pack for pack in open_packs(path)])
     pictures = [
         (f"{model.spoken}, {pose.name.replace('_', ' ')}", studio.photograph(model, pose, options.yaw))
         for model in map(catalogue.__getitem__, catalogue.preferred(catalogue.names()))

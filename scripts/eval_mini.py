@@ -1,10 +1,10 @@
 #!/usr/bin/env python
 """Success rates of `mini` on fresh valid scenes, with 95 % intervals.
 
-Sets: nominal (only targets vary), clutter (also 0 to 3 confounders), random (all default ranges), black
-(clutter, with black images), other (clutter, with an instruction that names another object on the table:
-success still means the scene's target), and mutations of nominal scenes that it passes: rerun (none), light,
-camera, confounders (4), wording (those not used in training). Seeds are below those of the demonstrations.
+Sets: nominal (only targets vary), clutter (also 0 to 3 confounders), random (all default ranges), black (clutter, with
+black images), other (clutter, with an instruction that names another object on the table: success still means the
+scene's target), and mutations of nominal scenes that it passes: rerun (none), light, camera, confounders (4), wording
+(those not used in training). Seeds are below those of the demonstrations.
 """
 
 from __future__ import annotations
@@ -81,9 +81,7 @@ def draw(task: str, kind: str, seed: int) -> Scene:
     while kind == "other" and not scene.confounders:
         scene = space(task, CLUTTER).sample(rng)
     if kind == "other":
-        spoken = [
-            load_catalogue()[thing.object].spoken for thing in (scene.confounders[0], *scene.targets[1:])
-        ]
+        spoken = [load_catalogue()[thing.object].spoken for thing in (scene.confounders[0], *scene.targets[1:])]
         scene = replace(scene, instruction=say(load_wordings()[task][0], spoken))
     return scene
 
@@ -98,9 +96,7 @@ def mutant(base: Scene, full: Scene, kind: str, seed: int) -> Scene:
         direction = rng.normal(size=3)
         azimuth = np.degrees(np.arctan2(direction[1], direction[0]))
         elevation = np.degrees(np.arcsin(direction[2] / np.linalg.norm(direction)))
-        return replace(
-            base, camera=Camera(rng.uniform(0, 0.05), azimuth, elevation, roll=roll, pitch=pitch, yaw=yaw)
-        )
+        return replace(base, camera=Camera(rng.uniform(0, 0.05), azimuth, elevation, roll=roll, pitch=pitch, yaw=yaw))
     if kind == "confounders":
         return full
     if kind == "wording":

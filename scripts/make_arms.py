@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Write worlds/manipulation/rigs/arms.json: joints and convex bodies of the robots, to see what they hide.
 
-The Panda's links become hulls of a few corners; those of the other robots, whose files are not ours, become
-boxes that are measured on slices of them, to 5 mm.
+The Panda's links become hulls of a few corners; those of the other robots, whose files are not ours, become boxes that
+are measured on slices of them, to 5 mm.
 """
 
 import argparse
@@ -26,9 +26,7 @@ CORNERS = 24
 STEP = 0.005  # metres
 SLICE = 0.06  # metres, along the longest side
 OUT = Path(__file__).parent.parent / "vlafuzz" / "rigs" / "arms.json"
-PANDA = tuple(
-    f"panda_{name}" for name in (*(f"joint{n}" for n in range(1, 8)), "finger_joint1", "finger_joint2")
-)
+PANDA = tuple(f"panda_{name}" for name in (*(f"joint{n}" for n in range(1, 8)), "finger_joint1", "finger_joint2"))
 
 
 def hull(points: Array) -> list[Array]:
@@ -73,9 +71,7 @@ def points_of(link: Element, folder: Path) -> Array:
     return np.concatenate(points)
 
 
-def links(
-    urdf: Path, moving: tuple[str, ...], solid: Callable[[Array], list[Array]]
-) -> Iterator[dict[str, Any]]:
+def links(urdf: Path, moving: tuple[str, ...], solid: Callable[[Array], list[Array]]) -> Iterator[dict[str, Any]]:
     """The links from the base on: the number of the parent, the joint, and convex bodies if there are any.
 
     ``moving``: names of the joints in the order of the rig's ``rest``.
@@ -95,15 +91,10 @@ def links(
                 row |= {key: numbers(joint.find("origin"), key) for key in ("xyz", "rpy")}
                 if joint.attrib["name"] in moving:
                     kind = "slide" if joint.attrib["type"] == "prismatic" else "turn"
-                    row |= {
-                        kind: numbers(joint.find("axis"), "xyz"),
-                        "joint": moving.index(joint.attrib["name"]),
-                    }
+                    row |= {kind: numbers(joint.find("axis"), "xyz"), "joint": moving.index(joint.attrib["name"])}
             points = points_of(left.pop(name), urdf.parent)
             order.append(name)
-            yield row | (
-                {"bodies": [body.round(4).tolist() for body in solid(points)]} if len(points) else {}
-            )
+            yield row | ({"bodies": [body.round(4).tolist() for body in solid(points)]} if len(points) else {})
 
 
 def main() -> None:

@@ -1,14 +1,14 @@
 #!/usr/bin/env python
 """Demonstrations of the expert for training `mini`: observations with the expert's actions as labels.
 
-Scenes are generated with the operators of demos.yaml and pass all validity checks; wordings are the first few
-of each task. Most episodes are disturbed (noise on the executed actions, random first steps, a gripper that
-slips); the label is always the expert's action. Failed episodes are left out. Every worker writes one folder
-of arrays: frames (n, size, size, 3) uint8, and the data of each step in steps.npz.
+Scenes are generated with the operators of demos.yaml and pass all validity checks; wordings are the first few of each
+task. Most episodes are disturbed (noise on the executed actions, random first steps, a gripper that slips); the label
+is always the expert's action. Failed episodes are left out. Every worker writes one folder of arrays: frames (n, size,
+size, 3) uint8, and the data of each step in steps.npz.
 
-With --driver, the weights of an earlier round drive the first steps of most episodes, and the expert takes
-over from there (as in DAgger, Ross et al., 2011), which shows how to recover from that policy's states.
-Driven steps are kept, since the gripper's clock needs them, but not `taught`.
+With --driver, the weights of an earlier round drive the first steps of most episodes, and the expert takes over from
+there (as in DAgger, Ross et al., 2011), which shows how to recover from that policy's states. Driven steps are kept,
+since the gripper's clock needs them, but not `taught`.
 """
 
 from __future__ import annotations
@@ -155,9 +155,7 @@ def worded(scene: Scene, space: SearchSpace, seed: int) -> Scene:
 def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument(
-        "--episodes", type=int, nargs=4, default=[4500, 4500, 5500, 5500], metavar="N", help="per task"
-    )
+    parser.add_argument("--episodes", type=int, nargs=4, default=[4500, 4500, 5500, 5500], metavar="N", help="per task")
     parser.add_argument("--workers", type=int, nargs=4, default=[1, 1, 1, 1], metavar="N", help="per task")
     parser.add_argument("--seconds", type=float, default=1e9, help="time limit per job")
     parser.add_argument("--first", type=int, default=0, help="number of the first episode")

@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Demonstrations of LIBERO's expert for training `mini` with train_mini.py.
 
-Scenes are near the suites' own initial states, of which the first ten are left out for tests. Most episodes
-are disturbed as by make_demos.py, also by a --driver; the label is always the expert's action. Failed
-episodes are left out. Needs scripts/setup-libero.
+Scenes are near the suites' own initial states, of which the first ten are left out for tests. Most episodes are
+disturbed as by make_demos.py, also by a --driver; the label is always the expert's action. Failed episodes are left
+out. Needs scripts/setup-libero.
 """
 
 from __future__ import annotations
@@ -116,9 +116,7 @@ def _points(env: LiberoEnv) -> Array:
     bodies = env.robosuite.obj_body_id
     _, thing, goal = next(atom for atom in env.task.goal if len(atom) == 3)
     place = env.data.xpos[bodies[goal]] if goal in bodies else env.data.site(goal).xpos
-    return np.stack(
-        [env.data.xpos[bodies[thing]], place, env.data.site_xpos[env.robosuite.robots[0].eef_site_id]]
-    )
+    return np.stack([env.data.xpos[bodies[thing]], place, env.data.site_xpos[env.robosuite.robots[0].eef_site_id]])
 
 
 def _projected(env: LiberoEnv, points: Array) -> Array:
@@ -165,9 +163,7 @@ class Job:
         steps: list[dict[str, Any]] = []
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
-        conditions = Conditions(
-            task=self.task, robot=ROBOT, world={QUALITY.name: self.quality}, stop_early=True
-        )
+        conditions = Conditions(task=self.task, robot=ROBOT, world={QUALITY.name: self.quality}, stop_early=True)
         evaluator = LiberoEvaluator(conditions, demonstrator, checked=False)
         for seed in range(SEEDS + self.first, SEEDS + self.first + self.count):
             evaluator.seed = seed
@@ -206,13 +202,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / ABOUT).write_text(json.dumps(CARD))
     jobs = [
-        Job(
-            task,
-            options.first + number,
-            min(options.batch, options.episodes - number),
-            options.driver,
-            options.out,
-        )
+        Job(task, options.first + number, min(options.batch, options.episodes - number), options.driver, options.out)
         for number in range(0, options.episodes, options.batch)
         for task in options.tasks
     ]

@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """What ending failing rollouts early would save, and what it would change.
 
-Random fair scenes at the default ranges are rolled out to the end. For each rule, the report says how often a
-failing rollout met it, what share of the control steps of failing rollouts came after that, and how many
-rollouts, passed ones included, reached a stage or made progress after it: a rule that is safe has none.
+Random fair scenes at the default ranges are rolled out to the end. For each rule, the report says how often a failing
+rollout met it, what share of the control steps of failing rollouts came after that, and how many rollouts, passed ones
+included, reached a stage or made progress after it: a rule that is safe has none.
 
 off the table        a target more than 0.2 m below its top
 out of reach         the first target at rest more than 1 m from the robot's base

@@ -69,8 +69,8 @@ def write(steps: Sequence[dict[str, Any]], folder: Path) -> None:
 def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path | None = None) -> Data:
     """All demonstrations below a folder, in chunks: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
 
-    ``known``: the vocabulary of the weights to continue from; by default that of the texts. ``replayed``: a
-    folder of earlier demonstrations.
+    ``known``: the vocabulary of the weights to continue from; by default that of the texts. ``replayed``: a folder of
+    earlier demonstrations.
     """
     folders = [folder, replayed] if replayed else [folder]
     paths = [path.parent for each in folders for path in sorted(each.glob("*/steps.npz"))]
@@ -85,9 +85,7 @@ def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path 
     tables["tokens"] = np.concatenate(
         [np.stack([words.encode(str(t), known) for t in part["texts"]])[part["text"]] for part in parts]
     )
-    on_device = {
-        name: torch.from_numpy(np.ascontiguousarray(table)).to(device) for name, table in tables.items()
-    }
+    on_device = {name: torch.from_numpy(np.ascontiguousarray(table)).to(device) for name, table in tables.items()}
     old = np.array([replayed in path.parents for path in paths])[source]
     taught, held_out = joined["taught"] > 0, episodes % HELD_OUT == 0
     rest = {

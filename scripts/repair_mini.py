@@ -4,14 +4,14 @@
     scripts/repair_mini.py OUT                                     # two rounds with failing scenes
     scripts/repair_mini.py OUT --arms random failed --repeats 3    # which demonstrations help?
 
-Random scenes are rolled out, the expert demonstrates those of each arm (repair/arms.py), and the shipped
-weights are trained further with equally many demonstrations in each arm; half of each batch are ones like
-those that they were first trained with. The arms of --again go through a second round with what their own
-weights fail in. All are judged in the same scenes, which nobody was trained with. With --causes, the first
-arm is fuzzed and triaged once more, and its causes are compared with those before.
+Random scenes are rolled out, the expert demonstrates those of each arm (repair/arms.py), and the shipped weights are
+trained further with equally many demonstrations in each arm; half of each batch are ones like those that they were
+first trained with. The arms of --again go through a second round with what their own weights fail in. All are judged in
+the same scenes, which nobody was trained with. With --causes, the first arm is fuzzed and triaged once more, and its
+causes are compared with those before.
 
-OUT/page.html says what came out; OUT/mini/ARM-N has the weights. What is in OUT already is not done again.
-Training wants a GPU; --gpus says how many there are.
+OUT/page.html says what came out; OUT/mini/ARM-N has the weights. What is in OUT already is not done again. Training
+wants a GPU; --gpus says how many there are.
 """
 
 from __future__ import annotations
@@ -43,12 +43,8 @@ def main() -> None:
     parser.add_argument("--demos", type=int, default=400, help="demonstrations of each task")
     parser.add_argument("--old-demos", type=int, default=800, help="of each task, to be replayed")
     parser.add_argument("--recipe", default="--rate 5e-4 --updates 1500 --batch 512", help="of train_mini.py")
-    parser.add_argument(
-        "--seed", type=int, default=800, help="of the first repetition: its runs and trainings"
-    )
-    parser.add_argument(
-        "--first", type=int, default=700_000, help="number of the first scene to be judged in"
-    )
+    parser.add_argument("--seed", type=int, default=800, help="of the first repetition: its runs and trainings")
+    parser.add_argument("--first", type=int, default=700_000, help="number of the first scene to be judged in")
     parser.add_argument("--scenes", type=int, default=1000, help="random ones of each task, to be judged in")
     parser.add_argument("--nominal", type=int, default=200, help="nominal ones of each task")
     parser.add_argument("--causes", help="time to triage each run of the first arm, such as 10m")

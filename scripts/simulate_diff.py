@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """How often `vlafuzz diff` calls a cause fixed: against the same policy, and against one that has mended it.
 
-Causes have a minimal scene or several, in which the policy fails with a given probability, whatever certified
-it. The other policy is the same with other noise, or one that fails in these scenes with another probability.
+Causes have a minimal scene or several, in which the policy fails with a given probability, whatever certified it. The
+other policy is the same with other noise, or one that fails in these scenes with another probability.
 """
 
 from __future__ import annotations
@@ -47,9 +47,7 @@ def standings(known: Known, rate: float, other: float, seeds: range) -> Counter[
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--causes", type=int, default=1000, help="of each kind")
     parser.add_argument("--seed", type=int, default=FRESH, help="of the first cause")
     options = parser.parse_args()

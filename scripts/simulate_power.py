@@ -1,12 +1,12 @@
 #!/usr/bin/env python
 """How often `vlafuzz regress` notices the loss that it states, and how often equal policies raise an alarm.
 
-Controls are drawn, recorded and compared as on the command line; only scenes and policies are made up. A
-policy passes in a scene with a probability of its own, whose mean is the given rate: the same in every scene
-(`chance`), always or never (`scenes`), or nearly so (`mixed`). The new policy does so in other scenes. It
-passes as often as the baseline, or less often: by the loss that was stated for that very corpus, or by 10
-points. With ``--nights N`` there is a comparison with each corpus in each of N nights, at a level of
-alpha / N, of the same equal policy with other noise, and of one that lost 10 points, in seven nights.
+Controls are drawn, recorded and compared as on the command line; only scenes and policies are made up. A policy passes
+in a scene with a probability of its own, whose mean is the given rate: the same in every scene (`chance`), always or
+never (`scenes`), or nearly so (`mixed`). The new policy does so in other scenes. It passes as often as the baseline, or
+less often: by the loss that was stated for that very corpus, or by 10 points. With ``--nights N`` there is a comparison
+with each corpus in each of N nights, at a level of alpha / N, of the same equal policy with other noise, and of one
+that lost 10 points, in seven nights.
 """
 
 from __future__ import annotations
@@ -56,9 +56,7 @@ class Policy:
         self._decided = np.random.default_rng(seed).random(SCENES) < rate
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        return [
-            Outcome(verdict=Verdict.PASSED if self._passes(scene) else Verdict.FAILED) for scene in scenes
-        ]
+        return [Outcome(verdict=Verdict.PASSED if self._passes(scene) else Verdict.FAILED) for scene in scenes]
 
     def close(self) -> None:
         """Nothing to release."""
@@ -68,9 +66,7 @@ class Policy:
         return bool(decided if self._rng.random() < self._certain else self._rng.random() < self._rate)
 
 
-def simulate(
-    template: Corpus, kind: str, rate: float, number: int, seed: int, nights: int
-) -> dict[str, bool] | None:
+def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int, nights: int) -> dict[str, bool] | None:
     """What raises an alarm; None if nothing can."""
     base = template.controls[0].scene
 
@@ -92,27 +88,18 @@ def simulate(
 
         return any(
             compare(
-                probes,
-                Rerun("new", template.runs, partial(make, night=night)),
-                Recorded("old"),
-                alpha=ALPHA / nights,
+                probes, Rerun("new", template.runs, partial(make, night=night)), Recorded("old"), alpha=ALPHA / nights
             ).alarm
             for night in range(within)
         )
 
     less = max(0.0, rate - 0.1)
-    found = {
-        "false alarms": alarm(rate, 1, nights),
-        "stated loss": alarm(left, 2),
-        "10 points": alarm(less, 3),
-    }
+    found = {"false alarms": alarm(rate, 1, nights), "stated loss": alarm(left, 2), "10 points": alarm(less, 3)}
     return found | ({"in 7 nights": alarm(less, 3, 7)} if nights > 1 else {})
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpora", type=int, default=200, help="of each shape")
     parser.add_argument("--kinds", nargs="+", default=list(CERTAINTY), choices=list(CERTAINTY))
     parser.add_argument("--rates", type=float, nargs="+", default=RATES)

@@ -1,13 +1,12 @@
 #!/usr/bin/env python
 """Coverage and width of the failure probability's interval, in guided searches whose probability is known.
 
-A world has uniform genes and faults, which are boxes of one to three of them; in every other world a scene in
-a box fails 7 times of 10 instead of always. A search draws random scenes, and others that the probability
-does not rest on; attributing a new failure costs 8 to 12 rollouts and makes a rule, a box with imprecise
-edges; a failure that a rule predicts costs one more. Mean predictions come from 600 scenes without
-rollouts, as in a real search. Widths are compared with Wilson's interval of as many random rollouts as the
-whole budget. Intervals are those at the end of the budget; they are intersections over all times, so their
-coverage is that at all times at once.
+A world has uniform genes and faults, which are boxes of one to three of them; in every other world a scene in a box
+fails 7 times of 10 instead of always. A search draws random scenes, and others that the probability does not rest on;
+attributing a new failure costs 8 to 12 rollouts and makes a rule, a box with imprecise edges; a failure that a rule
+predicts costs one more. Mean predictions come from 600 scenes without rollouts, as in a real search. Widths are
+compared with Wilson's interval of as many random rollouts as the whole budget. Intervals are those at the end of the
+budget; they are intersections over all times, so their coverage is that at all times at once.
 """
 
 from __future__ import annotations
@@ -109,9 +108,7 @@ class Search:
             failed = any(box.holds(scene) for box in world.boxes) and rng.random() < world.fails
             if rng.random() < self.random:
                 mean = float(predicted.mean())
-                draws.append(
-                    Draw(failed=failed, left=left, prediction=float(explained), mean_prediction=mean)
-                )
+                draws.append(Draw(failed=failed, left=left, prediction=float(explained), mean_prediction=mean))
             left -= 1
             if failed and self.guided:
                 left -= 1 if explained else int(rng.integers(8, 13))
@@ -159,18 +156,11 @@ def simulate(search: Search, rate: float, seeds: range, budget: int) -> dict[str
     figures = {"covered": covered, "worlds": len(seeds), "width": median(widths), "wilson": median(plain)}
     ratio = figures["width"] / figures["wilson"]
     means = float(np.mean(widths) / np.mean(plain))
-    return figures | {
-        "ratio": ratio,
-        "ratio of means": means,
-        "error": error,
-        "draws": float(np.mean(numbers)),
-    }
+    return figures | {"ratio": ratio, "ratio of means": means, "error": error, "draws": float(np.mean(numbers))}
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--worlds", type=int, default=500, help="of each search and each probability")
     parser.add_argument("--budget", type=int, default=300, help="policy rollouts")
     parser.add_argument("--seed", type=int, default=FRESH, help=f"of the first world; bets: below {FRESH}")

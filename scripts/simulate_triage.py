@@ -1,13 +1,12 @@
 #!/usr/bin/env python
 """Triage of simulated policies whose true failure rates are known, without a simulator.
 
-Each policy fails more often where a planted condition of one or two operators holds. Its rates are drawn
-from beta distributions; between them the rate changes at once (``sharp``), over a stretch (``smooth``), or
-from nearly 0 to nearly 1 (``bimodal``); ``deterministic`` ones fail always or never. To ``additive`` ones
-every value adds some load: they fail where it is too much, mostly by one to four operators together. Of the
-minimal scenes it is reported how many truly fail more than half the time, and how many truly pass that often
-without any one operator; of the findings whose planted operators truly are a minimal cause, how many it
-finds.
+Each policy fails more often where a planted condition of one or two operators holds. Its rates are drawn from beta
+distributions; between them the rate changes at once (``sharp``), over a stretch (``smooth``), or from nearly 0 to
+nearly 1 (``bimodal``); ``deterministic`` ones fail always or never. To ``additive`` ones every value adds some load:
+they fail where it is too much, mostly by one to four operators together. Of the minimal scenes it is reported how many
+truly fail more than half the time, and how many truly pass that often without any one operator; of the findings whose
+planted operators truly are a minimal cause, how many it finds.
 """
 
 from __future__ import annotations
@@ -38,11 +37,7 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 SPACE = SearchSpace(load_operators(), load_catalogue(), "pick-up")
 STAGES = ("grasp", "lift", "success")
 KINDS = ("sharp", "smooth", "bimodal", "deterministic", "additive")
-LOADS, BEARABLE, TOGETHER = (
-    (0.0, 0.1, 0.25, 0.4, 0.7),
-    0.8,
-    1.3,
-)  # the last: exponent of the norm that adds up
+LOADS, BEARABLE, TOGETHER = ((0.0, 0.1, 0.25, 0.4, 0.7), 0.8, 1.3)  # the last: exponent of the norm that adds up
 NOTHING = np.zeros(0, dtype=np.float32)
 
 
@@ -170,14 +165,7 @@ def additive(seed: int) -> Additive:
     }
     clutter, steepness = float(rng.choice([0.0, 0.0, 0.15, 0.3])), float(rng.choice([15.0, 40.0, 200.0]))
     return Additive(
-        [],
-        rates,
-        smooth=True,
-        seed=seed,
-        deterministic=True,
-        loads=loads,
-        clutter=clutter,
-        steepness=steepness,
+        [], rates, smooth=True, seed=seed, deterministic=True, loads=loads, clutter=clutter, steepness=steepness
     )
 
 
@@ -214,10 +202,9 @@ def policy(kind: str, seed: int) -> Simulated:
         name = list(VALUES)[index]
         value, low, high, width = VALUES[name]
         slopes.append(Slope(name, value, float(rng.uniform(low, high)), width))
-    rates = {
-        "deterministic": (0.0, 1.0),
-        "bimodal": (float(rng.beta(1, 30)), float(rng.beta(30, 1))),
-    }.get(kind, (float(rng.beta(2, 12)), float(rng.beta(8, 2))))
+    rates = {"deterministic": (0.0, 1.0), "bimodal": (float(rng.beta(1, 30)), float(rng.beta(30, 1)))}.get(
+        kind, (float(rng.beta(2, 12)), float(rng.beta(8, 2)))
+    )
     return Simulated(slopes, rates, kind == "smooth", seed, kind == "deterministic")
 
 

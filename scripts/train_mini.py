@@ -1,9 +1,9 @@
 #!/usr/bin/env python
 """Train `mini` on the demonstrations of make_demos.py; writes weights and the model card.
 
-Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and the positions of a, b and the
-hand as auxiliary tasks. A GPU takes minutes; the schedule ends at --updates or --seconds, whichever comes
-first. --init continues from the weights of an earlier round, --replay with some of what those learned from.
+Behaviour cloning: cross entropy over softened bins, the gripper as one bit, and the positions of a, b and the hand as
+auxiliary tasks. A GPU takes minutes; the schedule ends at --updates or --seconds, whichever comes first. --init
+continues from the weights of an earlier round, --replay with some of what those learned from.
 """
 
 from __future__ import annotations
@@ -111,9 +111,7 @@ class Learner:
         self._optimizer.step()
         kept = min(AVERAGED, (1 + self.updates) / (10 + self.updates))
         with torch.no_grad():
-            torch._foreach_lerp_(
-                list(self.average.values()), list(self.network.state_dict().values()), 1 - kept
-            )
+            torch._foreach_lerp_(list(self.average.values()), list(self.network.state_dict().values()), 1 - kept)
         self.updates += 1
 
     @contextmanager

@@ -68,9 +68,7 @@ def expert_on():
 
     def evaluator(task):
         if task not in made:
-            made[task] = ManiSkillEvaluator(
-                Conditions(task=task, world={"min_distance": 0.15}), Expert(), CATALOGUE
-            )
+            made[task] = ManiSkillEvaluator(Conditions(task=task, world={"min_distance": 0.15}), Expert(), CATALOGUE)
         return made[task]
 
     yield evaluator

@@ -200,14 +200,7 @@ def make_idle(*_: object, **__: object) -> Idle:
 
 
 NOMINAL = Manifest(
-    task="pick-up",
-    policy="idle",
-    spec="{}",
-    strategy="random",
-    budget=20,
-    batch=8,
-    seed=0,
-    catalogue_digest="c",
+    task="pick-up", policy="idle", spec="{}", strategy="random", budget=20, batch=8, seed=0, catalogue_digest="c"
 )
 
 

@@ -28,9 +28,7 @@ class Job:
         defaults = {name: value.get("default", "") for name, value in ACTION["inputs"].items()}
         unknown = inputs.keys() - defaults.keys()
         assert not unknown
-        self._known = {
-            f"inputs.{name}": value for name, value in (defaults | inputs | {"install": ""}).items()
-        }
+        self._known = {f"inputs.{name}": value for name, value in (defaults | inputs | {"install": ""}).items()}
         self._known |= {"github.run_number": "7", "github.action_path": str(ROOT), "always()": "true"}
         self.summary = ""
         self.code = 0
@@ -56,9 +54,7 @@ class Job:
         environment |= {name: str(file) for name, file in files.items()}
         environment |= {name: self._filled(value) for name, value in step["env"].items()}
         bash = ["bash", "--noprofile", "--norc", "-eo", "pipefail", "-c", step["run"]]
-        done = subprocess.run(
-            bash, cwd=self.folder, env=environment, capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(bash, cwd=self.folder, env=environment, capture_output=True, text=True, check=False)
         self.code = self.code or done.returncode
         self.summary += files["GITHUB_STEP_SUMMARY"].read_text()
         for line in files["GITHUB_OUTPUT"].read_text().splitlines():
@@ -147,10 +143,7 @@ def test_names_tell_tasks_apart_and_fit_caches_and_artifacts(tmp_path: Path):
 
 
 def test_a_wrong_mode_or_name_fails_the_job(tmp_path: Path):
-    for inputs in (
-        {"mode": "regres", "policy": "expert"},
-        {"mode": "regress", "policy": "exprt", "corpus": "x"},
-    ):
+    for inputs in ({"mode": "regres", "policy": "expert"}, {"mode": "regress", "policy": "exprt", "corpus": "x"}):
         job = Job(tmp_path, **inputs)
         job.run()
         assert job.code == 2
@@ -182,9 +175,7 @@ def test_a_run_that_could_not_judge_its_budget_fails_the_job_and_is_neither_merg
     job = Job(tmp_path, mode="fuzz", policy="p")
     assert said_to("vlafuzz", job)[0] == "run"  # and no merge after it
     assert job.code == 3
-    assert [
-        step["uses"] for step in STEPS if "cache/save" in step.get("uses", "") and job._true(step["if"])
-    ] == []
+    assert [step["uses"] for step in STEPS if "cache/save" in step.get("uses", "") and job._true(step["if"])] == []
 
 
 def test_actions_of_others_are_pinned_by_their_commits():

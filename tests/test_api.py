@@ -59,9 +59,7 @@ def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
     assert "a.db" in str(caught.value.hint)
 
 
-def test_a_run_that_looks_for_causes_certifies_and_gives_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     dark = [CONDITIONS["light"][0]]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(dark))
     monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner(dark))

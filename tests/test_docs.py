@@ -30,9 +30,7 @@ from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.worlds.tabletop.space import load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-README, COMMANDS_PAGE, SCENES = (
-    text(name) for name in ("README.md", "docs/commands.md", "docs/operators.md")
-)
+README, COMMANDS_PAGE, SCENES = (text(name) for name in ("README.md", "docs/commands.md", "docs/operators.md"))
 OWN_POLICY = files(ROOT / "docs" / "your-policy.md")["mine.py"]
 OWN_STRATEGY = files(ROOT / "docs" / "strategies.md")["climb.py"]
 STEPS = files(ROOT / "docs" / "gymnasium.md")["steps.py"]
@@ -61,10 +59,7 @@ def test_the_page_on_scenes_names_every_task(name):
 
 @pytest.mark.parametrize(
     ("page", "kind", "names"),
-    [
-        ("docs/builtin.md", "policy", known_policies()),
-        ("docs/strategies.md", "strategy", STRATEGIES),
-    ],
+    [("docs/builtin.md", "policy", known_policies()), ("docs/strategies.md", "strategy", STRATEGIES)],
 )
 def test_every_policy_and_strategy_has_a_row_and_so_has_your_own(page, kind, names):
     table = text(page).partition(f"| {kind} | is |\n")[2].partition("\n\n")[0]
@@ -112,9 +107,7 @@ def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeyp
 
 def output_of(example: str, folder: Path) -> str:
     (folder / "example.py").write_text(example)
-    done = subprocess.run(
-        [sys.executable, "example.py"], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "example.py"], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

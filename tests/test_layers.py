@@ -82,9 +82,7 @@ def complaints(importer: str, tree: ast.AST) -> list[str]:
         elif (importer, name) == ("__init__", "api"):
             continue  # the package's front door, which opens when it is first used
         elif name != importer and ROW_OF[name] >= ROW_OF[importer]:
-            found.append(
-                f"line {line}: {importer!r} (row {ROW_OF[importer]}) imports {name!r} (row {ROW_OF[name]})"
-            )
+            found.append(f"line {line}: {importer!r} (row {ROW_OF[importer]}) imports {name!r} (row {ROW_OF[name]})")
     return found
 
 
@@ -127,9 +125,7 @@ def test_an_import_outwards_is_noticed(source: str):
     assert len(complaints("search", ast.parse(source))) == 1
 
 
-@pytest.mark.parametrize(
-    "source", ["from vlafuzz import __version__", "import torch", "import vlafuzz.search.base"]
-)
+@pytest.mark.parametrize("source", ["from vlafuzz import __version__", "import torch", "import vlafuzz.search.base"])
 def test_other_imports_are_fine(source: str):
     assert complaints("search", ast.parse(source)) == []
 
@@ -157,9 +153,7 @@ def imported_modules(tree: ast.AST, known: set[str]) -> set[str]:
 
 def test_no_modules_import_each_other_in_a_circle():
     modules = {module(path): path for path in FILES}
-    graph = {
-        name: imported_modules(ast.parse(path.read_text()), set(modules)) for name, path in modules.items()
-    }
+    graph = {name: imported_modules(ast.parse(path.read_text()), set(modules)) for name, path in modules.items()}
     TopologicalSorter({name: names - {name} for name, names in graph.items()}).prepare()  # raises CycleError
 
 

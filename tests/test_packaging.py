@@ -39,7 +39,5 @@ def test_what_is_installed_fuzzes_with_the_shipped_data(kind, tmp_path):
     assert (tmp_path / "runs" / "pick-up-pinhole-0.db").stat().st_size > 0
     where = call(python, "-c", "import vlafuzz; print(vlafuzz.__file__)", cwd=tmp_path)
     assert where.startswith(str(home))
-    call(
-        home / "bin" / "vlafuzz", "report", "mini-pick-up", "--no-videos", "--out", "page.html", cwd=tmp_path
-    )
+    call(home / "bin" / "vlafuzz", "report", "mini-pick-up", "--no-videos", "--out", "page.html", cwd=tmp_path)
     assert "mini" in (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -181,9 +181,7 @@ SAMPLED = "<COLLADA><sampler2D><source>{}</source></sampler2D></COLLADA>"
         ("textured.glb", binary(f'{{"images": [{{"uri": "{OUT}"}}], "images": []}}')),
     ],
 )
-def test_a_name_that_only_sapien_would_find_is_not_missed(
-    name: str, content: bytes, received: Callable[[str], Path]
-):
+def test_a_name_that_only_sapien_would_find_is_not_missed(name: str, content: bytes, received: Callable[[str], Path]):
     folder = received("pack")
     (folder.parent / "private.jpg").write_text(SECRET)  # so SAPIEN calls a texture that is not declared
     (folder / "models/brick" / name).write_bytes(content)
@@ -204,9 +202,7 @@ def test_a_mesh_may_name_what_is_beside_it_and_what_is_nowhere(received: Callabl
 CARDS = ("", "[]", "{}", '{"name": 1}', '{"views": 3}', '{"action": {"hz": 7}}', '{"action": {"x": 1}}')
 
 
-@pytest.mark.parametrize(
-    "card", [*CARDS, '{"words": "x"}', '{"ranges": {"stem": -1}}', '{"action": {"hz": {}}}']
-)
+@pytest.mark.parametrize("card", [*CARDS, '{"words": "x"}', '{"ranges": {"stem": -1}}', '{"action": {"hz": {}}}'])
 def test_an_odd_card_of_mini_is_refused_in_a_sentence(card: str, received: Callable[[str], Path]):
     folder = received("mini")
     known = json.loads((folder / CARD).read_text())
@@ -217,9 +213,7 @@ def test_an_odd_card_of_mini_is_refused_in_a_sentence(card: str, received: Calla
         read_mini(folder)
 
 
-@pytest.mark.parametrize(
-    "change", [{"views": 2}, {"ranges": {"nowhere": 1.0}}, {}], ids=["views", "ranges", "bytes"]
-)
+@pytest.mark.parametrize("change", [{"views": 2}, {"ranges": {"nowhere": 1.0}}, {}], ids=["views", "ranges", "bytes"])
 def test_weights_that_do_not_fit_their_card_are_refused(change: dict, received: Callable[[str], Path]):
     folder = received("mini")
     card = json.loads((folder / CARD).read_text())

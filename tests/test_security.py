@@ -41,9 +41,7 @@ def complaints(source: str) -> list[str]:
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import | ast.ImportFrom):
             names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
-            problems += [
-                f"line {node.lineno}: {name}" for name in names if name.partition(".")[0] in CODE_IN_DATA
-            ]
+            problems += [f"line {node.lineno}: {name}" for name in names if name.partition(".")[0] in CODE_IN_DATA]
         if isinstance(node, ast.Call):
             called, source = ast.unparse(node.func), ast.unparse(node)
             unsafe = (
@@ -247,9 +245,7 @@ class TestProfiles:
     )
     def test_one_names_no_other_file(self, options, says, tmp_path, opened):
         path = tmp_path / "mine.yaml"
-        path.write_text(
-            json.dumps({"about": "", "source": "", "options": options, "protocols": {"openpi": {}}})
-        )
+        path.write_text(json.dumps({"about": "", "source": "", "options": options, "protocols": {"openpi": {}}}))
         with pytest.raises(UsageError, match=says):
             make_policy(f"openpi:ws://127.0.0.1:9?profile={path}")
         assert not [path for path in opened if "outside" in path]

@@ -32,10 +32,7 @@ def test_findings_say_what_triage_knows(results):
 
 
 def test_runs_and_trials_are_counted(results):
-    assert [(run.run, run.failed, run.judged, run.seconds) for run in results.runs()] == [
-        (1, 3, 4, 12),
-        (2, 3, 4, 12),
-    ]
+    assert [(run.run, run.failed, run.judged, run.seconds) for run in results.runs()] == [(1, 3, 4, 12), (2, 3, 4, 12)]
     assert [trial.verdict for trial in results.trials(1)] == ["failed", "failed", "failed", "passed"]
     assert len(results.trials()) == 8
     assert results.trials(2)[0].severities["light"] > results.trials(2)[3].severities["light"] == 0

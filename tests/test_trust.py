@@ -52,9 +52,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_no_command_loads_code_because_a_file_names_it(
-    name: str, folder: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_no_command_loads_code_because_a_file_names_it(name: str, folder: Path, capsys: pytest.CaptureFixture[str]):
     assert main(COMMANDS[name]) == 2
     said = capsys.readouterr().err
     assert f"error: the file names '{OWN}': code" in said
@@ -88,9 +86,7 @@ def test_a_strategy_of_a_run_is_not_loaded_either(folder: Path, capsys: pytest.C
     assert not (folder / RAN).exists()
 
 
-@pytest.mark.parametrize(
-    "names", ["random, python:a:b", "python:a:b,random", "lerobot:./sent?profile=libero"]
-)
+@pytest.mark.parametrize("names", ["random, python:a:b", "python:a:b,random", "lerobot:./sent?profile=libero"])
 def test_no_name_that_loads_code_is_overlooked(names: str):
     with pytest.raises(UsageError, match="the file names"):
         check_trusted(names)

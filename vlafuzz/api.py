@@ -58,11 +58,11 @@ def fuzz(
     """Run a campaign; it ends when its budget is spent, and the commonest causes are certified.
 
     Args:
-        policy: an object, which stays open and works in this process, or a name as on the command line.
-        certify: whether to certify the commonest causes, for about as many rollouts as the budget; by default
+        policy: an object, which stays open and works in this process, or a name as on the command line. certify:
+        whether to certify the commonest causes, for about as many rollouts as the budget; by default
             if the strategy looks for causes.
-        time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow.
-        watch: called after every trial.
+        time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow. watch:
+        called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
     Raises:
@@ -200,18 +200,16 @@ def diff(
     """Compare two policies by the certified causes of two stores or corpora: fixed, remaining, new.
 
     Args:
-        policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
-        trust: load the code of a ``python:`` policy that a store names.
-        options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and
-            ``watch`` of ``diff_policies``.
+        policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise. trust: load
+        the code of a ``python:`` policy that a store names.
+        options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and ``watch`` of
+            ``diff_policies``.
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
 
 
-def bisect(
-    corpus: Path | str, checkpoints: Sequence[str], baseline: str | None = None, **options: Any
-) -> Bisection:
+def bisect(corpus: Path | str, checkpoints: Sequence[str], baseline: str | None = None, **options: Any) -> Bisection:
     """Find out which of several policies, in the order of their training, broke first.
 
     Args:

@@ -104,9 +104,7 @@ def check_probability(flag: str, value: float) -> None:
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
     """Raise a UsageError if a flag's value is below ``least`` or above ``most``; None passes."""
     if value is not None and value < least:
-        raise UsageError(
-            f"{flag}: expected at least {least}, got {value}", hint=f"give {flag} {least} or more"
-        )
+        raise UsageError(f"{flag}: expected at least {least}, got {value}", hint=f"give {flag} {least} or more")
     if value is not None and most is not None and value > most:
         raise UsageError(f"{flag}: expected at most {most}, got {value}", hint=f"give {flag} {most} or less")
 

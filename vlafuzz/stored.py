@@ -76,15 +76,15 @@ class StoredTrial:
     Attributes:
         label: the name that the user gave the policy with ``--label``; empty without one.
         scene: digest.
-        random: whether the scene was drawn at random, without regard to outcomes: only such trials give a
-            failure rate. Of a guided run, those that passed or failed.
-        verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two.
-        progress: how far the policy came, in [0, 1].
+        random: whether the scene was drawn at random, without regard to outcomes: only such trials give a failure rate.
+            Of a guided run, those that passed or failed.
+        verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two. progress: how
+        far the policy came, in [0, 1].
         lost_stage: the first stage that it did not reach.
-        severity: distance of the scene from the nominal one; ``severities``: by operator, each in [0, 1];
-            empty for scenes from elsewhere.
-        values: those of the operators' parameters in metres, degrees and so on, such as
-            ``camera-position.distance``; objects are numbered from 0: ``target-position.0.x``.
+        severity: distance of the scene from the nominal one; ``severities``: by operator, each in [0, 1]; empty for
+            scenes from elsewhere.
+        values: those of the operators' parameters in metres, degrees and so on, such as ``camera-position.distance``;
+            objects are numbered from 0: ``target-position.0.x``.
         seconds: wall time of the rollouts.
         duplicate: answered with a known outcome.
     """
@@ -112,14 +112,14 @@ class StoredFinding:
     """A failing scene, with what triage says of it; also what ``vlafuzz report --json`` prints.
 
     Attributes:
-        scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
-        run: the one that found it; None in a corpus.
+        scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding. run: the one
+        that found it; None in a corpus.
         label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
-        operators: in which the scene differs from a passing one, the confounders' as one.
-        conditions: the range that fails, or the value in the scene, by operator, in words with units.
-        necessary: operators without which the policy passes; ``sufficient``: those that are enough alone.
-        rate: how often the policy fails around ``scene``; None if unknown.
+        operators: in which the scene differs from a passing one, the confounders' as one. conditions: the range that
+        fails, or the value in the scene, by operator, in words with units. necessary: operators without which the
+        policy passes; ``sufficient``: those that are enough alone. rate: how often the policy fails around ``scene``;
+        None if unknown.
         witness: who solves ``scene``.
         detail: the evidence, in a sentence.
         replay: the command that shows it.

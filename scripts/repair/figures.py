@@ -1,7 +1,7 @@
 """Figures of a repair: how often the policies of every arm fail, before and after, with intervals.
 
-All policies are judged in the same scenes, so that differences are paired. Intervals are percentiles of a
-bootstrap over the scenes of each task and over the repetitions of an arm.
+All policies are judged in the same scenes, so that differences are paired. Intervals are percentiles of a bootstrap
+over the scenes of each task and over the repetitions of an arm.
 """
 
 from __future__ import annotations
@@ -73,9 +73,7 @@ def _estimate(several: Sequence[Array]) -> Estimate:
     drawn = np.empty(DRAWS)
     for number in range(DRAWS):
         rows = rng.integers(repeats, size=repeats)
-        means = [
-            table[rows].mean(0)[rng.integers(table.shape[1], size=table.shape[1])].mean() for table in several
-        ]
+        means = [table[rows].mean(0)[rng.integers(table.shape[1], size=table.shape[1])].mean() for table in several]
         drawn[number] = np.mean(means)
     low, high = np.quantile(drawn, (0.025, 0.975))
     return float(np.mean([table.mean() for table in several])), float(low), float(high)
@@ -87,8 +85,8 @@ class Row:
 
     Attributes:
         failures: in random scenes, by task, and ``all``.
-        fewer: failures in random scenes than the shipped policy has; and than the arm ``random`` has.
-        nominal: failures in nominal scenes of all tasks; ``lost``: how many more than the shipped policy.
+        fewer: failures in random scenes than the shipped policy has; and than the arm ``random`` has. nominal: failures
+        in nominal scenes of all tasks; ``lost``: how many more than the shipped policy.
     """
 
     arm: str

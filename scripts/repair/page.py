@@ -72,9 +72,7 @@ def table(rows: Sequence[Row]) -> Table:
         | {"nominal failures": _share(row.nominal), "points more": _points(row.lost)}
         for row in rows
     ]
-    return Table(
-        "Before and after", shown, "Shares with 95 % intervals (bootstrap over scenes and repetitions)."
-    )
+    return Table("Before and after", shown, "Shares with 95 % intervals (bootstrap over scenes and repetitions).")
 
 
 def _share(estimate: Estimate) -> str:
@@ -97,9 +95,7 @@ def plot(rows: Sequence[Row]) -> bytes:
         for place, row in enumerate(rows):
             value, low, high = (100 * number for number in row.failures[task])
             colour = "#000000" if row.arm == SHIPPED else "#0072B2"
-            axes.errorbar(
-                value, -place, xerr=[[value - low], [high - value]], fmt="o", color=colour, capsize=3
-            )
+            axes.errorbar(value, -place, xerr=[[value - low], [high - value]], fmt="o", color=colour, capsize=3)
         axes.axvline(100 * rows[0].failures[task][0], color="#999999", linewidth=0.8, linestyle=":")
         axes.set(title=f"{task}: failures, %", xlim=(0, None))
         axes.spines[["top", "right"]].set_visible(False)

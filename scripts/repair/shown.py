@@ -66,10 +66,7 @@ def jobs(store: Path, task: str, kind: Kind, number: int, driver: Path, out: Pat
     drawn = list(islice(wanted(store, task, kind), parts * JOB * SPARE))
     return [
         Job(
-            drawn[part::parts],
-            part * JOB * SPARE,
-            driver if kind == "taken-over" else None,
-            out / f"{task}-{part:03d}",
+            drawn[part::parts], part * JOB * SPARE, driver if kind == "taken-over" else None, out / f"{task}-{part:03d}"
         )
         for part in range(parts)
     ]

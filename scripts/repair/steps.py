@@ -63,9 +63,7 @@ def fuzz(weights: Path, task: str, budget: int, seed: int, store: Path, workers:
     return store
 
 
-def train(
-    demos: Path, old: Path, init: Path, out: Path, recipe: Sequence[str] = (), gpu: int | None = None
-) -> Path:
+def train(demos: Path, old: Path, init: Path, out: Path, recipe: Sequence[str] = (), gpu: int | None = None) -> Path:
     """Weights that continue from ``init``; half of what they learn from is ``old``."""
     if not (out / "figures").exists():
         where = {} if gpu is None else {"CUDA_VISIBLE_DEVICES": str(gpu)}

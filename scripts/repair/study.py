@@ -40,9 +40,7 @@ class Study:
 
     def second(self, trained: Policies) -> Training:
         """Begin the second round of some arms, each with what its own weights fail in."""
-        again = {
-            f"{arm}-{number}": arm for number in range(self.options.repeats) for arm in self.options.again
-        }
+        again = {f"{arm}-{number}": arm for number in range(self.options.repeats) for arm in self.options.again}
         self.fuzz({name: trained[name] for name in again}, self.options.seed + ROUND)
         training: Training = {}
         for before, arm in again.items():

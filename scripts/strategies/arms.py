@@ -1,8 +1,8 @@
 """Arms: what is compared on worlds with planted faults, strategies with what makes causes of their failures.
 
 - the name of a strategy that reports causes itself, such as ``causes``;
-- ``random + triage``: a strategy with a share of the budget, the split, then triage of its failures with the
-  rest. With ``shrinking`` instead, certificates and thresholds are free, and need not hold;
+- ``random + triage``: a strategy with a share of the budget, the split, then triage of its failures with the rest. With
+  ``shrinking`` instead, certificates and thresholds are free, and need not hold;
 - ``random + attribution``: random scenes, then the attribution of ``causes``; with the split 0, as they come.
 
 A strategy's runs of several budgets are one run, as far as its beginning does not depend on the budget.

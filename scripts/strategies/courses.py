@@ -72,9 +72,7 @@ def identified(verdicts: Sequence[Verdict]) -> set[int]:
     return {verdict.faults[0] for verdict in verdicts if verdict.right}
 
 
-def judge(
-    world: World, scene: Scene, operators: Sequence[str], unnamed: frozenset[str] = frozenset()
-) -> Verdict:
+def judge(world: World, scene: Scene, operators: Sequence[str], unnamed: frozenset[str] = frozenset()) -> Verdict:
     """A reported cause beside the truth. ``unnamed``: operators that are never reported."""
     faults = tuple(world.met(scene))
     exact = len(faults) == 1 and frozenset(operators) == world.faults[faults[0]].operators - unnamed

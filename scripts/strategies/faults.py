@@ -1,7 +1,7 @@
 """Worlds: policies with several planted faults whose conditions and prevalence are known, without physics.
 
-A fault holds where one to three conditions hold together; prevalence is its share of random scenes. Faults
-may overlap. Outside of them the policy passes.
+A fault holds where one to three conditions hold together; prevalence is its share of random scenes. Faults may overlap.
+Outside of them the policy passes.
 """
 
 from __future__ import annotations
@@ -121,9 +121,7 @@ class World:
         noise = float(rng.random())
         if met and rng.random() < self.rate:
             reached = stages[: min(self.faults[index].stage for index in met)]
-            return Outcome.of(
-                (_rollout(scene, (len(reached) + 0.5 * noise) / len(stages), reached, LATEST),), stages
-            )
+            return Outcome.of((_rollout(scene, (len(reached) + 0.5 * noise) / len(stages), reached, LATEST),), stages)
         late = {"smooth": self._nearness(scene), "flat": 0.5, "noise": noise}[self.signal]
         steps = SOONEST + round(late * (LATEST - SOONEST))
         return Outcome.of((_rollout(scene, 1.0, stages, steps),), stages)

@@ -48,9 +48,7 @@ class SimulatedWorld(World):
 def simulated(density: Density, seed: int, policy: str) -> SimulatedWorld:
     """The world without physics of that seed, with another policy."""
     planted = world(density, seed, rate=1.0)
-    return SimulatedWorld(
-        **{field.name: getattr(planted, field.name) for field in fields(World)}, policy=policy
-    )
+    return SimulatedWorld(**{field.name: getattr(planted, field.name) for field in fields(World)}, policy=policy)
 
 
 @cache

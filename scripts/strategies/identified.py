@@ -72,9 +72,7 @@ def settings(
         known = tuned.get(case(ground, budget), {}).get(name)
         return splits_of(name, splits) if known is None else (known,)
 
-    return {
-        name: [(budget, split) for budget in budgets for split in several(name, budget)] for name in names
-    }
+    return {name: [(budget, split) for budget in budgets for split in several(name, budget)] for name in names}
 
 
 def play(jobs: Sequence[Job], workers: int) -> dict[str, Any]:
@@ -120,9 +118,7 @@ def _row(runs: Sequence[Played], bases: Mapping[str, Sequence[Played] | None]) -
         return [run.figures[figure] for run in played]
 
     row: Row = {"runs": of("identified"), "identified": estimate(mean_estimate(of("identified")))}
-    row |= {
-        name: _mean(of(name)) for name in ("exact", "reported", "right", "duplicates", "unplanted", "touched")
-    }
+    row |= {name: _mean(of(name)) for name in ("exact", "reported", "right", "duplicates", "unplanted", "touched")}
     row["precision"] = _share(of("right"), of("reported"))
     row["exact precision"] = _share(of("rightly exact"), of("reported"))
     for label, base in bases.items():
@@ -146,18 +142,14 @@ def _mean(values: Sequence[float]) -> float:
 def _soonest(runs: Sequence[Played]) -> list[float]:
     """Rollouts until so many faults are identified, with the best of the budgets for each number."""
     return [
-        min((run.times[number - 1] for run in runs if len(run.times) >= number), default=math.inf)
-        for number in FAULTS
+        min((run.times[number - 1] for run in runs if len(run.times) >= number), default=math.inf) for number in FAULTS
     ]
 
 
 def _speed(soonest: Sequence[Sequence[float]]) -> Row:
     """The median over worlds; None where fewer than half come so far."""
     medians = [median(times) for times in zip(*soonest, strict=True)]
-    return {
-        str(number): value if math.isfinite(value) else None
-        for number, value in zip(FAULTS, medians, strict=True)
-    }
+    return {str(number): value if math.isfinite(value) else None for number, value in zip(FAULTS, medians, strict=True)}
 
 
 def tuned(content: Mapping[str, Any]) -> Splits:
@@ -191,9 +183,7 @@ def show(content: Mapping[str, Any]) -> None:
 
 def _show_row(row: Row) -> None:
     exactly = row["exact precision"]
-    print(
-        f"{row['arm']:23}{row['split'] or '':>5}{shown(row['identified'], 1):>18}{row['exact']:6.1f}", end=""
-    )
+    print(f"{row['arm']:23}{row['split'] or '':>5}{shown(row['identified'], 1):>18}{row['exact']:6.1f}", end="")
     print(f"{row['reported']:7.1f}{row['duplicates']:6.1f}{shown(row['precision']):>18}", end="")
     print(f"{exactly['value'] if exactly else math.nan:6.2f}{row['touched']:8.1f}", end="")
     for test in (row.get(label) for label in BASES):

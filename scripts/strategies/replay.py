@@ -1,7 +1,7 @@
 """Replay: published labels of real VLAs as the oracle; strategies choose among scenes that were run before.
 
-VLATest (FSE 2025) published which of its generated scenes each VLA passed. A strategy searches for either
-outcome: the failures, or the *rare* outcome, which for these VLAs is a pass.
+VLATest (FSE 2025) published which of its generated scenes each VLA passed. A strategy searches for either outcome: the
+failures, or the *rare* outcome, which for these VLAs is a pass.
 """
 
 from __future__ import annotations

@@ -102,9 +102,7 @@ def show(table: Sequence[Row]) -> None:
             print(f"{shown(row['ratio']):>21}{row['more']:6}{row['fewer']:7}{row['p_holm']:9.1g}", end="")
         print()
     tests = max(row.get("tests", 0) for row in table)
-    print(
-        f"\nmore, fewer: pairs of runs; p: Wilcoxon's signed-rank test, Holm's correction for {tests} tests"
-    )
+    print(f"\nmore, fewer: pairs of runs; p: Wilcoxon's signed-rank test, Holm's correction for {tests} tests")
 
 
 def shown(row: Row | None, digits: int = 2) -> str:

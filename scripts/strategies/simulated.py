@@ -1,7 +1,7 @@
 """Strategies on the real simulator. Every run has a store of its own, so that runs can be parallel.
 
-The n-th runs of all strategies have the same seed and budget. Runs whose store exists are not repeated: a
-second call resumes them, or only counts. The measures are those of `vlafuzz compare`.
+The n-th runs of all strategies have the same seed and budget. Runs whose store exists are not repeated: a second call
+resumes them, or only counts. The measures are those of `vlafuzz compare`.
 """
 
 from __future__ import annotations
@@ -97,16 +97,7 @@ def simulate(
     """
     folder.mkdir(parents=True, exist_ok=True)
     jobs = [
-        Job(
-            task,
-            name,
-            seed,
-            policy,
-            budget,
-            limit,
-            processes,
-            folder / f"{task}-{policy}-{name}-{seed}.db",
-        )
+        Job(task, name, seed, policy, budget, limit, processes, folder / f"{task}-{policy}-{name}-{seed}.db")
         for seed in seeds
         for task in tasks
         for name in strategies
@@ -116,8 +107,7 @@ def simulate(
     compared = {}
     for task in tasks:
         counted = {
-            name: [run for job, run in ran.items() if (job.task, job.strategy) == (task, name)]
-            for name in strategies
+            name: [run for job, run in ran.items() if (job.task, job.strategy) == (task, name)] for name in strategies
         }
         compared[task] = compare_runs(counted, strategies[0], store=str(folder), limit=limit)
         (folder / task).mkdir(exist_ok=True)

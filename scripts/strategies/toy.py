@@ -34,19 +34,10 @@ SHAPES = {
         )
     ),
     "thin slab": Region(
-        (
-            band(
-                {"targets.0.x": 3.1, "targets.0.y": 2.0, "light.intensity": 0.116, "camera.yaw": 0.1},
-                centre=1.0,
-            ),
-        )
+        (band({"targets.0.x": 3.1, "targets.0.y": 2.0, "light.intensity": 0.116, "camera.yaw": 0.1}, centre=1.0),)
     ),
     "three operators": Region(
-        (
-            near("light.intensity", -4.3, 8.6),
-            near("camera.distance", 0.05, 0.05),
-            near("confounders", 3.0, 3.0),
-        )
+        (near("light.intensity", -4.3, 8.6), near("camera.distance", 0.05, 0.05), near("confounders", 3.0, 3.0))
     ),
     "three objects": Region(
         (

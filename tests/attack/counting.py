@@ -159,9 +159,7 @@ def _alarm(*_: object) -> None:
 def _place(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
     own = [
-        frame
-        for frame in frames
-        if "/vlafuzz/vlafuzz/" in frame.filename or "vlafuzz" in Path(frame.filename).parts
+        frame for frame in frames if "/vlafuzz/vlafuzz/" in frame.filename or "vlafuzz" in Path(frame.filename).parts
     ]
     last = (own or frames)[-1]
     return f"{type(error).__name__} at {last.filename}:{last.lineno}\n{str(error)[-800:]}"

@@ -77,14 +77,7 @@ def _spoil(rng: Rng, path: Path, root: Path, outside: Path) -> None:
     else:
         path.unlink()
     inside = sorted(other for other in root.rglob("*") if other != path)
-    targets = [
-        *outside.iterdir(),
-        *inside,
-        Path("/dev/zero"),
-        Path("/proc/self/environ"),
-        path,
-        root / "nowhere",
-    ]
+    targets = [*outside.iterdir(), *inside, Path("/dev/zero"), Path("/proc/self/environ"), path, root / "nowhere"]
     match rng.integers(9):
         case 0 | 1:
             path.symlink_to(targets[int(rng.integers(len(targets)))])
@@ -143,9 +136,7 @@ def _read_pack(rng: Rng, root: Path) -> str:
     models = [path for path in root.glob("models/*") if path.is_dir()]
     if models and rng.random() < 0.4:
         name, text = REFERENCES[int(rng.integers(len(REFERENCES)))]
-        target = str(
-            rng.choice(["../../../outside/secret", f"{root.parent}/outside/secret.png", "texture.png"])
-        )
+        target = str(rng.choice(["../../../outside/secret", f"{root.parent}/outside/secret.png", "texture.png"]))
         place = models[int(rng.integers(len(models)))] / name
         if place.resolve() == place:  # behind no link
             place.write_text(text.format(target))

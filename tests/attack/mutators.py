@@ -69,12 +69,7 @@ def _changed(rng: np.random.Generator, value: Any) -> Any:
 
 
 def _scalar(rng: np.random.Generator, value: Any) -> Any:
-    if (
-        isinstance(value, float | int)
-        and abs(value) < 1e300
-        and value not in (True, False)
-        and rng.random() < 0.4
-    ):
+    if isinstance(value, float | int) and abs(value) < 1e300 and value not in (True, False) and rng.random() < 0.4:
         return value * float(rng.choice([0, -1, 1e-9, 1.0001234567891, 1e3, 1e9, 1e300]))
     if isinstance(value, str) and rng.random() < 0.3:
         return text(rng, value)

@@ -155,9 +155,7 @@ def pack_info(rng: Rng, folder: Path) -> None:
     path = _pack(folder) / "info_mine.json"
     content = json.loads(path.read_text())
     raw = rng.random() < 0.3
-    path.write_bytes(
-        mutators.data(rng, path.read_bytes()) if raw else json.dumps(mutators.tree(rng, content)).encode()
-    )
+    path.write_bytes(mutators.data(rng, path.read_bytes()) if raw else json.dumps(mutators.tree(rng, content)).encode())
     load_catalogue(packs=open_packs(str(path.parent)))
 
 

@@ -39,10 +39,7 @@ def folder() -> Path:
 @cache
 def yamls(pattern: str) -> tuple[tuple[str, Any], ...]:
     """Text and content of shipped files."""
-    places = {
-        "profile": profiles.FOLDER.glob("*.yaml"),
-        "objects": [operators_dir() / "objects" / "builtin.yaml"],
-    }
+    places = {"profile": profiles.FOLDER.glob("*.yaml"), "objects": [operators_dir() / "objects" / "builtin.yaml"]}
     files = places.get(pattern) or operators_dir().glob(pattern)
     return tuple((path.read_text(), yaml.safe_load(path.read_text())) for path in sorted(files))
 

@@ -144,9 +144,7 @@ def chaotic_http(rng: Rng, folder: Path) -> None:
 
 def chaotic_groot(rng: Rng, folder: Path) -> None:
     greeting = b"\xff\0\0\0\0\0\0\0\x01\x7f\x03\0NULL" + bytes(48)
-    with chaotic(
-        rng, [mutators.data(rng, greeting), mutators.data(rng, b"\x04\x26\x05READY" + bytes(30))]
-    ) as port:
+    with chaotic(rng, [mutators.data(rng, greeting), mutators.data(rng, b"\x04\x26\x05READY" + bytes(30))]) as port:
         _ask(f"groot:tcp://127.0.0.1:{port}?camera=0&timeout=0.3")
 
 
@@ -180,13 +178,7 @@ def requests(rng: Rng, folder: Path) -> None:
     """Mutated requests to a server of ours, which must take the next client as ever."""
     protocol = str(rng.choice(["vla-eval", "openpi", "http"]))
     port = int(_server(protocol).partition("127.0.0.1:")[2].partition("/")[0].partition("?")[0])
-    message: Any = {
-        "image": None,
-        "instruction": "go",
-        "prompt": "go",
-        "state": STATE,
-        "observation/state": STATE,
-    }
+    message: Any = {"image": None, "instruction": "go", "prompt": "go", "state": STATE, "observation/state": STATE}
     with _no_thread_dies():
         if protocol == "http":
             _post(rng, port, message)

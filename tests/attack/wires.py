@@ -30,22 +30,7 @@ HELLO = {
 
 def array_of(rng: Rng) -> Any:
     """Actions as an array of some type, order and shape."""
-    kinds = [
-        "<f8",
-        "<f8",
-        "<f8",
-        "<f4",
-        "<f4",
-        ">f8",
-        "<f2",
-        "<i4",
-        "|b1",
-        "<c16",
-        "<M8[s]",
-        "|S4",
-        "<U3",
-        "<f16",
-    ]
+    kinds = ["<f8", "<f8", "<f8", "<f4", "<f4", ">f8", "<f2", "<i4", "|b1", "<c16", "<M8[s]", "|S4", "<U3", "<f16"]
     with np.errstate(all="ignore"):
         array = ACTIONS.astype(str(rng.choice(kinds)))
     if array.dtype.kind == "f" and rng.random() < 0.2:
@@ -71,11 +56,7 @@ def _packed(value: Any, style: str) -> bytes:
 
 def _frame(rng: Rng, value: Any, style: str) -> bytes:
     """A mutated frame: the value, its encoded arrays, or the bytes."""
-    packed = (
-        _packed(value if rng.random() < 0.3 else mutators.tree(rng, value), style)
-        if rng.random() < 0.9
-        else b""
-    )
+    packed = _packed(value if rng.random() < 0.3 else mutators.tree(rng, value), style) if rng.random() < 0.9 else b""
     if rng.random() < 0.4:
         raw = msgpack.unpackb(packed, strict_map_key=False) if packed else None
         with suppress(OverflowError, ValueError, TypeError):

@@ -81,9 +81,7 @@ def test_how_scenes_are_evaluated_changes_no_cause(whole, tmp_path: Path):
     assert elsewhere == whole[1]
 
 
-def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_whole_one(
-    whole, tmp_path: Path
-):
+def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_whole_one(whole, tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
         run(tmp_path / "cut.db", LocalExecutor(Cut(after=85)))
     with Store.open(tmp_path / "cut.db") as store:

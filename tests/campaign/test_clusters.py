@@ -42,8 +42,7 @@ def test_random_scenes_are_all_different_and_nudged_ones_all_alike():
     scenes = [space.sample(np.random.default_rng([0, number])) for number in range(40)]
     light = space.by_path["light.intensity"].grid
     nudged = [
-        Scene(**{**vars(each), "light": type(each.light)(light.value(light.size // 2))})
-        for each in scenes[:1] * 5
+        Scene(**{**vars(each), "light": type(each.light)(light.value(light.size // 2))}) for each in scenes[:1] * 5
     ]
     assert clusters(scenes, space.embed) == 40
     assert clusters(nudged, space.embed) == 1

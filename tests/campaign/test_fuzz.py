@@ -40,14 +40,8 @@ def store(tmp_path: Path):
 
 
 def run(store: Store, **changes) -> Summary:
-    about = manifest(
-        **{name: changes.pop(name) for name in list(changes) if name in ("budget", "batch", "repeats")}
-    )
-    parts = {
-        "space": SPACE,
-        "strategy": Random(SPACE, 0),
-        "executor": LocalExecutor(ClosedForm(about.repeats)),
-    }
+    about = manifest(**{name: changes.pop(name) for name in list(changes) if name in ("budget", "batch", "repeats")})
+    parts = {"space": SPACE, "strategy": Random(SPACE, 0), "executor": LocalExecutor(ClosedForm(about.repeats))}
     return fuzz(manifest=about, stages=STAGES, store=store, **(parts | changes))
 
 
@@ -79,13 +73,7 @@ def test_every_proposal_is_told_once_in_order_with_what_came_of_it(store: Store)
     strategy = Scripted(genomes(scene(0.25), scene(1.0), scene(x=0.08), scene(0.25), scene(4.0)))
     run(store, batch=2, strategy=strategy)
     assert [number for number, _ in strategy.told] == [0, 1, 2, 3, 4]
-    assert [score.verdict.name for _, score in strategy.told] == [
-        "FAILED",
-        "PASSED",
-        "INVALID",
-        "FAILED",
-        "PASSED",
-    ]
+    assert [score.verdict.name for _, score in strategy.told] == ["FAILED", "PASSED", "INVALID", "FAILED", "PASSED"]
     assert [score.progress for _, score in strategy.told] == [0.25, 1.0, None, 0.25, 1.0]
 
 
@@ -264,9 +252,7 @@ def test_what_earlier_runs_answered_is_counted(store: Store):
 
 
 def test_an_error_costs_the_rollouts_that_it_ran(store: Store):
-    half_way = Outcome(
-        verdict=Verdict.ERROR, rollouts=passed().rollouts, detail="the connection broke in rollout 2"
-    )
+    half_way = Outcome(verdict=Verdict.ERROR, rollouts=passed().rollouts, detail="the connection broke in rollout 2")
     summary = run(store, budget=6, repeats=3, executor=LocalExecutor(Always(half_way)))
     assert (summary.rollouts, summary.verdicts["error"]) == (4, 4)
 
@@ -296,13 +282,7 @@ def test_a_strategy_that_proposes_too_much_is_refused(store: Store):
 
 def test_one_is_told_of_every_trial_as_it_is_stored(store: Store):
     seen = []
-    run(
-        store,
-        budget=5,
-        batch=5,
-        executor=LocalExecutor(Always(failed())),
-        watch=lambda t: seen.append(t.rollouts),
-    )
+    run(store, budget=5, batch=5, executor=LocalExecutor(Always(failed())), watch=lambda t: seen.append(t.rollouts))
     assert seen == [1, 2, 3, 4, 5]
 
 

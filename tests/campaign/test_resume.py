@@ -12,16 +12,7 @@ import numpy as np
 import pytest
 
 from tests.campaign.resuming import SPACE, Climber, Moody, Steady, contents, cut, play, timeless
-from tests.doubles import (
-    STAGES,
-    Backwards,
-    ClosedForm,
-    Raising,
-    Scripted,
-    manifest,
-    rollout,
-    scene,
-)  # fmt: skip
+from tests.doubles import STAGES, Backwards, ClosedForm, Raising, Scripted, manifest, rollout, scene  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError

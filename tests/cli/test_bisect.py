@@ -57,9 +57,7 @@ def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(
     Path("a.jsonl").write_text(whole[:-5])  # killed while it wrote a line
     evaluated: list[object] = []
     evaluate = RuleRunner.evaluate
-    monkeypatch.setattr(
-        RuleRunner, "evaluate", lambda self, *of: [evaluated.append(of), evaluate(self, *of)][1]
-    )
+    monkeypatch.setattr(RuleRunner, "evaluate", lambda self, *of: [evaluated.append(of), evaluate(self, *of)][1])
     assert bisect(*arguments) == 1
     captured = capsys.readouterr()
     assert json.loads(captured.out) == first
@@ -84,9 +82,7 @@ def test_a_pattern_names_the_policies(capsys: pytest.CaptureFixture[str]):
     assert printed["rollouts"] == sum(step["of"] for step in printed["comparisons"])
 
 
-def test_checkpoints_at_one_address_answer_in_turn(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_checkpoints_at_one_address_answer_in_turn(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     served, asked = "700", list[str]()
     make = lambda source, run, policy: RuleRunner(passes(served), run)  # noqa: E731
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)

@@ -119,7 +119,6 @@ def test_no_cause_is_begun_for_which_there_is_no_time(capsys, monkeypatch):
     printed = typed(capsys, [*CAUSES, "--time", "5m"])
     assert "no cause is certified: one takes about" in printed.err
     assert re.search(
-        r"hint: continue with `vlafuzz triage a.db --limit .*` \(about [\d.]+ h; --time bounds it.*\)",
-        printed.err,
+        r"hint: continue with `vlafuzz triage a.db --limit .*` \(about [\d.]+ h; --time bounds it.*\)", printed.err
     )
     assert "· certified" not in printed.out

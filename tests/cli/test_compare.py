@@ -131,9 +131,7 @@ def test_csv_has_a_row_a_strategy(capsys):
 
 
 def test_markdown_can_be_pasted(triaged: Made):
-    assert (
-        "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in triaged.printed
-    )
+    assert "| strategy | causes | rollouts of triage | causes per 100 rollouts | failures |" in triaged.printed
     assert "| seconds | in rollouts | search | store |" in triaged.printed
     assert "- feedback: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
     assert "| light:dark | grasp | 2 | 2 |" in triaged.printed
@@ -158,13 +156,7 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
     random, feedback, causes = document["standings"]
     assert random["probability"]["value"] == pytest.approx(random["means"]["failures"]["value"] / 12)
     assert feedback["probability"] is None
-    assert (
-        0
-        <= causes["probability"]["low"]
-        < causes["probability"]["value"]
-        < causes["probability"]["high"]
-        <= 1
-    )
+    assert 0 <= causes["probability"]["low"] < causes["probability"]["value"] < causes["probability"]["high"] <= 1
     compared = [(pair["strategy"], pair["measure"]) for pair in document["against"]]
     assert compared == [("feedback", "failures"), ("causes", "failures"), ("causes", "probability_width")]
 

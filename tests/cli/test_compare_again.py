@@ -115,9 +115,7 @@ def test_a_run_that_others_answered_is_refused(capsys):
         args = ("--budget", "12", "--seed", "3", "--store", "a.db")
         for strategy in ("random", "python:tests.doubles:make_random_again"):
             assert main(["run", *IDLE, "--unchecked", "--strategy", strategy, *args]) == 0
-    message = complaint(
-        capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1"
-    )
+    message = complaint(capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1")
     assert "run 2 reused" in message
 
 

@@ -64,9 +64,7 @@ def corpora(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of idle, which fails in the dark, and of pinhole, which is dazzled; both fail far out."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(RULES, object))
-    monkeypatch.setattr(
-        runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(RULES[policy], run)
-    )
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(RULES[policy], run))
     for name, policy, cases in (
         ("old", "idle", [*map(case, range(4)), *map(aside, range(2))]),
         ("new", "pinhole", [*map(bright, range(4)), *map(aside, range(2))]),
@@ -151,9 +149,7 @@ def test_two_models_at_one_address_take_a_command_each(
         runs = [manifest(policy="pinhole", label=label)]
         write_corpus(replace(make_corpus(*map(condition, range(4))), runs=runs), tmp_path / name)
     both, answering = ["diff", "a", "b", "--answers", "kept.jsonl", "--json"], {"rule": fails(dazzled)}
-    monkeypatch.setattr(
-        runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(answering["rule"], run)
-    )
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(answering["rule"], run))
     assert main(["diff", "a", "b"]) == 2
     assert "error: v1 and v2 cannot both answer at pinhole\nhint: --label NAME" in capsys.readouterr().err
     assert main([*both, "--label", "v2"]) == 3

@@ -46,9 +46,7 @@ def test_the_table_shows_what_was_found():
 
 @pytest.mark.usefixtures("healthy")
 def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(
-        machine, "_import_problems", lambda names: dict.fromkeys(names, "ImportError: no libGL")
-    )
+    monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names, "ImportError: no libGL"))
     result = run("--json")
     row = next(row for row in json.loads(result.stdout) if row["check"] == "mani_skill")
     assert result.exit_code == 3

@@ -92,9 +92,7 @@ class Finder:
 """
 
 
-@pytest.mark.parametrize(
-    ("where", "number"), [*zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)]
-)
+@pytest.mark.parametrize(("where", "number"), [*zip(INTERRUPTED_IN, ["SIGTERM", "SIGINT", "SIGINT"], strict=True)])
 def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: str, number: str):
     code = FINDER.replace("{signal}", number) + INTERRUPTED_IN[where]
     with started(code, "list", "operators") as process:
@@ -162,11 +160,7 @@ def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str
     read, write = os.pipe()
     os.close(read)
     done = subprocess.run(
-        [sys.executable, "-m", "vlafuzz", *command],
-        stdout=write,
-        stderr=subprocess.PIPE,
-        text=True,
-        timeout=60,
+        [sys.executable, "-m", "vlafuzz", *command], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60
     )
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
@@ -176,10 +170,7 @@ def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str
 def test_a_full_stdout_is_one_sentence():
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "vlafuzz", "list", "policies"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
+            [sys.executable, "-m", "vlafuzz", "list", "policies"], stdout=full, stderr=subprocess.PIPE, text=True
         )
     assert done.returncode == 2
     assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
@@ -216,7 +207,5 @@ def test_what_a_policy_prints_is_not_in_the_data(capsys):
 def test_the_address_of_a_live_page_is_data(monkeypatch, capsys):
     main(["run", "--policy", "frozen", *FLAGS])
     capsys.readouterr()
-    monkeypatch.setattr(
-        "vlafuzz.report.follow.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM)
-    )
+    monkeypatch.setattr("vlafuzz.report.follow.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM))
     assert typed(capsys, ["report", "--follow", "a.db", "--no-videos"]).out.startswith("http://127.0.0.1:")

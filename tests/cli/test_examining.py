@@ -173,9 +173,7 @@ def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys):
 def test_a_run_says_before_it_starts_how_long_it_will_take(tmp_path: Path, capsys):
     flags = ["--policy", f"{HERE}:drowsy", "--budget", "20", "--store", str(tmp_path / "a.db"), "--json"]
     printed = typed(capsys, ["run", *flags, "--strategy", "random"])
-    said = re.search(
-        r"20 rollouts of up to 80 steps take (\d+) (s|min) to (\d+) (s|min); measured", printed.err
-    )
+    said = re.search(r"20 rollouts of up to 80 steps take (\d+) (s|min) to (\d+) (s|min); measured", printed.err)
     assert said is not None
     low, high = (int(said[group]) * {"s": 1, "min": 60}[said[group + 1]] for group in (1, 3))
     assert low / 2 < json.loads(printed.out)["seconds"] < high * 2

@@ -29,11 +29,7 @@ def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
             opened.add(
                 run,
                 Trial(
-                    proposal=seed,
-                    scene=Planted([TILTED]).finding(seed),
-                    outcome=failed(),
-                    severity=1.0,
-                    cell=f"{seed}",
+                    proposal=seed, scene=Planted([TILTED]).finding(seed), outcome=failed(), severity=1.0, cell=f"{seed}"
                 ),
             )
     assert main(["triage", "a.db"]) == 0

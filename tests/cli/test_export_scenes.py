@@ -101,9 +101,7 @@ def test_what_a_budget_leaves_out_is_not_begun_and_picked_scenes_have_no_failure
     assert "interval" not in shown
 
 
-def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(
-    store: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(store: str, capsys: pytest.CaptureFixture[str]):
     main(["export", store, "--out", "out.jsonl"])
     write_scenes(Path("out.jsonl"), load_scenes(Path("out.jsonl")))
     capsys.readouterr()

@@ -70,6 +70,4 @@ def test_a_corpus_that_takes_hours_is_said_to(tmp_path, monkeypatch, capsys):
     path = made_up(tmp_path / "a.db")
     monkeypatch.setattr("vlafuzz.failures.corpus.export.pace", lambda *_: 18.0)
     said = typed(capsys, ["report", str(path)]).out
-    assert re.search(
-        r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said
-    )
+    assert re.search(r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said)

@@ -10,12 +10,8 @@ from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.model.scene_lines import write_scenes
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
-CROWDED = Scene(
-    "pick-up", FAIR.targets, "pick up apple", confounders=(Placement("orange", "resting", 0.1, 0.0),)
-)
-FILES = sorted(
-    (Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "scenes").glob("*t-*_n-1000*.json")
-)
+CROWDED = Scene("pick-up", FAIR.targets, "pick up apple", confounders=(Placement("orange", "resting", 0.1, 0.0),))
+FILES = sorted((Path(__file__).resolve().parents[2].parent / "shared" / "vlatest" / "scenes").glob("*t-*_n-1000*.json"))
 UNKNOWN = Scene("pick-up", (Placement("duck", "resting", 0.0, 0.0),), "pick up duck")
 
 
@@ -145,9 +141,7 @@ def test_in_their_own_frame_their_distances_count(tmp_path: Path, capsys):
 @pytest.mark.skipif(not FILES, reason="no VLATest scenes in ../shared/vlatest/scenes")
 def test_the_published_files_are_as_close_as_known(capsys):
     main(["lint", "--json", "--frame", "original", *map(str, FILES)])
-    rows = {
-        Path(row["file"]).name.partition("_n-1000")[0]: row for row in json.loads(capsys.readouterr().out)
-    }
+    rows = {Path(row["file"]).name.partition("_n-1000")[0]: row for row in json.loads(capsys.readouterr().out)}
     near = {name: [row["< 0.15 m"], row["< 0.05 m"]] for name, row in rows.items()}
     known = {
         "t-grasp": [0.663, 0.143],

@@ -38,9 +38,7 @@ def test_an_unknown_file_of_operators(capsys):
         ("onto: [apple]", ["--task", "put-in"], "onto: 'apple' is of no use there"),
     ],
 )
-def test_an_object_that_a_run_refuses_is_refused(
-    tmp_path: Path, capsys, names: str, flags: list[str], says: str
-):
+def test_an_object_that_a_run_refuses_is_refused(tmp_path: Path, capsys, names: str, flags: list[str], says: str):
     (tmp_path / "mine.yaml").write_text(f"extends: tabletop\noperators:\n  target-type: {{{names}}}\n")
     assert main(["list", "operators", "--operators", str(tmp_path / "mine.yaml"), *flags]) == 2
     assert says in capsys.readouterr().err
@@ -50,10 +48,7 @@ def test_objects_are_listed(capsys):
     rows = told(capsys, ["list", "objects", "--json"])
     assert [row["object"] for row in rows] == list(load_catalogue().names())
     can = next(row for row in rows if row["object"] == "coke_can")
-    assert can["rest poses"] == {
-        "standing": pytest.approx(0.065, abs=1e-3),
-        "lying": pytest.approx(0.065, abs=1e-3),
-    }
+    assert can["rest poses"] == {"standing": pytest.approx(0.065, abs=1e-3), "lying": pytest.approx(0.065, abs=1e-3)}
 
 
 def test_a_table_shows_the_narrowest_grasp(capsys):

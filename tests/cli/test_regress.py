@@ -61,9 +61,7 @@ def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert [made.closed for made in MADE] == [1]
 
 
-def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
-    capsys: pytest.CaptureFixture[str],
-):
+def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsys: pytest.CaptureFixture[str]):
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
     assert "pinhole is worse than idle as recorded: 9 worse and 0 better of 27 controls" in captured.out
@@ -76,9 +74,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(
     assert captured.out.count(" without light") > 20
 
 
-def test_the_first_rollouts_tell_how_long_it_takes(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_the_first_rollouts_tell_how_long_it_takes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(policies, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
     assert regress("expert") == 0
     said = capsys.readouterr().err
@@ -141,9 +137,7 @@ def test_what_is_fixed_is_in_every_output(capsys: pytest.CaptureFixture[str]):
     assert printed["changes"] in {each.get("value") for each in properties}
 
 
-def test_models_at_one_address_are_told_apart_by_their_labels(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     runs = [manifest(policy="idle", label="v1")]
     write_corpus(replace(make_corpus(case(), controls=40), runs=runs), tmp_path / "v1")
     assert main(["regress", "v1", "--policy", "idle", "--label", "v2"]) == 0
@@ -172,9 +166,7 @@ def test_for_a_corpus_without_controls_some_are_drawn_and_its_own_policy_is_roll
     assert MADE[0].calls == MADE[1].calls
 
 
-def test_other_conditions_than_the_corpus_are_said(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_other_conditions_than_the_corpus_are_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     class Newer(RuleRunner):
         changed = ("spec", "simulator", "commit")
         renderer = "another"

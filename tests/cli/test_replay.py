@@ -97,9 +97,7 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
         run = store.begin(about)
-        store.add(
-            run, Trial(proposal=0, scene=failing, outcome=failed(), severity=1.0, cell="grasp|light|0,0")
-        )
+        store.add(run, Trial(proposal=0, scene=failing, outcome=failed(), severity=1.0, cell="grasp|light|0,0"))
         store.settle(
             Triaged(
                 scene=failing,
@@ -115,15 +113,9 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
 
 
 @pytest.mark.parametrize("given", ["", nominal("pick-up").digest])
-@pytest.mark.parametrize(
-    ("policy", "expected"), [(None, "frozen"), ("expert", "expert"), ("random", "frozen")]
-)
-def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(
-    tmp_path, given, policy, expected
-):
-    trial = Trial(
-        proposal=0, scene=nominal("pick-up"), outcome=failed(), severity=1.0, cell="grasp|light|0,0"
-    )
+@pytest.mark.parametrize(("policy", "expected"), [(None, "frozen"), ("expert", "expert"), ("random", "frozen")])
+def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(tmp_path, given, policy, expected):
+    trial = Trial(proposal=0, scene=nominal("pick-up"), outcome=failed(), severity=1.0, cell="grasp|light|0,0")
     with Store.open(tmp_path / "s.db", "write") as store:
         store.add(store.begin(manifest(policy="frozen")), trial)
         store.add(store.begin(manifest(policy="expert")), replace(trial, outcome=passed(), cell=None))
@@ -162,9 +154,7 @@ def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
         run = opened.begin(manifest())
         opened.add(run, Trial(proposal=0, scene=nominal("pick-up"), outcome=passed(), severity=1.0))
     assert main(["replay", store]) == 2
-    assert (
-        f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
-    )
+    assert f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
 
 
 @pytest.mark.render

@@ -28,12 +28,7 @@ def run(flags: str, code: int = 0) -> None:
 
 def test_a_run_prints_one_json_object_and_keeps_a_store(capsys):
     summary = told(capsys, ["run", *IDLE, "--budget", "30", "--store", "a.db", "--json"])
-    assert [summary[name] for name in ("rollouts", "task", "strategy", "seed")] == [
-        30,
-        "pick-up",
-        "causes",
-        0,
-    ]
+    assert [summary[name] for name in ("rollouts", "task", "strategy", "seed")] == [30, "pick-up", "causes", 0]
     assert list(summary["verdicts"]) == NAMES
     assert 0 < summary["search_seconds"] + summary["store_seconds"] < summary["seconds"]
     assert summary["findings"] == summary["verdicts"]["failed"] >= summary["clusters"] > 0
@@ -192,9 +187,7 @@ def test_random_runs_of_a_pool_say_nothing_of_other_scenes(folder: Path, capsys)
     assert "beside random: unknown, the store has no random run" in capsys.readouterr().out
 
 
-def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(
-    folder: Path, monkeypatch, capsys
-):
+def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(folder: Path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(folder)
     code = "from tests.doubles import make_idle as make\n"
     rollouts = []
@@ -269,9 +262,7 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(monkeypatch,
 
 
 def test_triage_follows_a_run_when_so_wished(monkeypatch, capsys):
-    monkeypatch.setattr(
-        runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([CONDITIONS["light"][0]])
-    )
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: PlantedRunner([CONDITIONS["light"][0]]))
     printed = told(capsys, ["run", *IDLE, "--budget", "8", "--config", "triage=true", "--json"])
     assert printed["findings"] == printed["triage"]["triaged"] > 0
     assert main(["run", *IDLE, "--budget", "8", "--seed", "1", "--config", "triage=true"]) == 0

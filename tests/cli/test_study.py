@@ -141,9 +141,7 @@ def document(capsys, *flags: str) -> dict[str, Any]:
     return dict(json.loads(capsys.readouterr().out))
 
 
-def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control(
-    folder: Path, capsys, monkeypatch
-):
+def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control(folder: Path, capsys, monkeypatch):
     using(Dim, monkeypatch)
     made = document(capsys, "rq3", "--task", "pick-up", "--task", "put-on")
     one, other, whole = made["kept"]

@@ -108,10 +108,7 @@ def test_a_nominal_value_with_many_decimals_or_at_the_end_is_one_of_its_scenes(t
     [
         ("target-position: {x: {low: -0.1, high: 1.0e+300, step: 0.01}}", "less than or equal to 1000000"),
         ("target-position: {x: {low: -1, high: 1000, step: 0.000001}}", "gives over 100000 values"),
-        (
-            "light: {intensity: {low: 1.0e-300, high: 2, step: 0.00001, nominal: 1}}",
-            "gives over 100000 values",
-        ),
+        ("light: {intensity: {low: 1.0e-300, high: 2, step: 0.00001, nominal: 1}}", "gives over 100000 values"),
         ("camera-position: {direction_step: 0.000001}", "greater than or equal to 0.01"),
     ],
 )

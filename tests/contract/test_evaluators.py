@@ -41,11 +41,7 @@ def test_there_is_one_outcome_a_scene_in_their_order(evaluator: Evaluator):
 
 def test_equal_scenes_have_equal_outcomes_whatever_lies_between(evaluator: Evaluator):
     first, _, _, again = evaluator.evaluate([FAIR, ANOTHER, FAR, replace(FAIR)])
-    assert (first.verdict, first.progress, first.lost_stage) == (
-        again.verdict,
-        again.progress,
-        again.lost_stage,
-    )
+    assert (first.verdict, first.progress, first.lost_stage) == (again.verdict, again.progress, again.lost_stage)
     hashes = [[rollout.states_hash for rollout in outcome.rollouts] for outcome in (first, again)]
     assert hashes[0] == hashes[1]
 
@@ -59,8 +55,7 @@ def test_progress_and_verdict_agree(evaluator: Evaluator):
 
 
 @pytest.mark.parametrize(
-    "target",
-    [Placement("no such thing", "flat", 2.0, 0.0), Placement("green_cube", "upside down", 2.0, 0.0)],
+    "target", [Placement("no such thing", "flat", 2.0, 0.0), Placement("green_cube", "upside down", 2.0, 0.0)]
 )
 def test_a_scene_that_cannot_be_built_is_an_outcome_too(evaluator: Evaluator, target: Placement):
     outcomes = evaluator.evaluate([replace(FAIR, targets=(target,)), FAIR])

@@ -117,10 +117,7 @@ class TestExecutor:
     @here
     def test_it_can_be_run_again(self, make):
         executor = make(ClosedForm())
-        assert [run(executor, [DARK]), run(executor, [BRIGHT])] == [
-            {0: [Verdict.FAILED]},
-            {0: [Verdict.PASSED]},
-        ]
+        assert [run(executor, [DARK]), run(executor, [BRIGHT])] == [{0: [Verdict.FAILED]}, {0: [Verdict.PASSED]}]
 
     @pytest.mark.parametrize("error", [KeyboardInterrupt(), PrerequisiteError("no renderer", "install one")])
     def test_an_interruption_and_a_missing_installation_pass(self, make, error):

@@ -40,8 +40,7 @@ def servers() -> dict[str, str]:
     """The names of policies behind our own servers."""
     with ExitStack() as stack:
         yield {
-            policy: stack.enter_context(serving(make_policy("random"), protocol))
-            for policy, protocol in SERVED.items()
+            policy: stack.enter_context(serving(make_policy("random"), protocol)) for policy, protocol in SERVED.items()
         }
 
 
@@ -81,15 +80,11 @@ def observe(env):
             episode,
             0,
             scene.instruction,
-            images={
-                camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras
-            },
+            images={camera.name: np.zeros((camera.height, camera.width, 3), np.uint8) for camera in spec.cameras},
             state=STATE if spec.state else None,
             outlines=outlines(env.models, state, env.view, 1.0) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state) if spec.privileged else None,
-            calibration=Calibration(env.view, 1.0, env.models[: task(scene.task).targets])
-            if spec.calibrated
-            else None,
+            calibration=Calibration(env.view, 1.0, env.models[: task(scene.task).targets]) if spec.calibrated else None,
         )
 
     return observation
@@ -147,9 +142,7 @@ class TestPolicy:
         policy.close()
 
     def test_its_rollout_repeats_itself(self, policy: Policy):
-        evaluator = ManiSkillEvaluator(
-            Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
-        )
+        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE)
         outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
         assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
         assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash

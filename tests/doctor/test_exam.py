@@ -34,9 +34,7 @@ def examine() -> Examine:
 def named(checks: list[Check]) -> dict[str, str]:
     """The verdict of every check that is not ok, and what follows up to the colon."""
     return {
-        check.check: f"{check.verdict} {check.follows.partition(':')[0]}"
-        for check in checks
-        if check.verdict != "ok"
+        check.check: f"{check.verdict} {check.follows.partition(':')[0]}" for check in checks if check.verdict != "ok"
     }
 
 
@@ -130,9 +128,7 @@ def test_a_healthy_policy_that_sees_no_picture_gets_no_warning(examine: Examine,
 def noisy(healthy: Policy) -> Policy:
     rng = np.random.default_rng(0)
     noise = np.array([0.01, 0.01, 0.01, 0.05, 0.05, 0.05, 0])
-    return Changed(
-        healthy, answer=lambda actions: actions + rng.normal(size=(1, 7)) * noise, deterministic=False
-    )
+    return Changed(healthy, answer=lambda actions: actions + rng.normal(size=(1, 7)) * noise, deterministic=False)
 
 
 def test_a_stochastic_policy_that_says_so_is_healthy(examine: Examine):
@@ -153,9 +149,7 @@ def test_the_fault_of_a_policy_is_named_after_rollouts(examine: Examine, fault: 
 
 @pytest.mark.slow
 @pytest.mark.render
-@pytest.mark.parametrize(
-    "fault", [*QUICK, *sorted(THOROUGH.keys() - {"yaw inverted"}), *SEEING]
-)  # it succeeds so
+@pytest.mark.parametrize("fault", [*QUICK, *sorted(THOROUGH.keys() - {"yaw inverted"}), *SEEING])  # it succeeds so
 def test_the_fault_of_a_learned_policy_is_named(examine: Examine, fault: str):
     checks = examine(FAULTS[fault]("mini"), 10)
     expected = {"wiring": "refuse miswired"} if fault in DETAILS else (QUICK | THOROUGH)[fault]

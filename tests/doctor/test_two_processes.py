@@ -9,21 +9,12 @@ from tests.policies.clients.test_openpi import scripted
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.doctor import Check
 from vlafuzz.doctor.probes import Moment
-from vlafuzz.doctor.two_processes import (
-    Rolled,
-    check_answers,
-    check_simulation,
-    on_answers,
-    on_physics,
-    on_pictures,
-)
+from vlafuzz.doctor.two_processes import Rolled, check_answers, check_simulation, on_answers, on_physics, on_pictures
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.rollouts.policies import make_policy
 
 PLANTED = "python:tests.doctor.planted"
-MOMENTS = [
-    Moment(start(name, seed), seen(name, seed), np.zeros((1, 7))) for seed, name in enumerate(("one", "two"))
-]
+MOMENTS = [Moment(start(name, seed), seen(name, seed), np.zeros((1, 7))) for seed, name in enumerate(("one", "two"))]
 
 
 WORLD = "python:tests.worlds.reacher:Reacher"

@@ -52,9 +52,7 @@ def test_actions_are_to_differ_within_the_range_of_an_arm(executed: np.ndarray, 
     ("black", "elsewhere", "verdict"),
     [(0.9, 0.8, "ok"), (0.9, 0.0, "warn"), (0.0, 0.0, "refuse"), (0.01, 0.01, "refuse")],
 )
-def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(
-    black: float, elsewhere: float, verdict: str
-):
+def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(black: float, elsewhere: float, verdict: str):
     changes = {name: Change(size, size > 0.02) for name, size in (("black", black), ("another", elsewhere))}
     assert verdicts.on_sight(changes).verdict == verdict
 

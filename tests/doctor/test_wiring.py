@@ -14,9 +14,7 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
 
-FIRST, SECOND, THIRD = (
-    Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third")
-)
+FIRST, SECOND, THIRD = (Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third"))
 SPEC = PolicySpec("any")
 Roll = Callable[[Scene, Correction | None], Outcome]
 
@@ -157,9 +155,7 @@ def test_a_correctly_wired_policy_is_hardly_ever_called_miswired(law: str, gain:
     ("skill", "affected", "least"), [(0.9, 1.0, 95), (0.7, 1.0, 85), (0.5, 1.0, 65), (0.9, 0.75, 75)]
 )
 def test_the_fault_of_a_policy_of_some_skill_is_named(skill: float, affected: float, least: int):
-    cases = [
-        Simulated((2, number), NOTHING, skilled(skill, 0.35), affected=affected) for number in range(100)
-    ]
+    cases = [Simulated((2, number), NOTHING, skilled(skill, 0.35), affected=affected) for number in range(100)]
     assert sum(case.called() == case.right.fault for case in cases) >= least
 
 
@@ -171,8 +167,7 @@ class Ahead:
     def act(self, observations):
         up = [float(seen.images["front"][0, 0, 0] > 0) for seen in observations]
         return [
-            ActionChunk(np.array([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]]))
-            for height in up
+            ActionChunk(np.array([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]])) for height in up
         ]
 
 
@@ -210,10 +205,7 @@ def test_a_gripper_from_0_to_1_is_turned_round_in_its_own_range():
 
 
 def test_corrections_of_what_a_policy_does_not_have_are_not_tried():
-    blind, seeing = (
-        corrections(SPEC, 1),
-        corrections(PolicySpec("a", cameras=(CameraRequest("b", 16, 16),)), 8),
-    )
+    blind, seeing = (corrections(SPEC, 1), corrections(PolicySpec("a", cameras=(CameraRequest("b", 16, 16),)), 8))
     assert {correction.fault for correction in seeing} - {correction.fault for correction in blind} == {
         "its chunks begin 1 step too early",
         "its chunks begin 2 steps too early",

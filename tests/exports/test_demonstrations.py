@@ -37,9 +37,7 @@ def of_policy(name: str) -> Manifest:
 
 def tiny_pictures(**action: object) -> Manifest:
     cameras = (CameraRequest("front", 32, 24),)
-    return replace(
-        run("make_frozen"), spec=described(PolicySpec("own", action=ActionSpec(**action), cameras=cameras))
-    )
+    return replace(run("make_frozen"), spec=described(PolicySpec("own", action=ActionSpec(**action), cameras=cameras)))
 
 
 def failing(path: Path, manifest: Manifest, *scenes: Scene) -> Path:
@@ -143,9 +141,7 @@ def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
 
 
 @pytest.mark.render
-def test_actions_that_are_read_from_the_dataset_solve_their_scenes(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_actions_that_are_read_from_the_dataset_solve_their_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     parquet = pytest.importorskip("pyarrow.parquet")
     manifest = tiny_pictures(hz=10, relative_to="current", gripper="close_positive")
     path, out = failing(tmp_path / "a.db", manifest, CAN, APPLE), tmp_path / "shown"
@@ -202,9 +198,7 @@ def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
         (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause or neighbourhood"),
     ],
 )
-def test_flags_that_make_no_sense(
-    tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]
-):
+def test_flags_that_make_no_sense(tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]):
     path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
     assert main(["export", str(path), "--out", str(tmp_path / "out"), *flags]) == 2
     assert says in " ".join(capsys.readouterr().err.split())

@@ -82,26 +82,20 @@ def test_every_frame_is_written_unchanged(folder: Path):
     frames = parquet.read_table(folder / FRAMES.format(0)).to_pylist()
     pictures = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert np.array_equal(
-        pictures, np.concatenate([demo.images["observation.images.front"] for demo in demos])
-    )
+    assert np.array_equal(pictures, np.concatenate([demo.images["observation.images.front"] for demo in demos]))
     for key, wanted in (
         ("observation.state", [demo.states for demo in demos]),
         ("action", [demo.actions for demo in demos]),
     ):
         assert np.array_equal([row[key] for row in frames], np.concatenate(wanted))
-    rows = [
-        tuple(row[key] for key in ("index", "episode_index", "frame_index", "task_index")) for row in frames
-    ]
+    rows = [tuple(row[key] for key in ("index", "episode_index", "frame_index", "task_index")) for row in frames]
     assert rows[3:8] == [(3, 0, 3, 0), (4, 1, 0, 1), (5, 1, 1, 1), (6, 1, 2, 1), (7, 2, 0, 0)]
     assert frames[3]["timestamp"] == pytest.approx(0.6)
 
 
 def test_the_metadata_describe_the_dataset(folder: Path):
     info = json.loads((folder / "meta/info.json").read_text())
-    facts = {
-        key: info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")
-    }
+    facts = {key: info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")}
     assert facts == {
         "codebase_version": "v3.0",
         "robot_type": "panda",
@@ -137,17 +131,13 @@ def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(lerobot, "FILE_BYTES", 1)
     lerobot.write_dataset([packed(shown(number, 2)) for number in range(3)], tmp_path, 5, "panda", NAMES)
-    assert [parquet.read_metadata(tmp_path / FRAMES.format(number)).num_rows for number in range(3)] == [
-        2
-    ] * 3
+    assert [parquet.read_metadata(tmp_path / FRAMES.format(number)).num_rows for number in range(3)] == [2] * 3
     episodes = parquet.read_table(tmp_path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [row["data/file_index"] for row in episodes] == [0, 1, 2]
 
 
 @pytest.mark.render
-def test_the_cases_of_a_corpus_are_demonstrated(
-    corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "shown"
     command = ["export", str(corpus), "--format", "lerobot", "--out", str(out), "--workers", "1"]
     assert main(command) == 0

@@ -81,19 +81,13 @@ def test_every_scene_comes_out_as_in_process(corpus: Path, follower: Follower, l
     apart, fresh = run.value("min_distance"), Follower(follower.course)
     with closing(
         ManiSkillEvaluator(
-            Conditions(task=run.task, world={"min_distance": apart}, seed=run.seed, repeats=2),
-            fresh,
-            load_catalogue(),
+            Conditions(task=run.task, world={"min_distance": apart}, seed=run.seed, repeats=2), fresh, load_catalogue()
         )
     ) as evaluator:
         outcomes = evaluator.evaluate(list(scenes.values()))
     assert metrics == {
         digest: [
-            {
-                "success": rollout.success_once,
-                "success_at_end": rollout.success_at_end,
-                "progress": rollout.progress,
-            }
+            {"success": rollout.success_once, "success_at_end": rollout.success_at_end, "progress": rollout.progress}
             for rollout in outcome.rollouts
         ]
         for digest, outcome in zip(scenes, outcomes, strict=True)
@@ -160,14 +154,7 @@ def test_vla_eval_run_of_a_shipped_corpus_agrees_with_regress_scene_by_scene(
     with closing(make_policy("mini")) as mini, serving(mini, "vla-eval") as name:
         config = CONFIG.format(url=url(name), folder=tmp_path, benchmark=NAME, corpus=corpus)
         (tmp_path / "corpus.yaml").write_text(config)
-        command = [
-            sys.executable,
-            "-m",
-            "vla_eval.cli.main",
-            "run",
-            "--config",
-            str(tmp_path / "corpus.yaml"),
-        ]
+        command = [sys.executable, "-m", "vla_eval.cli.main", "run", "--config", str(tmp_path / "corpus.yaml")]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (written,) = tmp_path.rglob("*.json")

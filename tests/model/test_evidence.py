@@ -48,9 +48,7 @@ def test_an_interval_across_half_a_turn_goes_the_short_way():
 def test_passes_beyond_a_threshold_are_said():
     ranges = ((yaw(2.1), yaw(3.4)), (yaw(3.8), yaw(3.8)), (yaw(4.0), ()))
     threshold = Threshold("camera-orientation", yaw(2.1), 0.9, low=yaw(2.1), high=yaw(2.1), ranges=ranges)
-    assert describe(threshold) == (
-        "camera-orientation: fails from yaw 2.1° to 3.4° and at 3.8° and from 4° on"
-    )
+    assert describe(threshold) == ("camera-orientation: fails from yaw 2.1° to 3.4° and at 3.8° and from 4° on")
 
 
 def test_a_threshold_has_bounds_for_its_own_values_alone():

@@ -10,9 +10,7 @@ from vlafuzz.worlds.tabletop.objects import open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 
 
-def test_robots_that_lie_beside_a_stores_packs_are_found_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_robots_that_lie_beside_a_stores_packs_are_found_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(assets.FOLDERS, "")
     (tmp_path / "robots").mkdir()
     (tmp_path / "mine").mkdir()

@@ -14,12 +14,8 @@ from vlafuzz.worlds.tabletop.renderer import in_use, probe_once
 
 BLIND = PolicySpec("blind")
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
-OLD = Place(
-    processor="x86_64", instructions="AVX2", torch="2.13.0+cpu", renderer="llvmpipe (256 bits), Mesa 25.0.7"
-)
-NEW = Place(
-    processor="x86_64", instructions="AVX512", torch="2.13.0+cpu", renderer="NVIDIA H200, NVIDIA 580.1"
-)
+OLD = Place(processor="x86_64", instructions="AVX2", torch="2.13.0+cpu", renderer="llvmpipe (256 bits), Mesa 25.0.7")
+NEW = Place(processor="x86_64", instructions="AVX512", torch="2.13.0+cpu", renderer="NVIDIA H200, NVIDIA 580.1")
 
 
 def stored(place: Place) -> str:

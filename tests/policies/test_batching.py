@@ -20,9 +20,7 @@ def act(instruction: str = "move") -> Request:
 
 def summary(answers: list[Answer]) -> list[object]:
     return [
-        (answer.message, answer.cause)
-        if isinstance(answer, PolicyError)
-        else [c.actions[0, 0] for c in answer]
+        (answer.message, answer.cause) if isinstance(answer, PolicyError) else [c.actions[0, 0] for c in answer]
         for answer in answers
     ]
 

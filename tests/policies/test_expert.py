@@ -65,9 +65,7 @@ class Slippery(Expert):
 
 
 def test_it_tries_again_when_the_object_slips():
-    evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", world={"min_distance": 0.15}), Slippery(), CATALOGUE
-    )
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), Slippery(), CATALOGUE)
     (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
     evaluator.close()
     trace = outcome.rollouts[0].actions[:, 6]

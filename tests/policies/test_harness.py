@@ -109,9 +109,7 @@ def test_scales_turn_units_into_metres_and_radians():
 def test_angles_are_scaled_first_and_become_a_rotation_vector(rotation, order):
     """Intrinsic ones turn about moving axes, roll, pitch and yaw about fixed ones."""
     action = first(Dictated(chunk_of(0, 0, 0, 1, 2, -1, 1), rotation=rotation, rotation_scale=0.5))
-    turns = {
-        axis: Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1, -0.5), strict=True)
-    }
+    turns = {axis: Rotation.from_euler(axis, angle) for axis, angle in zip("xyz", (0.5, 1, -0.5), strict=True)}
     one, two, three = (turns[axis] for axis in order)
     assert action[3:6] == pytest.approx((one * two * three).as_rotvec())
 

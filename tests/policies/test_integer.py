@@ -58,9 +58,7 @@ def test_integers_are_used_where_a_process_has_survived_their_trial_with_right_s
 def test_the_card_has_a_range_of_every_large_convolution_but_the_one_that_sees_the_picture():
     network = Network()
     large = {
-        name
-        for name, layer in network.named_modules()
-        if isinstance(layer, nn.Conv2d) and layer.kernel_size == (3, 3)
+        name for name, layer in network.named_modules() if isinstance(layer, nn.Conv2d) and layer.kernel_size == (3, 3)
     }
     to_integers(network, read_card().ranges)
     whole = {name for name, layer in network.named_modules() if isinstance(layer, IntegerConv)}

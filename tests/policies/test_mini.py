@@ -38,9 +38,7 @@ class Blind(Mini):
 
 def verdict(scene: Scene, policy: Mini | None = None) -> Verdict:
     evaluator = ManiSkillEvaluator(
-        Conditions(task=scene.task, world={"min_distance": 0.15}, stop_early=True),
-        policy or Mini(),
-        CATALOGUE,
+        Conditions(task=scene.task, world={"min_distance": 0.15}, stop_early=True), policy or Mini(), CATALOGUE
     )
     (outcome,) = evaluator.evaluate([scene])
     evaluator.close()

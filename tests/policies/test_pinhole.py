@@ -59,12 +59,8 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     two = nominal("put-on")
     stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
     never = dataclasses.replace(stepwise, then=())
-    evaluator = ManiSkillEvaluator(
-        Conditions(task="put-on", world={"min_distance": 0.15}), Pinhole(), CATALOGUE
-    )
-    plain, named_later, never_named = (
-        outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never])
-    )
+    evaluator = ManiSkillEvaluator(Conditions(task="put-on", world={"min_distance": 0.15}), Pinhole(), CATALOGUE)
+    plain, named_later, never_named = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
     evaluator.close()
     assert (plain, named_later, never_named) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
 
@@ -75,13 +71,8 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
         Placement("blue_plastic_bottle", "standing", 0.01, 0.021),
         Placement("apple", "resting", -0.071, 0.008, -51.0),
     )
-    targets = (
-        Placement("eggplant", "lying", -0.058, -0.048, -19.0),
-        Placement("basket", "flat", -0.05, 0.18, 158.0),
-    )
-    evaluator = ManiSkillEvaluator(
-        Conditions(task="put-in", world={"min_distance": 0.0}), Pinhole(), CATALOGUE
-    )
+    targets = (Placement("eggplant", "lying", -0.058, -0.048, -19.0), Placement("basket", "flat", -0.05, 0.18, 158.0))
+    evaluator = ManiSkillEvaluator(Conditions(task="put-in", world={"min_distance": 0.0}), Pinhole(), CATALOGUE)
     (mixed_up,) = evaluator.evaluate(
         [Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)]
     )

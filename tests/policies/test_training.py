@@ -46,9 +46,7 @@ def test_what_was_trained_acts(folder):
     mini.reset([EpisodeStart("one", "pick up apple", "pick-up", 0)])
     state = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
     picture = np.zeros((128, 128, 3), np.uint8)
-    (chunk,) = mini.act(
-        [Observation("one", 0, nominal().instruction, images={"front": picture}, state=state)]
-    )
+    (chunk,) = mini.act([Observation("one", 0, nominal().instruction, images={"front": picture}, state=state)])
     assert np.isfinite(chunk.actions).all()
 
 

@@ -10,13 +10,9 @@ from vlafuzz.search.registry import STRATEGIES
 
 REGIONS = {
     "two operators": EASY,
-    "box": Region(
-        (near("targets.0.x", 0.0, 0.32), near("targets.0.y", 0.1, 0.5), near("camera.roll", 3.0, 10.0))
-    ),
+    "box": Region((near("targets.0.x", 0.0, 0.32), near("targets.0.y", 0.1, 0.5), near("camera.roll", 3.0, 10.0))),
     "slab": Region((band({"targets.0.x": 3.0, "targets.0.y": 2.0}, 0.9),)),
-    "objects": Region(
-        (among("targets.0.object", ("apple", "orange", "sponge")), near("confounders", 3.0, 3.0))
-    ),
+    "objects": Region((among("targets.0.object", ("apple", "orange", "sponge")), near("confounders", 3.0, 3.0))),
 }
 guided = pytest.mark.parametrize("name", ["nsga2", "feedback", "surrogate"])
 

@@ -33,13 +33,7 @@ def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: 
                 cell = "grasp|light|x0y0"
                 opened.add(
                     run,
-                    Trial(
-                        proposal=number,
-                        scene=planted.finding(number),
-                        outcome=failed(),
-                        severity=1.0,
-                        cell=cell,
-                    ),
+                    Trial(proposal=number, scene=planted.finding(number), outcome=failed(), severity=1.0, cell=cell),
                 )
             opened.add(run, Trial(proposal=findings, scene=SPACE.nominal(), outcome=passed(), severity=0.0))
             opened.finish(run, "finished", 12.0)

@@ -101,9 +101,7 @@ def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme)
 
 
 @pytest.mark.parametrize("width", [390, 1400])
-def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(
-    browser: "sync.Browser", tmp_path: Path, width: int
-):
+def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(browser: "sync.Browser", tmp_path: Path, width: int):
     picture = io.BytesIO()
     imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
     rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]

@@ -43,9 +43,7 @@ def store(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(MANIFEST)
         for proposal, scene in enumerate((Planted([DARK]).finding(9), tilted, dark, tilted_too)):
-            kept = Trial(
-                proposal=proposal, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0"
-            )
+            kept = Trial(proposal=proposal, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0")
             opened.add(1, kept)
         causes = (
             FoundCause(tilted, ("camera-orientation",), 5),

@@ -110,10 +110,7 @@ def test_a_page_replaces_the_one_before_and_leaves_nothing_beside_it(tmp_path: P
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    for place, reason in (
-        (tmp_path, "is a folder"),
-        (tmp_path / "file" / "page.html", "cannot be written: "),
-    ):
+    for place, reason in ((tmp_path, "is a folder"), (tmp_path / "file" / "page.html", "cannot be written: ")):
         with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {reason}"):
             check_place(place)
 
@@ -142,8 +139,5 @@ def test_unseen_signs_in_scenes_and_runs_are_refused(sign: str, tmp_path: Path):
         Scene.from_json(json.dumps(json.loads(scene().to_json()) | {"instruction": f"a{sign}b"}))
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, policy=f"a{sign}b"))
-    with (
-        Store.open(tmp_path / "a.db") as opened,
-        pytest.raises(StoreError, match="signs that cannot be seen"),
-    ):
+    with Store.open(tmp_path / "a.db") as opened, pytest.raises(StoreError, match="signs that cannot be seen"):
         opened.runs()

@@ -3,10 +3,7 @@ from vlafuzz.report.page import render_sheet
 from vlafuzz.report.sheet import Picture, Sheet
 from vlafuzz.report.view import Table
 
-ROWS = (
-    {"strategy": "random", "cells": "7 (6–8)", "shown": "more"},
-    {"strategy": "mine", "cells": "–", "shown": ""},
-)
+ROWS = ({"strategy": "random", "cells": "7 (6–8)", "shown": "more"}, {"strategy": "mine", "cells": "–", "shown": ""})
 
 
 def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> Page:
@@ -24,16 +21,7 @@ def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> P
 
 def test_a_sheet_has_all_its_parts():
     page = sheet()
-    for part in (
-        "Compared",
-        "a.db",
-        "All of it.",
-        "mine finds more",
-        "Curves",
-        "Found",
-        "medians",
-        "7 (6–8)",
-    ):
+    for part in ("Compared", "a.db", "All of it.", "mine finds more", "Curves", "Found", "medians", "7 (6–8)"):
         assert part in page.text
     assert "vlafuzz report a.db" in page.text
 

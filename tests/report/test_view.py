@@ -58,9 +58,7 @@ def test_it_begins_with_the_result_in_a_sentence(triaged: View):
 def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, strategy="surrogate"))
-        kept = Trial(
-            proposal=0, scene=SPACE.nominal(), outcome=failed(), severity=0.0, cell="grasp|light|x0y0"
-        )
+        kept = Trial(proposal=0, scene=SPACE.nominal(), outcome=failed(), severity=0.0, cell="grasp|light|x0y0")
         opened.add(1, kept)
     headline = view(tmp_path / "a.db").headline
     assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as the ")
@@ -77,9 +75,7 @@ def test_verdicts_stages_and_evidence_are_counted_with_what_they_are_shares_of(t
 
 
 def test_operators_are_counted_as_left_necessary_and_sufficient(triaged: View):
-    rows = {
-        row.name: (row.left.count, row.left.of, row.necessary, row.sufficient) for row in triaged.operators
-    }
+    rows = {row.name: (row.left.count, row.left.of, row.necessary, row.sufficient) for row in triaged.operators}
     assert rows == {"camera-orientation": (3, 6, 3, 3), "light": (3, 6, 3, 3)}
 
 
@@ -137,9 +133,7 @@ def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: P
     assert (edge.bucket, flaky.bucket, unproven.bucket) == ("edge", "flaky", "unproven")
     assert re.fullmatch(r"fails exactly as it is, but in 0 of 3 rollouts around it \(0–.*%\)", edge.detail)
     assert re.fullmatch(r"fails in 0 of 3 rollouts around it \(0–.*%\)", flaky.detail)
-    assert re.fullmatch(
-        r"fails in 3 of 3 rollouts around it \(.*–100%\); the expert fails, too", unproven.detail
-    )
+    assert re.fullmatch(r"fails in 3 of 3 rollouts around it \(.*–100%\); the expert fails, too", unproven.detail)
 
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
@@ -155,9 +149,7 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
 def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 18.0)
     ((sentence, _),) = view(store(tmp_path / "a.db", triaged=0)).todo
-    assert sentence.endswith(
-        "names their causes (about 2.1 h; --time bounds it, --limit 1 takes about 21 min):"
-    )
+    assert sentence.endswith("names their causes (about 2.1 h; --time bounds it, --limit 1 takes about 21 min):")
 
 
 def test_those_with_the_most_evidence_come_first(tmp_path: Path):
@@ -166,18 +158,14 @@ def test_those_with_the_most_evidence_come_first(tmp_path: Path):
 
 
 def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
-    assert (
-        view(store(tmp_path / "a.db", findings=0)).headline == "No scene failed: all 2 judged scenes passed."
-    )
+    assert view(store(tmp_path / "a.db", findings=0)).headline == "No scene failed: all 2 judged scenes passed."
     Store.open(tmp_path / "b.db", "write").close()
     empty = view(tmp_path / "b.db")
     assert (empty.title, empty.headline, empty.cards) == ("no run yet", "No scene was judged.", ())
 
 
 def test_it_says_where_the_runs_were_made_and_whether_that_was_one_place(tmp_path: Path):
-    places = [
-        json.dumps({"processor": "arm64", "instructions": kind, "torch": "2.13"}) for kind in ("NEON", "SVE")
-    ]
+    places = [json.dumps({"processor": "arm64", "instructions": kind, "torch": "2.13"}) for kind in ("NEON", "SVE")]
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, place=places[0]))
     assert dict(view(tmp_path / "a.db").facts)["Made at"] == "arm64, NEON, torch 2.13"
@@ -216,9 +204,7 @@ def test_every_deviation_is_described_in_words():
         camera=Camera(0.028, 30.0, 10.0, pitch=-3.0),
     )
     causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
-    described = {
-        row.operator: (row.value, row.reference, row.fails_from) for row in deviations(SPACE, scene, causes)
-    }
+    described = {row.operator: (row.value, row.reference, row.fails_from) for row in deviations(SPACE, scene, causes)}
     assert described == {
         "confounders": ("apple at x 0.1 m, y -0.2 m", "none", ""),
         "light": ("× 6.5", "× 1", "fails from intensity × 6.25 on"),

@@ -37,9 +37,7 @@ def stored(path: Path, executor: Executor) -> Sequence[tuple[int, str, Verdict]]
     with Store.open(path, "write") as store:
         about = manifest(budget=20, batch=8)
         strategy = Random(SPACE, 0)
-        summary = fuzz(
-            manifest=about, stages=STAGES, space=SPACE, strategy=strategy, executor=executor, store=store
-        )
+        summary = fuzz(manifest=about, stages=STAGES, space=SPACE, strategy=strategy, executor=executor, store=store)
         executor.close()
         trials = list(store.trials(summary.run))
     assert (summary.rollouts, summary.proposals) == (20, len(trials))

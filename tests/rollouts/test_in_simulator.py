@@ -8,13 +8,10 @@ from vlafuzz.campaign import config, launch
 from vlafuzz.store.store import Store
 
 
-def trials(
-    store: Path, workers: int, policy: str = "pinhole", executor: str | None = None
-) -> list[tuple[object, ...]]:
+def trials(store: Path, workers: int, policy: str = "pinhole", executor: str | None = None) -> list[tuple[object, ...]]:
     flags = {"policy": policy, "strategy": "nsga2", "budget": 12, "batch": 6, "seed": 5}
     summary = launch.start(
-        config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)),
-        lambda tally: None,
+        config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)), lambda tally: None
     )
     assert summary.rollouts == 12
     with Store.open(store) as opened:

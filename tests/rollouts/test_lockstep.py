@@ -187,9 +187,7 @@ def test_policies_behind_servers_that_take_batches_get_lanes(policy, lanes, kind
 
 
 make = partial(
-    ManiSkillEvaluator,
-    Conditions(task="pick-up", world={"min_distance": 0.15}, repeats=2),
-    catalogue=CATALOGUE,
+    ManiSkillEvaluator, Conditions(task="pick-up", world={"min_distance": 0.15}, repeats=2), catalogue=CATALOGUE
 )
 
 

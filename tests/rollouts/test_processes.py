@@ -26,9 +26,7 @@ OTHERS = [scene(light=2.0**power) for power in (-3, -1, 0, 1, 2.5, 3)]
 class Treacherous(ClosedForm):
     """Misbehaves in one scene, the first time only or always; ``folder`` remembers across processes."""
 
-    def __init__(
-        self, what: Callable[[], None], folder: Path, *, always: bool, where: Scene = BRIGHT
-    ) -> None:
+    def __init__(self, what: Callable[[], None], folder: Path, *, always: bool, where: Scene = BRIGHT) -> None:
         super().__init__()
         self._what, self._folder, self._always, self._where = what, folder, always, where
 

@@ -192,9 +192,7 @@ def test_the_probability_is_told_even_if_failures_that_have_no_cause_take_most_r
 def test_a_cause_says_what_share_of_random_scenes_fail_for_it(rate: float):
     rng = np.random.default_rng(99)
     true = rate * np.mean([dark(space().sample(rng)) for _ in range(400)])
-    (share,) = [
-        cause.share for cause in played(dark, 200, rate=rate).causes() if cause.operators == ("light",)
-    ]
+    (share,) = [cause.share for cause in played(dark, 200, rate=rate).causes() if cause.operators == ("light",)]
     assert share is not None
     assert share.low - 0.03 <= true <= share.high + 0.03
     assert abs(share.value - true) < 0.1

@@ -24,8 +24,7 @@ def dominates(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("better", "worse"),
-    [((EARLY, 0.0), (LATE, 0.0)), ((LATE, 0.0), (HARD, 9.0)), ((HARD, 0.0), (SIMPLE, 9.0))],
+    ("better", "worse"), [((EARLY, 0.0), (LATE, 0.0)), ((LATE, 0.0), (HARD, 9.0)), ((HARD, 0.0), (SIMPLE, 9.0))]
 )
 def test_early_failures_come_before_late_ones_and_all_of_them_before_passes(better, worse):
     assert dominates(Nsga2._objectives(*better), Nsga2._objectives(*worse))
@@ -50,8 +49,7 @@ def test_what_was_not_judged_survives_only_where_nothing_else_is_left():
 
 
 @pytest.mark.parametrize(
-    ("budget", "size"),
-    [(None, LARGEST), (1, TINIEST), (60, 6), (100, SMALLEST), (300, 20), (10_000, LARGEST)],
+    ("budget", "size"), [(None, LARGEST), (1, TINIEST), (60, 6), (100, SMALLEST), (300, 20), (10_000, LARGEST)]
 )
 def test_a_budget_has_room_for_ten_generations(budget: int | None, size: int):
     strategy = Nsga2(space(), 0, budget)
@@ -61,9 +59,7 @@ def test_a_budget_has_room_for_ten_generations(budget: int | None, size: int):
     assert budget is None or budget < 40 or size * 10 <= budget
 
 
-@pytest.mark.parametrize(
-    ("budget", "says"), [(300, "population of 20, 15 generations"), (None, "population of 64")]
-)
+@pytest.mark.parametrize(("budget", "says"), [(300, "population of 20, 15 generations"), (None, "population of 64")])
 def test_it_says_how_large_its_population_is(budget: int | None, says: str):
     assert about(Nsga2(space(), 0, budget)) == says
 

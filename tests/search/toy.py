@@ -77,14 +77,12 @@ class Region:
 class Toy:
     """A policy that fails in a region and succeeds elsewhere.
 
-    With a ``smooth`` signal, success is later the nearer a scene is to the region, and failure is earlier the
-    deeper a scene is inside. With a ``flat`` signal, all successes are alike, and so are all failures. With
-    ``noise``, time of success and progress are random.
+    With a ``smooth`` signal, success is later the nearer a scene is to the region, and failure is earlier the deeper a
+    scene is inside. With a ``flat`` signal, all successes are alike, and so are all failures. With ``noise``, time of
+    success and progress are random.
     """
 
-    def __init__(
-        self, region: Region, catalogue: Catalogue, *, min_distance: float, signal: Signal = "smooth"
-    ) -> None:
+    def __init__(self, region: Region, catalogue: Catalogue, *, min_distance: float, signal: Signal = "smooth") -> None:
         self._region, self._catalogue = region, catalogue
         self._min_distance, self._signal = min_distance, signal
 
@@ -110,9 +108,7 @@ class Toy:
         return Outcome.of((_rollout(scene, progress, steps, reached, success=not fails),), stages)
 
 
-def _rollout(
-    scene: Scene, progress: float, steps: int, reached: tuple[str, ...], *, success: bool
-) -> Rollout:
+def _rollout(scene: Scene, progress: float, steps: int, reached: tuple[str, ...], *, success: bool) -> Rollout:
     return Rollout(
         success_once=success,
         success_at_end=success,

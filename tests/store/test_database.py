@@ -167,8 +167,7 @@ def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("make", "says"),
-    [(Path.touch, "is empty"), (lambda path: None, "no such store"), (Path.mkdir, "is a folder")],
+    ("make", "says"), [(Path.touch, "is empty"), (lambda path: None, "no such store"), (Path.mkdir, "is a folder")]
 )
 def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path: Path, make, says: str):
     make(tmp_path / "a.db")

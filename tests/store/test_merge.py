@@ -25,9 +25,7 @@ def store(path: Path, *runs: tuple[str, dict[int, Outcome]]) -> Path:
 @pytest.fixture
 def two(tmp_path: Path) -> list[Path]:
     one = store(tmp_path / "one.db", ("idle", {0: failed(), 1: passed(), 2: failed(0.75)}))
-    other = store(
-        tmp_path / "other.db", ("idle", {2: failed(), 3: failed(repeats=2)}), ("else", {0: failed()})
-    )
+    other = store(tmp_path / "other.db", ("idle", {2: failed(), 3: failed(repeats=2)}), ("else", {0: failed()}))
     return [one, other]
 
 

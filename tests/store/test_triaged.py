@@ -37,13 +37,7 @@ MINIMAL = Triaged(
     seconds=1.5,
 )
 FLAKY = Triaged(
-    scene=MINIMAL.scene,
-    policy_key=KEY,
-    bucket="flaky",
-    repeats=5,
-    failures=1,
-    deviating=("light",),
-    detail="1 of 5",
+    scene=MINIMAL.scene, policy_key=KEY, bucket="flaky", repeats=5, failures=1, deviating=("light",), detail="1 of 5"
 )
 
 

@@ -27,10 +27,7 @@ class Arm:
     @property
     def hand(self) -> tuple[float, float]:
         first, second = self.joints[0], sum(self.joints)
-        return (
-            LINKS[0] * cos(first) + LINKS[1] * cos(second),
-            LINKS[0] * sin(first) + LINKS[1] * sin(second),
-        )
+        return (LINKS[0] * cos(first) + LINKS[1] * cos(second), LINKS[0] * sin(first) + LINKS[1] * sin(second))
 
     @property
     def gap(self) -> float:

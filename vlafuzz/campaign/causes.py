@@ -32,9 +32,7 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
         if trial.outcome.verdict is Verdict.FAILED and trial.genome is not None
     ]
     found = [
-        FoundCause(
-            _shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall)
-        )
+        FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall))
         for cause in causes(strategy)
     ]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))

@@ -63,15 +63,12 @@ class Plan:
 
 
 def plan(
-    config: RunConfig,
-    operators: Operators | None = None,
-    policy: Policy | None = None,
-    space: Space | None = None,
+    config: RunConfig, operators: Operators | None = None, policy: Policy | None = None, space: Space | None = None
 ) -> Plan:
     """Check a configuration, and make everything that it names but simulator and store.
 
-    ``operators``, ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is
-    wrong; PrerequisiteError if the policy sees pictures, and none can be drawn here.
+    ``operators``, ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is wrong;
+    PrerequisiteError if the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
     scenes = read_scene_file(config.scenes, config.pool)
@@ -95,11 +92,7 @@ def plan(
         named = replace(named, label="" if names_its_model(policy_name) else config.alone)
     return Plan(
         manifest=_manifest(
-            named,
-            space,
-            policy,
-            _scene_file(config.scenes, config.pool, scenes),
-            workers=place.kind != "local",
+            named, space, policy, _scene_file(config.scenes, config.pool, scenes), workers=place.kind != "local"
         ),
         task=task,
         space=Pool(scenes, space) if scenes else space,
@@ -213,9 +206,7 @@ def named_strategy(config: RunConfig) -> str:
     return POOL
 
 
-def _strategy(
-    factory: Factory | None, space: Space, scenes: Sequence[Scene], seed: int, budget: int
-) -> Strategy:
+def _strategy(factory: Factory | None, space: Space, scenes: Sequence[Scene], seed: int, budget: int) -> Strategy:
     """The strategy: it proposes scenes of its own, scenes of a pool, or those of a file in order."""
     if factory is None:
         return InOrder(len(scenes))

@@ -48,20 +48,20 @@ def fuzz(
 ) -> Summary:
     """Run a strategy against a policy until the budget of rollouts is spent, or nothing is left to roll out.
 
-    At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed
-    gives the same scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses
-    no trial but those that the policy did not answer, which are tried again on resuming.
+    At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed gives the same
+    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial but those that
+    the policy did not answer, which are tried again on resuming.
 
     Args:
         embed: the embedding by which near-duplicates among the failures are grouped.
-        patience: proposals in a row without a rollout after which the run stops; None for never.
-        resume: a run that ended early; a new strategy is told its trials again.
-        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
-        watch: called after every new trial, and once after the stored trials.
+        patience: proposals in a row without a rollout after which the run stops; None for never. resume: a run that
+        ended early; a new strategy is told its trials again.
+        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself. watch: called after
+        every new trial, and once after the stored trials.
 
     Raises:
-        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed.
-        PolicyError: the policy no longer answers; the run can be resumed.
+        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed. PolicyError:
+        the policy no longer answers; the run can be resumed.
     """
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
     tally = Tally(run, manifest, stages, before)

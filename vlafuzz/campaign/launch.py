@@ -99,8 +99,8 @@ def do_missing(
     """Begin or resume the runs that are missing, in order. They share no outcomes.
 
     Args:
-        left_out: is told of a run that cannot be done, or has only invalid scenes; else that is raised.
-        speed_of: the speed of a plan's policy, for a forecast.
+        left_out: is told of a run that cannot be done, or has only invalid scenes; else that is raised. speed_of: the
+        speed of a plan's policy, for a forecast.
     """
     missing = [run for run in wanted if run.missing]
     if not missing:
@@ -180,9 +180,7 @@ class _Pace:
     Finished runs in ``stored`` tell how long a rollout takes, else the policy's speed.
     """
 
-    def __init__(
-        self, watch: Watch, runs: Sequence[WantedRun], stored: Sequence[Run], speed_of: SpeedOf
-    ) -> None:
+    def __init__(self, watch: Watch, runs: Sequence[WantedRun], stored: Sequence[Run], speed_of: SpeedOf) -> None:
         self._watch, self._runs, self._speed_of = watch, runs, speed_of
         self._budgets, self._begun, self._description = [run.budget for run in runs], 0, ""
         self._foreseen = set[str | None]()

@@ -35,9 +35,7 @@ class Option:
     kind: Any
 
 
-def _option(
-    panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, kind: Any = None
-) -> Any:
+def _option(panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, kind: Any = None) -> Any:
     """A field that is an option."""
     return field(default=default, metadata={"option": Option(panel, text, shown, flag, kind)})
 
@@ -47,10 +45,10 @@ class RunConfig:
     """A run as the user asks for it; None stands for a default.
 
     Attributes:
-        alone: a label that no other configuration has, except for copies of this one. It is the label where
-            the policy's name leaves open which model it is, so that the run shares no outcomes with others.
-        packs: of objects, opened; they replace the built-in ones unless ``operators`` names those.
-        command: what the user typed.
+        alone: a label that no other configuration has, except for copies of this one. It is the label where the
+            policy's name leaves open which model it is, so that the run shares no outcomes with others.
+        packs: of objects, opened; they replace the built-in ones unless ``operators`` names those. command: what the
+        user typed.
     """
 
     task: str | None = _option(
@@ -78,14 +76,9 @@ class RunConfig:
         "behind a server none, so that none answer",
     )
     strategy: str | None = _option(
-        SCENES,
-        "--strategy",
-        "What proposes scenes, or python:pkg.mod:factory.",
-        "causes; with a pool surrogate",
+        SCENES, "--strategy", "What proposes scenes, or python:pkg.mod:factory.", "causes; with a pool surrogate"
     )
-    budget: int | None = _option(
-        LONG, "--budget", "Policy rollouts, for each task.", "100; of a file once each scene"
-    )
+    budget: int | None = _option(LONG, "--budget", "Policy rollouts, for each task.", "100; of a file once each scene")
     seed: int = _option(SCENES, "--seed", "The same seed gives the same scenes.", "0", default=0)
     operators: str | None = _option(
         SCENES, "--operators", "YAML file of ranges, or a shipped one's name.", "that of the robot"
@@ -113,9 +106,7 @@ class RunConfig:
     )
     repeats: int = _option(JUDGE, "", "Rollouts per scene; it fails if one of them fails.", "1", default=1)
     stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)
-    criteria: str = _option(
-        JUDGE, "", "What success means: strict, or published.", "strict", default="strict"
-    )
+    criteria: str = _option(JUDGE, "", "What success means: strict, or published.", "strict", default="strict")
     placement: str | None = _option(
         JUDGE,
         "",
@@ -141,7 +132,5 @@ class RunConfig:
     command: str = ""
 
 
-OPTIONS: dict[str, Option] = {
-    one.name: one.metadata["option"] for one in fields(RunConfig) if "option" in one.metadata
-}
+OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(RunConfig) if "option" in one.metadata}
 OF_WORLDS = ("placement", "quality")  # options that some worlds have: see ``World.settings``

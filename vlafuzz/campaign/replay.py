@@ -40,8 +40,8 @@ class Replayed:
 
     Attributes:
         hz: control rate of the rollout.
-        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored.
-        elsewhere: where that one was made, in words; empty if it was made here, or there is none.
+        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored. elsewhere:
+        where that one was made, in words; empty if it was made here, or there is none.
     """
 
     scene: Scene
@@ -89,13 +89,11 @@ class Replayed:
         }
 
 
-def find(
-    source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None
-) -> Replayable:
+def find(source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None) -> Replayable:
     """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
 
-    Of several runs of it in a store, the conditions are those of one of ``policy`` and ``label`` if there is
-    any, else of the one that found the failure. The first failure is that of the label, if it has any.
+    Of several runs of it in a store, the conditions are those of one of ``policy`` and ``label`` if there is any, else
+    of the one that found the failure. The first failure is that of the label, if it has any.
     """
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
@@ -125,8 +123,8 @@ def replay(
         must_see: whether to refuse policies without pictures.
 
     Raises:
-        UsageError: the policy gets no pictures, or is code that the user did not name.
-        VlafuzzError: policy or simulator broke.
+        UsageError: the policy gets no pictures, or is code that the user did not name. VlafuzzError: policy or
+        simulator broke.
     """
     if policy is None:
         check_trusted(wanted.conditions.policy)
@@ -177,9 +175,7 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None, label: 
             if trial.scene.digest == scene.digest and trial.outcome.rollouts:
                 return Replayable(scene, run.manifest, trial.outcome.rollouts[0].states_hash)
     keys = {
-        triaged.policy_key
-        for triaged in store.triaged()
-        if scene in (triaged.shrunk, *triaged.counterparts.values())
+        triaged.policy_key for triaged in store.triaged() if scene in (triaged.shrunk, *triaged.counterparts.values())
     }
     manifest = next((run.manifest for run in runs if run.manifest.key() in keys), None)
     return _never_run(scene) if manifest is None else Replayable(scene, manifest)

@@ -32,8 +32,8 @@ def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
 def neighbourhoods(scenes: Iterable[Scene], embed: Embed) -> dict[Scene, int]:
     """The number of each scene's group of near-duplicates.
 
-    As in BIRCH (Zhang et al. 1996), a scene joins the group with the nearest centre if the root mean square
-    distance from it stays within ``RADIUS``, else it begins one. A chain of small steps is not one group.
+    As in BIRCH (Zhang et al. 1996), a scene joins the group with the nearest centre if the root mean square distance
+    from it stays within ``RADIUS``, else it begins one. A chain of small steps is not one group.
     """
     # Sorted, so that the order of scenes does not matter.
     ordered = sorted(set(scenes), key=lambda scene: scene.digest)
@@ -63,10 +63,10 @@ class Beside:
     """A run beside all random runs of its store under the same conditions, pooled.
 
     Attributes:
-        judged: distinct scenes that passed or failed; ``random_judged`` is 0 without a random run.
-        difference: the run's share of failures minus random's; None when either has no scenes.
-        low: lower end of its 95 % interval, ``high`` the upper one. The interval takes scenes as independent,
-            so it is somewhat too narrow for a guided strategy, whose scenes resemble each other.
+        judged: distinct scenes that passed or failed; ``random_judged`` is 0 without a random run. difference: the
+        run's share of failures minus random's; None when either has no scenes.
+        low: lower end of its 95 % interval, ``high`` the upper one. The interval takes scenes as independent, so it is
+            somewhat too narrow for a guided strategy, whose scenes resemble each other.
     """
 
     failed: int
@@ -87,9 +87,7 @@ def beside_random(store: Store, run: int) -> Beside:
     """A run beside the random runs that differ from it in strategy, budget, batch and seed only."""
     runs = {stored.id: stored.manifest for stored in store.runs()}
     random = [
-        number
-        for number, manifest in runs.items()
-        if manifest.strategy == "random" and manifest.comparable(runs[run])
+        number for number, manifest in runs.items() if manifest.strategy == "random" and manifest.comparable(runs[run])
     ]
     (failed, judged), (random_failed, random_judged) = store.judged([run]), store.judged(random)
     beside = Beside(failed=failed, judged=judged, random_failed=random_failed, random_judged=random_judged)

@@ -35,8 +35,7 @@ _ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command s
 def resume(flags: Mapping[str, Any]) -> Plan:
     """Plan the rest of the newest run of a store that ended early and fits the flags; all else is as stored.
 
-    ``flags`` are the fields of a ``RunConfig`` that the user gives. UsageError if no stored run fits, or
-    several.
+    ``flags`` are the fields of a ``RunConfig`` that the user gives. UsageError if no stored run fits, or several.
     """
     asked = RunConfig(**flags)
     scenes = read_scene_file(asked.scenes, asked.pool)

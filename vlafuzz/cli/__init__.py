@@ -32,20 +32,14 @@ COMMANDS = {
         "List what was found, write it as one HTML page, or follow a run in the browser.",
     ),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or failure again and show it."),
-    "export": (
-        "vlafuzz.cli.export:export",
-        "Write scenes, stores and corpora to files, also of other formats.",
-    ),
+    "export": ("vlafuzz.cli.export:export", "Write scenes, stores and corpora to files, also of other formats."),
     "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
     "diff": ("vlafuzz.cli.diff:command", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
     "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: rates, repeats, two compared."),
     "lint": ("vlafuzz.cli.scenes:lint", "Check whether the scenes of a file are fair."),
     "serve": ("vlafuzz.cli.policies:serve", "Serve a policy to clients of other tools."),
-    "doctor": (
-        "vlafuzz.cli.doctor:doctor",
-        "Check this machine, or with --policy a policy: does it see, hear, work?",
-    ),
+    "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine, or with --policy a policy: does it see, hear, work?"),
     "list operators": ("vlafuzz.cli.listings:operators", "The operators and their ranges."),
     "list objects": ("vlafuzz.cli.listings:objects", "The objects of the catalogue."),
     "list strategies": ("vlafuzz.cli.policies:strategies", "The strategies that propose scenes."),
@@ -80,9 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             code = _run(arguments)
             Checked(sys.stdout).flush()
         except StdoutError as error:
-            return (
-                error.exit_code if error.exit_code == CLOSED else _complain(str(error), None, error.exit_code)
-            )
+            return error.exit_code if error.exit_code == CLOSED else _complain(str(error), None, error.exit_code)
     return code
 
 
@@ -108,9 +100,7 @@ def _run(arguments: Sequence[str] | None) -> int:
     except SystemExit as exit_:  # typer raises none, but rich does for a help text that nobody reads
         if isinstance(exit_.__context__, BrokenPipeError):
             return CLOSED
-        return _complain(
-            f"a policy or strategy ended the process: sys.exit({exit_.code!r})", "raise errors", 2
-        )
+        return _complain(f"a policy or strategy ended the process: sys.exit({exit_.code!r})", "raise errors", 2)
     except Exception as error:  # its exit code must not be 1, which means findings
         if isinstance(error, OSError) and error.filename:  # such as a name of 300 characters
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
@@ -144,8 +134,7 @@ def _show_version(wanted: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool,
-        typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit."),
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -153,9 +142,7 @@ def _root(
 
 def _register(group: typer.Typer, name: str, command: str, summary: str) -> None:
     class Deferred(TyperCommand):
-        def make_context(
-            self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
-        ) -> Any:
+        def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
             loaded = load(command)
             trust(*named(loaded, args))
             return loaded.make_context(info_name, args, parent, **extra)

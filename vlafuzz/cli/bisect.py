@@ -23,8 +23,7 @@ def command(
     corpus: Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")],
     more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="checkpoint")] = None,
     checkpoints: Annotated[
-        list[str] | None,
-        typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …"),
+        list[str] | None, typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …")
     ] = None,
     policy: Annotated[
         str,
@@ -37,14 +36,11 @@ def command(
     baseline: Annotated[
         str | None,
         typer.Option(
-            help="A policy that works, to be rolled out, too.",
-            show_default="what the corpus recorded of its own",
+            help="A policy that works, to be rolled out, too.", show_default="what the corpus recorded of its own"
         ),
     ] = None,
     alpha: AlphaFlag = 0.05,
-    error: Annotated[
-        float, typer.Option(help="Probability up to which something else may have happened.")
-    ] = 0.05,
+    error: Annotated[float, typer.Option(help="Probability up to which something else may have happened.")] = 0.05,
     comparisons: Annotated[
         int | None, typer.Option(help="Most comparisons.", show_default="log2 of the checkpoints, and 2")
     ] = None,
@@ -55,12 +51,12 @@ def command(
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
 
-    First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress`
-    does. If it is worse, a binary search that expects noise compares few of the others, each until it is
-    clear whether it is broken, and then whether all of the loss came in one step.
+    First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress` does. If
+    it is worse, a binary search that expects noise compares few of the others, each until it is clear whether it is
+    broken, and then whether all of the loss came in one step.
 
-    Checkpoints that are served at one address in turn are told apart by their labels. Whenever another
-    one has to answer, the exit code is 3, and a message says which.
+    Checkpoints that are served at one address in turn are told apart by their labels. Whenever another one has to
+    answer, the exit code is 3, and a message says which.
     """
     names = [*(checkpoints or ()), *(more or ())]
     _check(names, policy, baseline, alpha, error, comparisons)

@@ -61,9 +61,9 @@ def command(
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
 
-    They are judged by the distinct causes that triage certifies, within the same limit of rollouts for every
-    run, then by failures and by the interval of the failure probability. No run learns from another run's
-    rollouts. All is kept in one store; the same command continues after an interruption, and with more
+    They are judged by the distinct causes that triage certifies, within the same limit of rollouts for every run, then
+    by failures and by the interval of the failure probability. No run learns from another run's rollouts. All is kept
+    in one store; the same command continues after an interruption, and with more
     --repeats, --strategies or --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import RunConfig, default_store

@@ -19,16 +19,13 @@ def command(
         str | None, typer.Option(help="The first policy, if it has another name now.", show_default="as in A")
     ] = None,
     policy_b: Annotated[
-        str | None,
-        typer.Option(help="The second policy, if it has another name now.", show_default="as in B"),
+        str | None, typer.Option(help="The second policy, if it has another name now.", show_default="as in B")
     ] = None,
     label_a: Annotated[
-        str | None,
-        label_option("--label-a", "Which model the first policy is, or which of those in A.", "as in A"),
+        str | None, label_option("--label-a", "Which model the first policy is, or which of those in A.", "as in A")
     ] = None,
     label_b: Annotated[
-        str | None,
-        label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B"),
+        str | None, label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B")
     ] = None,
     label: ServedFlag = None,
     answers: AnswersFlag = None,
@@ -40,13 +37,13 @@ def command(
 ) -> None:
     """Compare two policies by the causes of their failures: which are fixed, which remain, which are new.
 
-    Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each
-    scene three times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a
-    paired test shows that one of them passes there more often.
+    Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each scene three
+    times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a paired test shows that
+    one of them passes there more often.
 
-    Two models that are served at one address in turn are told apart by their labels, and take two commands
-    with the same --answers: one while the one answers, and the same with the other --label once the other one
-    does. Until then the exit code is 3.
+    Two models that are served at one address in turn are told apart by their labels, and take two commands with the
+    same --answers: one while the one answers, and the same with the other --label once the other one does. Until then
+    the exit code is 3.
     """
     from vlafuzz.rollouts.policies import check_policy_name
 

@@ -19,21 +19,15 @@ WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "propriocepti
 
 def doctor(
     policy: Annotated[
-        str | None,
-        typer.Option(help="Check this policy, or python:pkg.mod:factory.", show_default="this machine"),
+        str | None, typer.Option(help="Check this policy, or python:pkg.mod:factory.", show_default="this machine")
     ] = None,
     task: Annotated[
-        str | None,
-        typer.Option(help="What the policy is told to do.", show_default="the first: `vlafuzz list worlds`"),
+        str | None, typer.Option(help="What the policy is told to do.", show_default="the first: `vlafuzz list worlds`")
     ] = None,
-    robot: Annotated[
-        str | None, typer.Option(help="Whose hand it is.", show_default="the world's first")
-    ] = None,
+    robot: Annotated[str | None, typer.Option(help="Whose hand it is.", show_default="the world's first")] = None,
     operators: OperatorsFlag = None,
     pack: PackFlag = None,
-    seed: Annotated[
-        int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")
-    ] = None,
+    seed: Annotated[int | None, typer.Option(help="The same seed gives the same scenes.", show_default="0")] = None,
     n: Annotated[
         int | None, typer.Option("--n", help="Nominal scenes that the policy is to solve.", show_default="10")
     ] = None,
@@ -42,8 +36,8 @@ def doctor(
 ) -> None:
     """Check this machine, or a policy: what is there, whether it works, and what follows from it.
 
-    A policy is checked in the simulator: whether it sees, hears, repeats itself and can do the task;
-    where it fails, whether something is the wrong way round. Exit code 3: something must be fixed first.
+    A policy is checked in the simulator: whether it sees, hears, repeats itself and can do the task; where it fails,
+    whether something is the wrong way round. Exit code 3: something must be fixed first.
     """
     packs = opened(pack) or None
     values = {"task": task, "robot": robot, "operators": operators, "packs": packs, "seed": seed}
@@ -62,9 +56,7 @@ def doctor(
         raise typer.Exit(3)
 
 
-def _examine(
-    policy: str, flags: Mapping[str, object], n: int | None, bar: Bar, until: Deadline
-) -> Iterator[Check]:
+def _examine(policy: str, flags: Mapping[str, object], n: int | None, bar: Bar, until: Deadline) -> Iterator[Check]:
     check_number("--n", n, 1, MOST)
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.doctor.before_run import examine
@@ -73,9 +65,7 @@ def _examine(
     return examine(run, 10 if n is None else n, bar, until)
 
 
-def _until_interrupted(
-    checks: Iterator[Check], show: Callable[[list[Check]], None]
-) -> tuple[list[Check], bool]:
+def _until_interrupted(checks: Iterator[Check], show: Callable[[list[Check]], None]) -> tuple[list[Check], bool]:
     """The checks, each shown as soon as it is known, and whether all were done."""
     done: list[Check] = []
     try:

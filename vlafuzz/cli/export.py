@@ -101,8 +101,7 @@ def export(
         ),
     ] = None,
     demos: Annotated[
-        int | None,
-        typer.Option(help="Episodes of lerobot in all.", show_default="one a scene, or --demos-per-scene"),
+        int | None, typer.Option(help="Episodes of lerobot in all.", show_default="one a scene, or --demos-per-scene")
     ] = None,
     demos_per_scene: Annotated[
         int | None,
@@ -128,26 +127,23 @@ def export(
             show_default="fit",
         ),
     ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print what became of each of VLATest's files as JSON.")
-    ] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print what became of each of VLATest's files as JSON.")] = False,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
-    With --minimal every failure is repeated until it is clear, with its witness and its passing
-    counterparts, and only what holds is written. The policy's outcomes in random scenes, the controls, are
-    recorded as well. `vlafuzz regress` and `vlafuzz report` read the folder. Of a store of several tasks each
-    gets a folder in OUT: OUT/pick-up, OUT/put-on and so on.
+    With --minimal every failure is repeated until it is clear, with its witness and its passing counterparts, and only
+    what holds is written. The policy's outcomes in random scenes, the controls, are recorded as well. `vlafuzz regress`
+    and `vlafuzz report` read the folder. Of a store of several tasks each gets a folder in OUT: OUT/pick-up, OUT/put-on
+    and so on.
 
-    With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with
-    the pictures, state and actions of the policy: demonstrations to train it with. The store keeps the
-    solutions.
+    With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with the
+    pictures, state and actions of the policy: demonstrations to train it with. The store keeps the solutions.
 
-    VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are
-    left out, with a note.
+    VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are left out,
+    with a note.
 
-    With --format store all runs, trials and failures of several stores are written to a new one. A scene that
-    fails for one policy in several stores is one failure; a run that is in two of them appears twice.
+    With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
+    one policy in several stores is one failure; a run that is in two of them appears twice.
     """
     foreign = format_ is Format.vlafuzz and not minimal and all(map(is_document, sources))
     wanted = {"scenes": scenes, "demos": demos, "demos-per-scene": demos_per_scene, "hold-out": hold_out}
@@ -315,6 +311,5 @@ def _merge(stores: list[Path], out: Path) -> None:
         raise UsageError(f"{twice}: given twice", hint="give each store once")
     merged = merge_stores(stores, out)
     stderr().print(
-        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}",
-        soft_wrap=True,
+        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}", soft_wrap=True
     )

@@ -18,8 +18,8 @@ _DIGITS = 12
 def print_findings(source: Path, view: View, evidence: str | None, limit: int, *, json: bool) -> None:
     """Print what a store or corpus has: causes first, the strongest first, then other failures by evidence.
 
-    A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
-    Failures that hardly differ from one that is listed, or only add operators to it, are counted with it.
+    A cause is the stronger the more random scenes fail for it; those that are not confirmed come last. Failures that
+    hardly differ from one that is listed, or only add operators to it, are counted with it.
     """
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import forecast
@@ -77,9 +77,7 @@ def _rows(source: Path, view: View, evidence: str | None) -> list[dict[str, Any]
             for rank, card in enumerate(view.cards)
             for digest in (*card.findings, *card.alike)
         }
-        rows = sorted(
-            StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label]
-        )
+        rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label])
     else:
         rows = [finding_of(card) for card in view.cards]
     return [asdict(row) for row in rows if evidence in (None, row.evidence)]

@@ -95,16 +95,13 @@ WorkersFlag = Annotated[int | None, option_of("workers")]
 ExecutorFlag = Annotated[str | None, option_of("executor")]
 PackFlag = Annotated[list[str] | None, option_of("packs")]
 ServedFlag = Annotated[
-    str | None,
-    label_option("--label", "Of models that are served at one address in turn, the one that answers now."),
+    str | None, label_option("--label", "Of models that are served at one address in turn, the one that answers now.")
 ]
 AlphaFlag = Annotated[float, typer.Option(help="Probability of a false alarm, at most.")]
 AnswersFlag = Annotated[
     Path | None, option("Keep outcomes by model in this file, and reuse those in it.", flag="--answers")
 ]
-PlacementFlag = Annotated[
-    str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")
-]
+PlacementFlag = Annotated[str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")]
 TimeFlag = Annotated[
     str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
 ]
@@ -112,8 +109,7 @@ JsonFlag = Annotated[bool, option("Print JSON.", flag="--json")]
 CsvFlag = Annotated[bool, option("Print CSV.", flag="--csv")]
 MarkdownFlag = Annotated[bool, option("Print Markdown.", flag="--markdown")]
 TrustFlag = Annotated[
-    bool,
-    option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust"),
+    bool, option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust")
 ]
 
 

@@ -17,9 +17,7 @@ class Heartbeat:
         until: when the work ends at the latest.
     """
 
-    def __init__(
-        self, write: Callable[[str], None], every: float = EVERY, until: Deadline | None = None
-    ) -> None:
+    def __init__(self, write: Callable[[str], None], every: float = EVERY, until: Deadline | None = None) -> None:
         self._write, self._every, self._until = write, every, until or Deadline()
         self._state: tuple[str, int, int | None, str] | None = None
         self._began, self._first = time.monotonic(), 0

@@ -39,10 +39,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "vlafuzz run --policy 'openpi:ws://gpu:8000?profile=libero' --vary light,camera-position --time 1h",
     ),
     "triage": ("vlafuzz triage first.db --limit 5", "vlafuzz triage first.db --rollouts 500 --time 30m"),
-    "report": (
-        "vlafuzz report first.db --out page.html",
-        "vlafuzz report mini-pick-up --out corpus.html --no-videos",
-    ),
+    "report": ("vlafuzz report first.db --out page.html", "vlafuzz report mini-pick-up --out corpus.html --no-videos"),
     "regress": (
         "vlafuzz regress mini-pick-up --policy mini",
         "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make --junit regress.xml",

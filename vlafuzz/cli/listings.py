@@ -28,8 +28,8 @@ def operators(
 def objects(pack: PackFlag = None, json: JsonFlag = False, csv: CsvFlag = False) -> None:
     """List the objects of the catalogue, or of packs.
 
-    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV
-    have metres and kilograms.
+    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV have metres
+    and kilograms.
     """
     found = world_with(Catalogued).listed_objects(opened(pack))
     if json or csv:
@@ -40,9 +40,7 @@ def objects(pack: PackFlag = None, json: JsonFlag = False, csv: CsvFlag = False)
 
 def _row(one: ListedObject, *, nested: bool) -> dict[str, Any]:
     """For programs; in CSV, lists and poses are texts."""
-    poses = ", ".join(
-        f"{pose} {width:.3f}" if width is not None else pose for pose, width in one.poses.items()
-    )
+    poses = ", ".join(f"{pose} {width:.3f}" if width is not None else pose for pose, width in one.poses.items())
     return {
         "object": one.name,
         "spoken": one.spoken,

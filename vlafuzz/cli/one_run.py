@@ -102,8 +102,8 @@ def run_plan(
 
     Args:
         tasks: the forecast is for so many runs like this one; none where it was made before.
-        again: the command that goes on after an interruption, by default that of the run alone.
-        over: of a run that came to its end before, where only what follows it is left to do.
+        again: the command that goes on after an interruption, by default that of the run alone. over: of a run that
+        came to its end before, where only what follows it is left to do.
     """
     from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.launch import SEARCH
@@ -281,12 +281,7 @@ def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
 
 
 def _triage(
-    plan: Plan,
-    summary: Summary,
-    found: CauseList | None,
-    allowance: Allowance,
-    forecast: Forecast | None,
-    asked: Asked,
+    plan: Plan, summary: Summary, found: CauseList | None, allowance: Allowance, forecast: Forecast | None, asked: Asked
 ) -> dict[str, Any] | None:
     """Triage all of the store, or what shows causes of the run, unless no cause would be done in time.
 

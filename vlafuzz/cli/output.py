@@ -40,9 +40,7 @@ def data() -> Any:
     return _data[-1] if _data else Checked(sys.stdout)
 
 
-def print_rows(
-    rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = ""
-) -> None:
+def print_rows(rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = "") -> None:
     """Print rows that have the same keys.
 
     Raises:

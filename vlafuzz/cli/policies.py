@@ -60,9 +60,7 @@ def worlds(
         shown = tasks[:most] + ["…"] * (len(tasks[:most]) < len(tasks))
         row = {"world": name, "tasks": shown, "robots": robots}
         rows.append(
-            row
-            if json
-            else {key: value if isinstance(value, str) else ", ".join(value) for key, value in row.items()}
+            row if json else {key: value if isinstance(value, str) else ", ".join(value) for key, value in row.items()}
         )
     print_rows(rows, json=json, csv=csv, title="worlds")
 
@@ -80,8 +78,8 @@ def serve(
 ) -> None:
     """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
 
-    The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of
-    several clients are batched into one call of the policy, up to its max_batch.
+    The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of several
+    clients are batched into one call of the policy, up to its max_batch.
     """
     from vlafuzz.policies.serving.serve import says_of, serving
     from vlafuzz.rollouts.policies import make_policy

@@ -18,16 +18,11 @@ if TYPE_CHECKING:
 def command(
     logs: Annotated[
         list[Path],
-        typer.Argument(
-            help="lerobot's eval_info.json, vla-eval's results or CSV; several are one evaluation."
-        ),
+        typer.Argument(help="lerobot's eval_info.json, vla-eval's results or CSV; several are one evaluation."),
     ],
-    against: Annotated[
-        list[Path] | None, option("Compare with this log, the older one; may be repeated.")
-    ] = None,
+    against: Annotated[list[Path] | None, option("Compare with this log, the older one; may be repeated.")] = None,
     column: Annotated[
-        list[str] | None,
-        option("What a column of CSV holds, if it has another name: success=ok; may be repeated."),
+        list[str] | None, option("What a column of CSV holds, if it has another name: success=ok; may be repeated.")
     ] = None,
     alpha: Annotated[float, option("Probability of a false alarm, at most.")] = 0.05,
     out: Annotated[Path | None, option("Write a page.")] = None,
@@ -37,8 +32,8 @@ def command(
 ) -> None:
     """Read the logs of an evaluation that you already run: success rates, repeats, and two logs compared.
 
-    Rates come with 95 % intervals, by suite, condition and task. With --against, the exit code is 1 if a
-    suite, or all of them together, got worse, and 3 if the logs cannot tell. Nothing is rolled out.
+    Rates come with 95 % intervals, by suite, condition and task. With --against, the exit code is 1 if a suite, or all
+    of them together, got worse, and 3 if the logs cannot tell. Nothing is rolled out.
     """
     check_probability("--alpha", alpha)
     if json and markdown:

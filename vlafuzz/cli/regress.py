@@ -23,8 +23,7 @@ def command(
     policy: Annotated[str, typer.Option(help="The policy under test, or python:pkg.mod:factory.")],
     label: LabelFlag = None,
     baseline: Annotated[
-        str | None,
-        typer.Option(help="Roll out this policy, too.", show_default="what the corpus recorded of its own"),
+        str | None, typer.Option(help="Roll out this policy, too.", show_default="what the corpus recorded of its own")
     ] = None,
     alpha: AlphaFlag = 0.05,
     nights: Annotated[
@@ -33,8 +32,7 @@ def command(
     max_rollouts: Annotated[
         int | None,
         typer.Option(
-            help="Most rollouts of the policy, controls first.",
-            show_default="one a control, three in each other scene",
+            help="Most rollouts of the policy, controls first.", show_default="one a control, three in each other scene"
         ),
     ] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Do not stop at an alarm: run everything.")] = False,
@@ -49,10 +47,9 @@ def command(
 ) -> None:
     """Check whether a policy got worse: exit code 1 if it fails more often than the baseline.
 
-    Both are compared in the controls of a corpus, random scenes that no outcome selected; a sequential test
-    decides, and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run,
-    jittered, to show what is fixed and what is broken. They raise no alarm: they were selected by what the
-    corpus's own policy does.
+    Both are compared in the controls of a corpus, random scenes that no outcome selected; a sequential test decides,
+    and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run, jittered, to show
+    what is fixed and what is broken. They raise no alarm: they were selected by what the corpus's own policy does.
     """
     places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
     _check(policy, baseline, places)

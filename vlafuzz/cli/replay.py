@@ -27,9 +27,7 @@ def command(
     ] = None,
     first_failure: Annotated[bool, option("The store's first failure.", flag="--first-failure")] = False,
     policy: Annotated[str | None, option("Another policy than the store's.")] = None,
-    label: Annotated[
-        str | None, label_option("--label", "Which model the policy is, or whose first failure.")
-    ] = None,
+    label: Annotated[str | None, label_option("--label", "Which model the policy is, or whose first failure.")] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, option("Write an MP4.")] = None,
     picture: Annotated[Path | None, option("Write a PNG: four moments of the rollout.")] = None,

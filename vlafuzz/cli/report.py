@@ -28,14 +28,11 @@ FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by defaul
 
 def command(
     source: Annotated[
-        Path,
-        typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR"),
+        Path, typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR")
     ],
     out: Annotated[
         Path | None,
-        option(
-            "Write one HTML page; or as .csv or .md how often each policy fails in each task.", "the terminal"
-        ),
+        option("Write one HTML page; or as .csv or .md how often each policy fails in each task.", "the terminal"),
     ] = None,
     follow: Annotated[
         bool, option("Follow a run on a page in the browser, until interrupted.", flag="--follow")
@@ -51,22 +48,18 @@ def command(
     videos: Annotated[
         bool, option("Film the failures on a page, and their witnesses.", flag="--videos/--no-videos")
     ] = True,
-    label: Annotated[
-        str | None, label_option("--label", "Follow the last run of this model.", "the last run")
-    ] = None,
-    port: Annotated[
-        int | None, option("Where --follow listens on this machine.", "any port that is free")
-    ] = None,
+    label: Annotated[str | None, label_option("--label", "Follow the last run of this model.", "the last run")] = None,
+    port: Annotated[int | None, option("Where --follow listens on this machine.", "any port that is free")] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
     """Say what was found: in the terminal, or with --out as one HTML page that needs no other file.
 
-    Causes come first, the strongest first: those for which most random scenes fail. What hardly differs from
-    a failure that is listed, or only adds operators to it, is counted with it.
+    Causes come first, the strongest first: those for which most random scenes fail. What hardly differs from a failure
+    that is listed, or only adds operators to it, is counted with it.
 
-    With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the
-    newest failure. Only this machine can open it; its address is printed. The store is read, never written.
+    With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the newest
+    failure. Only this machine can open it; its address is printed. The store is read, never written.
     """
     table = out.suffix if out and out.suffix in TABLES else ""
     listing: dict[str, object] = {"--evidence": evidence, "--json": json or None}

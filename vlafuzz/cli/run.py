@@ -25,10 +25,7 @@ def command(
     time: TimeFlag = None,
     resume: Annotated[
         bool,
-        option(
-            "Resume a stored run that ended early; flags that are not given are taken from it.",
-            flag="--resume",
-        ),
+        option("Resume a stored run that ended early; flags that are not given are taken from it.", flag="--resume"),
     ] = False,
     triage: Annotated[
         bool, option("Then triage the store, as `vlafuzz triage` does.", flag="--triage", hidden=True)
@@ -54,13 +51,13 @@ def command(
 ) -> None:
     """Fuzz a policy: find scenes in which it fails, and with strategy causes why.
 
-    Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db; several tasks share one. Scenes that
-    a store knows are answered from it at no cost. A policy of your own is first checked, for seconds: a blind
-    policy, for example, is not run. With --time, half of it is for the run and what is left is for triage, if
-    any; all of it is for the run where what is left would probably certify nothing. Several tasks share it.
+    Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db; several tasks share one. Scenes that a store
+    knows are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy, for
+    example, is not run. With --time, half of it is for the run and what is left is for triage, if any; all of it is for
+    the run where what is left would probably certify nothing. Several tasks share it.
 
-    --config also has what is rarely changed: batch, criteria, placement, pool, repeats, stop-early; triage,
-    to triage the whole store then; and fail-on-finding, for exit code 1 when scenes fail.
+    --config also has what is rarely changed: batch, criteria, placement, pool, repeats, stop-early; triage, to triage
+    the whole store then; and fail-on-finding, for exit code 1 when scenes fail.
     """
     from vlafuzz.common.deadline import deadline
 

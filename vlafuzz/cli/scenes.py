@@ -26,8 +26,8 @@ from vlafuzz.worlds.capabilities import PLACEMENTS, FileVerdicts, SceneFormats
 def import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
-    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames
-    original and robot none are.
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames original and
+    robot none are.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
@@ -61,8 +61,7 @@ PACKED = re.compile("unknown object '[^']+:")  # a reason
 
 def lint(
     files: Annotated[
-        list[Path],
-        typer.Argument(help="Files of scenes: JSON lines, or VLATest's; or a suite, WORLD:SUITE."),
+        list[Path], typer.Argument(help="Files of scenes: JSON lines, or VLATest's; or a suite, WORLD:SUITE.")
     ],
     static: Annotated[
         bool | None,
@@ -87,17 +86,16 @@ def lint(
 ) -> None:
     """Check whether the scenes of a file are fair.
 
-    Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling
-    (a second of physics), not already solved. The exit code is 1 when a scene fails a check or a line is
-    broken.
+    Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
+    of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
 
-    For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m,
-    and in which footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the
-    shares in which an object moves by more than 5 cm while settling, and in which the task is then solved,
-    strictly or by the published criteria.
+    For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m, and in which
+    footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the shares in which an
+    object moves by more than 5 cm while settling, and in which the task is then solved, strictly or by the published
+    criteria.
 
-    Of suites of another world, the initial states are checked: what overlaps, slides, falls or still moves
-    when a policy would begin, what is solved already, and what problem or instruction say and is not true.
+    Of suites of another world, the initial states are checked: what overlaps, slides, falls or still moves when a
+    policy would begin, what is solved already, and what problem or instruction say and is not true.
     """
     check_number("--states", states, 1)
     of_files = {
@@ -148,9 +146,7 @@ def _check_frame(frame: Frame | None, files: list[Path]) -> None:
 
 def _print(judged: list[FileVerdicts], means: Mapping[str, str], *, json: bool, verbose: bool) -> None:
     if json:
-        print_json(
-            [file.row() | {"rejections": [asdict(problem) for problem in file.problems]} for file in judged]
-        )
+        print_json([file.row() | {"rejections": [asdict(problem) for problem in file.problems]} for file in judged])
         return
     for file in judged if verbose else ():
         for problem in file.problems:
@@ -180,18 +176,17 @@ def coverage(
     ] = None,
     frame: Annotated[Frame | None, option(_FRAME_HELP, "original")] = None,
     operators: Annotated[
-        str | None,
-        option("Ranges that files of ours are measured in: YAML, or a shipped one's name.", "tabletop"),
+        str | None, option("Ranges that files of ours are measured in: YAML, or a shipped one's name.", "tabletop")
     ] = None,
     json: JsonFlag = False,
     csv: CsvFlag = False,
 ) -> None:
     """Measure how much of the space scenes or runs cover.
 
-    positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first
-    object of a scene; published: the value in VLATest's paper. It grows with the number of scenes, whatever
-    they contain. sites: distinct sets of operators far from nominal, with the target's place. For runs also
-    cells: sites with the stage at which the policy was lost; failures: the cells of its failures.
+    positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first object of a
+    scene; published: the value in VLATest's paper. It grows with the number of scenes, whatever they contain. sites:
+    distinct sets of operators far from nominal, with the target's place. For runs also cells: sites with the stage at
+    which the policy was lost; failures: the cells of its failures.
     """
     sizes = first or list(SIZES)
     for size in sizes:

@@ -20,13 +20,7 @@ if TYPE_CHECKING:
 
 
 def run_tasks(
-    tasks: Sequence[str],
-    flags: Mapping[str, Any],
-    asked: Asked,
-    until: Deadline,
-    *,
-    resume: bool,
-    unchecked: bool,
+    tasks: Sequence[str], flags: Mapping[str, Any], asked: Asked, until: Deadline, *, resume: bool, unchecked: bool
 ) -> tuple[list[Done], Path, str]:
     """Run each task with the same flags, up to the first interruption; the policy is checked once.
 

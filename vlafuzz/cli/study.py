@@ -31,29 +31,21 @@ def command(
             "mini, or pinhole where nothing renders",
         ),
     ] = None,
-    task: Annotated[
-        list[str] | None, option("Only this task; may be repeated.", "all that the study has")
-    ] = None,
-    scenes: Annotated[
-        int, option("Scenes a task, and a number of confounders in rq2.", flag="--scenes --n")
-    ] = 100,
+    task: Annotated[list[str] | None, option("Only this task; may be repeated.", "all that the study has")] = None,
+    scenes: Annotated[int, option("Scenes a task, and a number of confounders in rq2.", flag="--scenes --n")] = 100,
     robot: RobotFlag = None,
     operators: Annotated[
-        str | None,
-        option("YAML file of ranges, or a shipped one's name.", "paper-rq1, or those of another robot"),
+        str | None, option("YAML file of ranges, or a shipped one's name.", "paper-rq1, or those of another robot")
     ] = None,
     pack: PackFlag = None,
-    alpha: Annotated[
-        str, option("How rq3 draws the light: linear, as the paper, or log, evenly in log2.")
-    ] = "linear",
+    alpha: Annotated[str, option("How rq3 draws the light: linear, as the paper, or log, evenly in log2.")] = "linear",
     unseen: Annotated[
         list[str] | None, option("The pack of rq5's unseen objects, a folder or a name; may be repeated.")
     ] = None,
     seed: Annotated[int, option("The same seed gives the same scenes.")] = 0,
     workers: WorkersFlag = None,
     stores: Annotated[
-        list[Path] | None,
-        option("Run nothing: rq1 of the runs of this store; may be repeated.", flag="--from"),
+        list[Path] | None, option("Run nothing: rq1 of the runs of this store; may be repeated.", flag="--from")
     ] = None,
     json: JsonFlag = False,
 ) -> None:

@@ -25,9 +25,7 @@ def _audited(suite: str) -> Audited | None:
     return world if isinstance(world, Audited) else None
 
 
-def lint_suites(
-    names: Sequence[str], states: int | None, pictures: Path | None, *, json: bool, verbose: bool
-) -> None:
+def lint_suites(names: Sequence[str], states: int | None, pictures: Path | None, *, json: bool, verbose: bool) -> None:
     """Print the verdicts on suites; the exit code is 1 when an initial state has a defect.
 
     Args:
@@ -44,9 +42,7 @@ def lint_suites(
         for suite in suites:
             _print(suite, verbose=verbose)
     if pictures:
-        stderr().print(
-            f"pictures in {pictures}: both cameras at the start, after settling, after two seconds"
-        )
+        stderr().print(f"pictures in {pictures}: both cameras at the start, after settling, after two seconds")
     if any(task.defects for suite in suites for task in suite.tasks):
         raise typer.Exit(1)
 
@@ -58,8 +54,7 @@ def _print(suite: AuditedSuite, *, verbose: bool) -> None:
             data().write(f"{line}\n")
     shown = [check for check in CHECKS if any(task.count(check) for task in suite.tasks)]
     rows = [
-        {"task": task.name, "states": task.states, "sound": task.sound} | _counts(task, shown)
-        for task in suite.tasks
+        {"task": task.name, "states": task.states, "sound": task.sound} | _counts(task, shown) for task in suite.tasks
     ]
     print_rows(rows, title=f"{suite.suite}: initial states and their defects")
     worst = [

@@ -33,21 +33,18 @@ def command(
     max_rollouts: Annotated[
         int | None,
         option(
-            "Most policy rollouts to shrink, certify and attribute one failure.",
-            "200, of a stochastic policy 1000",
+            "Most policy rollouts to shrink, certify and attribute one failure.", "200, of a stochastic policy 1000"
         ),
     ] = None,
     limit: Annotated[int | None, option("Most failures to work on.", "all that are left")] = None,
     rollouts: Annotated[
-        int | None,
-        option("Policy rollouts of all failures together, after which no further one is begun.", "no limit"),
+        int | None, option("Policy rollouts of all failures together, after which no further one is begun.", "no limit")
     ] = None,
     time: TimeFlag = None,
     thorough: Annotated[
         bool,
         option(
-            "Shrink every failure to its smallest values, also those of a cause certified before.",
-            flag="--thorough",
+            "Shrink every failure to its smallest values, also those of a cause certified before.", flag="--thorough"
         ),
     ] = False,
     workers: WorkersFlag = None,
@@ -57,10 +54,10 @@ def command(
 ) -> None:
     """Say which failures can be trusted, and what they are due to.
 
-    Every failure is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to
-    them. Failures that were triaged before are left as they are. Those that show the commonest causes come
-    first, so that --limit, --rollouts and --time leave out what matters least; the next triage goes on.
-    A failure that a cause certified before explains is certified with the values that it was found with.
+    Every failure is confirmed, solved by an expert, shrunk to the operators that it takes, and attributed to them.
+    Failures that were triaged before are left as they are. Those that show the commonest causes come first, so that
+    --limit, --rollouts and --time leave out what matters least; the next triage goes on. A failure that a cause
+    certified before explains is certified with the values that it was found with.
     """
     from vlafuzz.common.deadline import deadline
 
@@ -109,13 +106,7 @@ def note_alone(store: Path) -> None:
 
 
 def triage_store(
-    store: Path,
-    allowance: Allowance,
-    place: Place,
-    *,
-    causes_of: int | None = None,
-    show: bool,
-    **options: Any,
+    store: Path, allowance: Allowance, place: Place, *, causes_of: int | None = None, show: bool, **options: Any
 ) -> dict[str, Any]:
     """Triage what is left to triage in a store; its failures then as JSON and, with ``show``, printed.
 

@@ -1,7 +1,7 @@
 """Which code and servers the user named: values of flags for policies and strategies, and ``--trust``.
 
-A positional word is never among them, nor a value of ``--checkpoints``: a pattern such as ``*`` becomes names
-of files, which somebody else may have chosen.
+A positional word is never among them, nor a value of ``--checkpoints``: a pattern such as ``*`` becomes names of files,
+which somebody else may have chosen.
 """
 
 from collections.abc import Sequence

@@ -21,15 +21,7 @@ from vlafuzz.errors import PrerequisiteError
 _PACKAGE = Path(str(files("vlafuzz")))
 FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
 _ABANDONED = 86400.0  # seconds after which nobody fills a draft any more
-_UNWRITABLE = (
-    errno.EACCES,
-    errno.EPERM,
-    errno.EROFS,
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.ENOTDIR,
-    errno.EEXIST,
-)
+_UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.EEXIST)
 
 
 def add_folders(folders: Iterable[Path]) -> None:
@@ -108,9 +100,7 @@ def _explained(folder: Path) -> Iterator[None]:
         if error.errno not in _UNWRITABLE:
             raise
         hint = "make room there, or name another folder in VLAFUZZ_CACHE"
-        raise PrerequisiteError(
-            f"the cache {folder.parent} cannot be written: {reason(error)}", hint
-        ) from None
+        raise PrerequisiteError(f"the cache {folder.parent} cannot be written: {reason(error)}", hint) from None
 
 
 def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:

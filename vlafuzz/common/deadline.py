@@ -46,7 +46,6 @@ def deadline(flag: str, text: str | None) -> Deadline:
     seconds = sum(float(number) * unit for number, unit in zip(numbers, _SECONDS, strict=False))
     if not seconds:
         raise UsageError(
-            f"{flag}: expected a time, got {text!r}",
-            hint="give hours, minutes or seconds: 1h, 30m, 90s, 1h30m",
+            f"{flag}: expected a time, got {text!r}", hint="give hours, minutes or seconds: 1h, 30m, 90s, 1h30m"
         )
     return Deadline(seconds)

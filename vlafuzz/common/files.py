@@ -31,8 +31,7 @@ def writing(path: Path, hint: str = ELSEWHERE) -> Iterator[None]:
 def replacing(path: Path) -> Iterator[Path]:
     """A place for a new file or folder, moved to ``path`` in the end and removed on failure.
 
-    Where ``path`` is a link, its target is replaced; a device or a pipe is written to. OSError if it cannot
-    be.
+    Where ``path`` is a link, its target is replaced; a device or a pipe is written to. OSError if it cannot be.
     """
     if is_stream(path):
         with TemporaryDirectory(prefix="vlafuzz-") as folder:

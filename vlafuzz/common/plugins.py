@@ -49,8 +49,8 @@ def trusting(*names: str) -> Iterator[None]:
 def check_trusted(*names: str) -> None:
     """Check names, or lists of them with commas, that a file holds: somebody may have sent it.
 
-    UsageError if one is of code or of a server elsewhere, and the user neither named it nor said ``--trust``;
-    what is asked on this machine is said on stderr, once.
+    UsageError if one is of code or of a server elsewhere, and the user neither named it nor said ``--trust``; what is
+    asked on this machine is said on stderr, once.
     """
     for name in names:
         trusted = os.environ.get(_TRUSTED, "").split("\n")

@@ -1,7 +1,7 @@
 """Reading what others wrote: each format in one step that is bounded in size and depth.
 
-Whatever is wrong becomes an error of the caller's kind, with the file in it. Nothing is built before it is
-known to be small enough.
+Whatever is wrong becomes an error of the caller's kind, with the file in it. Nothing is built before it is known to be
+small enough.
 """
 
 import io
@@ -30,9 +30,7 @@ MOST_YAML = MIB // 2  # bytes of a file, and of what its aliases expand to; ours
 DEEPEST = 50  # collections inside each other
 MOST_PIXELS = 8192**2  # of a picture
 KINDS = "biuf"  # of arrays from outside: boolean, integers, floating point
-_STEERING = re.compile(
-    "[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]"
-)
+_STEERING = re.compile("[\\x00-\\x08\\x0b-\\x1f\\x7f-\\x9f\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]")
 T = TypeVar("T")
 Array = NDArray[Any]
 Problem = type[UsageError]
@@ -44,8 +42,8 @@ def read_bytes(
     """The content of a file; a ``problem`` if it cannot be read, or has more than ``most`` bytes.
 
     Args:
-        inside: the folder that somebody else filled, in which it must be a regular file behind no link; None
-            for a file that the user names, which may be a pipe.
+        inside: the folder that somebody else filled, in which it must be a regular file behind no link; None for a file
+            that the user names, which may be a pipe.
     """
     try:
         with path.open("rb") if inside is None else _opened(path, inside) as stream:

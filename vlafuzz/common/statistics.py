@@ -75,8 +75,8 @@ def wilson(k: float, n: float) -> Interval:
 def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
     """Lower and upper bound of a rate, each of confidence 1 - alpha, wherever a sequential test stopped.
 
-    The lower one is the smallest rate that a mixture of bets on larger rates does not refute, by Ville's
-    inequality: Robbins 1970 <https://doi.org/10.1214/aoms/1177696786>, <https://doi.org/10.1214/23-STS894>.
+    The lower one is the smallest rate that a mixture of bets on larger rates does not refute, by Ville's inequality:
+    Robbins 1970 <https://doi.org/10.1214/aoms/1177696786>, <https://doi.org/10.1214/23-STS894>.
     """
     if not 0 <= k <= n:
         raise ValueError(f"{k} of {n} cases")
@@ -165,8 +165,7 @@ class SignedRank:
 def signed_rank(ours: Sequence[float], theirs: Sequence[float]) -> SignedRank:
     """Test whether paired values differ; equal ones take the lowest ranks and count for neither (Pratt 1959).
 
-    It is exact; SciPy's ``wilcoxon`` is so with ties up to 13 pairs only, and does not say which way they
-    differ.
+    It is exact; SciPy's ``wilcoxon`` is so with ties up to 13 pairs only, and does not say which way they differ.
     """
     from scipy.stats import rankdata
 
@@ -221,9 +220,8 @@ class Estimate:
 def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
     """Ratio of the means of paired values, none of them negative; None if it is not finite.
 
-    The interval is Student's for the jackknifed logarithm: Miller 1974
-    <https://doi.org/10.1093/biomet/61.1.1>. It has no bounds where all pairs have the same ratio, or where
-    one pair decides.
+    The interval is Student's for the jackknifed logarithm: Miller 1974 <https://doi.org/10.1093/biomet/61.1.1>. It has
+    no bounds where all pairs have the same ratio, or where one pair decides.
     """
     mine, other = np.asarray(ours, float), np.asarray(theirs, float)
     if not (np.isfinite([mine, other]).all() and other.sum() > 0):
@@ -264,9 +262,9 @@ def _half_width(values: NDArray[np.float64]) -> float:
 def share_interval(cases: Sequence[tuple[Hashable, bool]]) -> Interval:
     """95 % interval of the share of positive cases, given the run of each case: those of one run are alike.
 
-    This is Wilson's for the effective number of cases, reduced further when there are few runs: Korn,
-    Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With
-    one run, or where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
+    This is Wilson's for the effective number of cases, reduced further when there are few runs: Korn, Graubard 1998;
+    Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one run, or where all or
+    no cases are positive, it is Wilson's of all cases, which may be too narrow.
     """
     groups: dict[Hashable, list[bool]] = {}
     for of, positive in cases:
@@ -294,8 +292,7 @@ def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
     counts = [(len(group), sum(group), sum(map(abs, group))) for group in groups.values()]
     pairs = number if len(groups) == number else _effective(counts)
     more, fewer = (
-        (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2)
-        for sign in (1, -1)
+        (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2) for sign in (1, -1)
     )
     half = _Z * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
     return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))

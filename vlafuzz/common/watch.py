@@ -4,8 +4,8 @@
 class Watch:
     """Ignores what it is told; override what is of interest.
 
-    The methods are called by the process that called the work, but ``note`` also by its workers: it is static
-    so that they can import it.
+    The methods are called by the process that called the work, but ``note`` also by its workers: it is static so that
+    they can import it.
     """
 
     def progress(self, description: str, done: int, total: int | None) -> None:

@@ -22,9 +22,7 @@ from vlafuzz.rollouts.policies import is_built_in, make_policy
 UNCHECKED = "unchecked"
 
 
-def examine(
-    run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None
-) -> Iterator[Check]:
+def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None) -> Iterator[Check]:
     """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts.
 
     After the deadline no rollout is begun but the first.
@@ -66,8 +64,8 @@ class Checked(NamedTuple):
 def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Checked:
     """The plan of a run, labelled with what seconds of checks find wrong with its policy.
 
-    Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a
-    hundred of their rollouts. A resumed run keeps its label, and is not checked if it was not before.
+    Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a hundred of
+    their rollouts. A resumed run keeps its label, and is not checked if it was not before.
 
     Raises:
         PrerequisiteError: the policy cannot be tested.

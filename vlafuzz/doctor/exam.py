@@ -13,25 +13,8 @@ from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, verdicts
-from vlafuzz.doctor.probes import (
-    Break,
-    Interview,
-    Moment,
-    Recorder,
-    moved,
-    reworded,
-    seconds_at_once,
-    sights,
-    spread,
-)
-from vlafuzz.doctor.wiring import (
-    Corrected,
-    Correction,
-    check_wiring,
-    corrections,
-    is_suspected,
-    most_rollouts,
-)
+from vlafuzz.doctor.probes import Break, Interview, Moment, Recorder, moved, reworded, seconds_at_once, sights, spread
+from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
 from vlafuzz.errors import PolicyError, SimulatorError
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene

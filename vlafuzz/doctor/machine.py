@@ -133,9 +133,7 @@ def _import_problems(names: list[str]) -> dict[str, str | None]:
 def _git(folder: Path, *arguments: str) -> str | None:
     """The output of a git command; None where it fails."""
     try:
-        child = subprocess.run(
-            ["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False
-        )
+        child = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False)
     except OSError:
         return None
     return child.stdout.strip() if child.returncode == 0 else None

@@ -80,11 +80,11 @@ class Recorder(Lent):
     """Records a policy that drives one rollout at a time.
 
     Attributes:
-        most: number of answers after which a rollout is cut off, and which are kept as ``moments``; None for
-            complete rollouts, of which no moments are kept.
-        breaks: the breaks of all rollouts; ``broken``: that of the last rollout, which may be restarted.
-        seconds: duration of each answer; ``between``: from each to the next one of its rollout.
-        longest: the number of actions in the longest chunk.
+        most: number of answers after which a rollout is cut off, and which are kept as ``moments``; None for complete
+            rollouts, of which no moments are kept.
+        breaks: the breaks of all rollouts; ``broken``: that of the last rollout, which may be restarted. seconds:
+        duration of each answer; ``between``: from each to the next one of its rollout. longest: the number of actions
+        in the longest chunk.
     """
 
     def __init__(self, policy: Policy) -> None:
@@ -142,8 +142,8 @@ _numbers = itertools.count()
 class Change(NamedTuple):
     """The effect of a probe on the answers.
 
-    ``size``: relative to the mean distance between the answers to different moments. ``clear``: it is large
-    enough, and statistically significant.
+    ``size``: relative to the mean distance between the answers to different moments. ``clear``: it is large enough, and
+    statistically significant.
     """
 
     size: float

@@ -52,9 +52,7 @@ def check_simulation(conditions: Conditions, cameras: Sequence[CameraRequest]) -
         yield on_pictures(one.pictures, other.pictures)
 
 
-def check_answers(
-    conditions: Conditions, spec: PolicySpec, moments: Sequence[Moment], *, remote: bool
-) -> Check:
+def check_answers(conditions: Conditions, spec: PolicySpec, moments: Sequence[Moment], *, remote: bool) -> Check:
     """Whether the policy that the conditions name answers alike in two processes, each with its own.
 
     One process after the other, since a model may need half of the memory; ``remote``: each connects anew.
@@ -136,9 +134,7 @@ def on_answers(spec: PolicySpec, one: Asked, other: Asked, *, remote: bool) -> C
     elif itself:
         advice = "unseeded: it draws from a global generator; seed its own with each rollout's seed in reset"
     elif size < HARDLY:
-        advice = (
-            "autotuned or parallel kernels: cudnn.benchmark = False, one thread, or say deterministic=False"
-        )
+        advice = "autotuned or parallel kernels: cudnn.benchmark = False, one thread, or say deterministic=False"
     else:
         advice = "it depends on its process: no time, process id or hash() in seeds; PYTHONHASHSEED=0 tells"
     return Check(ANSWERS, found, "warn", advice)

@@ -1,14 +1,13 @@
 """Wiring: whether a swapped or inverted convention makes a policy fail; then one correction lets it succeed.
 
-A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So
-it must add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen
-among all corrections. One that adds less is at most suspicious, if the policy nearly always succeeds with it.
+A correction may also help a policy that is wired correctly: shorter moves make up for noise, for example. So it must
+add more than ``SHIFT`` of progress, about a stage, in scenes other than those in which it was chosen among all
+corrections. One that adds less is at most suspicious, if the policy nearly always succeeds with it.
 
-In the test, a bet against "it adds at most ``bound`` on average" multiplies the bettor's wealth by
-``1 + stake (gain - bound)`` after every scene, which is no expected gain as long as that holds, and never
-goes below 0. By Ville's inequality (1939), the wealth then ever reaches ``1 / ALPHA`` with probability at
-most ``ALPHA``, whatever the distribution of the gains (Waudby-Smith and Ramdas 2024,
-<https://doi.org/10.1093/jrsssb/qkad009>).
+In the test, a bet against "it adds at most ``bound`` on average" multiplies the bettor's wealth by ``1 + stake (gain -
+bound)`` after every scene, which is no expected gain as long as that holds, and never goes below 0. By Ville's
+inequality (1939), the wealth then ever reaches ``1 / ALPHA`` with probability at most ``ALPHA``, whatever the
+distribution of the gains (Waudby-Smith and Ramdas 2024, <https://doi.org/10.1093/jrsssb/qkad009>).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -47,8 +46,8 @@ _SPLIT = np.array([1, 2]) / 3
 class Correction:
     """A transformation of pictures on their way to the policy, or of actions on their way back.
 
-    ``fault``: what is wrong if it helps. ``advice``: what the user should change. ``actions``: transforms a
-    chunk ``(steps, 7)`` in the units of the spec.
+    ``fault``: what is wrong if it helps. ``advice``: what the user should change. ``actions``: transforms a chunk
+    ``(steps, 7)`` in the units of the spec.
     """
 
     fault: str

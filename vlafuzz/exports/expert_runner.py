@@ -33,8 +33,8 @@ class Demonstration:
     """A solution from the start to success, with one item per control step.
 
     Attributes:
-        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action.
-        states: float32 ``(steps, m)``, in the policy's layout.
+        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action. states: float32
+        ``(steps, m)``, in the policy's layout.
         actions: ``(steps, n)``, as it writes them.
         finding: digest of the failing scene that it is for; empty for a random scene.
     """
@@ -100,9 +100,7 @@ class ExpertRunner:
                 evaluator.close()
         self._solving, self._playing = None, {}
 
-    def _played(
-        self, scene: Scene, actions: Actions, *, pictures: bool
-    ) -> list[tuple[Observation, Written]] | None:
+    def _played(self, scene: Scene, actions: Actions, *, pictures: bool) -> list[tuple[Observation, Written]] | None:
         """Observations with the actions that follow them, up to success; None without it."""
         episode = self._player(pictures=pictures).begin(scene, int(scene.digest[:6], 16))
         harness = Harness(Player(self.interface.spec), episode.start)

@@ -1,7 +1,7 @@
 """A corpus as a gymnasium environment: its failing scenes one after the other.
 
-``gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by
-side: ``gymnasium.make_vec("vlafuzz.exports.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
+``gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by side:
+``gymnasium.make_vec("vlafuzz.exports.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
 """
 
 from functools import partial
@@ -32,9 +32,9 @@ Seen = dict[str, Any]
 class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
     """Every reset builds the next failing scene of a corpus, or a requested one.
 
-    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, absent for ``size`` 0; ``state``
-    (7,) float32: hand's position (metres), rotation vector (radians), opening in [0, 1]; ``instruction``.
-    Actions: (7,): dx dy dz (metres) and rotation vector (radians) relative to the hand, gripper (1 open,
+    Observations: ``image`` (size, size, 3) uint8 of the third-person camera, absent for ``size`` 0; ``state`` (7,)
+    float32: hand's position (metres), rotation vector (radians), opening in [0, 1]; ``instruction``. Actions: (7,): dx
+    dy dz (metres) and rotation vector (radians) relative to the hand, gripper (1 open,
     -1 closed). Five steps per second, for 16 s. The reward is the gain in progress; success terminates.
 
     Args:
@@ -74,9 +74,7 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         self._next = self._first = first % len(self.cases)
         self._every = every
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Seen, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
         """Build case ``options["case"]``, or the next one; with a seed, the first one."""
         super().reset(seed=seed)
         number = (options or {}).get("case", self._next if seed is None else self._first)
@@ -127,8 +125,8 @@ def corpus_envs(
 ) -> VectorEnv[Any, Any, Any]:
     """A vector of ``CorpusEnv``: the i-th begins with case i and advances by ``num_envs`` cases.
 
-    Together, the environments cover all cases. After an episode, ``step`` begins the next one according to
-    gymnasium's ``autoreset_mode``. The environments do not influence each other.
+    Together, the environments cover all cases. After an episode, ``step`` begins the next one according to gymnasium's
+    ``autoreset_mode``. The environments do not influence each other.
 
     Args:
         processes: run every environment in a process of its own.

@@ -1,8 +1,8 @@
 """Demonstrations as a LeRobot dataset, format 3.0: parquet files and JSON, images as PNG.
 
-The layout is that of lerobot 0.4.4: frames in ``data/``, one row per episode with its statistics in
-``meta/episodes/``, instructions in ``meta/tasks.parquet``, statistics of all frames in ``meta/stats.json``,
-and a summary in ``meta/info.json``.
+The layout is that of lerobot 0.4.4: frames in ``data/``, one row per episode with its statistics in ``meta/episodes/``,
+instructions in ``meta/tasks.parquet``, statistics of all frames in ``meta/stats.json``, and a summary in
+``meta/info.json``.
 """
 
 from __future__ import annotations
@@ -131,8 +131,7 @@ class Dataset:
             for key, size in self._sizes.items()
         }
         vectors = {
-            key: {"dtype": "float32", "shape": [len(names)], "names": names}
-            for key, names in self._names.items()
+            key: {"dtype": "float32", "shape": [len(names)], "names": names} for key, names in self._names.items()
         }
         numbers = {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in NUMBERS.items()}
         return {
@@ -152,9 +151,7 @@ class Dataset:
         }
 
 
-def write_dataset(
-    shown: Iterable[Packed], folder: Path, fps: int, robot: str, names: Mapping[str, list[str]]
-) -> int:
+def write_dataset(shown: Iterable[Packed], folder: Path, fps: int, robot: str, names: Mapping[str, list[str]]) -> int:
     """Write a dataset, or nothing if there is no demonstration; returns the number of episodes."""
     dataset = Dataset(folder, fps, robot, names)
     for demonstration in shown:

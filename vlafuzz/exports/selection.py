@@ -92,8 +92,7 @@ def failures_of_corpus(folder: Path, corpus: Corpus, which: Which) -> list[Failu
 def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list[Failure], list[Failure]]:
     """The failures to be demonstrated, and about that share of them that is held out.
 
-    Failures of one cause, and those that are nearly the same scene, are on one side. ``source`` is for
-    messages.
+    Failures of one cause, and those that are nearly the same scene, are on one side. ``source`` is for messages.
 
     Raises:
         UsageError: they are all of one cause.

@@ -11,15 +11,7 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import CorpusError, PrerequisiteError, StoreError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
-from vlafuzz.exports.selection import (
-    Failure,
-    Which,
-    around,
-    at_random,
-    failures_of_corpus,
-    failures_of_store,
-    split,
-)
+from vlafuzz.exports.selection import Failure, Which, around, at_random, failures_of_corpus, failures_of_store, split
 from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionSpec
@@ -37,8 +29,8 @@ class Written(NamedTuple):
     """What was written.
 
     Attributes:
-        demonstrations: number of episodes; ``left_out``: scenes that were tried in vain, by reason.
-        held_out: number of failing scenes in ``held_out_file``, which is written if there are any.
+        demonstrations: number of episodes; ``left_out``: scenes that were tried in vain, by reason. held_out: number of
+        failing scenes in ``held_out_file``, which is written if there are any.
     """
 
     demonstrations: int
@@ -65,12 +57,11 @@ def write_demonstrations(
         source: store, folder of a corpus, or the name of a shipped corpus.
         out: a new folder; the scenes that are held out go to a file beside it.
         run: only failures that this run of a store found.
-        which: the failing scenes; the ``minimal`` ones with their passing counterparts; or as many
-            ``random`` ones of the same runs.
-        number: of demonstrations in all; None for ``per_scene`` times the scenes. From the second of a scene
-            on, it is slightly jittered, and the expert begins with another grasp.
-        hold_out: share of the failures that is left out, with all others of the same cause.
-        workers: processes.
+        which: the failing scenes; the ``minimal`` ones with their passing counterparts; or as many ``random`` ones of
+            the same runs.
+        number: of demonstrations in all; None for ``per_scene`` times the scenes. From the second of a scene on, it is
+            slightly jittered, and the expert begins with another grasp.
+        hold_out: share of the failures that is left out, with all others of the same cause. workers: processes.
 
     Raises:
         PrerequisiteError: LeRobot is not installed, or nothing renders here.
@@ -152,12 +143,7 @@ def _solutions(source: Path, watch: Watch) -> Iterator[Store | None]:
 
 
 def _forecast(
-    failures: Sequence[Failure],
-    held_out: Sequence[Failure],
-    total: int,
-    interface: Interface,
-    hz: int,
-    workers: int,
+    failures: Sequence[Failure], held_out: Sequence[Failure], total: int, interface: Interface, hz: int, workers: int
 ) -> str:
     pixels = sum(camera.width * camera.height for camera in interface.spec.cameras)
     finer = max(1.0, hz / ActionSpec().hz)

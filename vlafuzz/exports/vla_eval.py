@@ -7,10 +7,10 @@ A file for ``vla-eval run --config FILE`` (written to vla-eval 0.8.0, installed 
       - benchmark: "vlafuzz.exports.vla_eval:Corpus"
         params: {corpus: mini-pick-up, camera: 128, relative_to: current}
 
-``params`` are ``corpus`` and the options of vlafuzz's ``vla-eval:`` policies; `vlafuzz serve` prints those of
-the policy that it serves. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite
-is ``failing``, ``counterpart`` or ``nominal``, and ``tasks: [failing]`` runs only that suite. Run more than
-one episode per task for stochastic models. A scene that is no longer fair is an error, not a failure.
+``params`` are ``corpus`` and the options of vlafuzz's ``vla-eval:`` policies; `vlafuzz serve` prints those of the
+policy that it serves. Every scene that `vlafuzz regress` runs is a task, named by its digest; its suite is ``failing``,
+``counterpart`` or ``nominal``, and ``tasks: [failing]`` runs only that suite. Run more than one episode per task for
+stochastic models. A scene that is no longer fair is an error, not a failure.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class CorpusBenchmark(StepBenchmark):
     """The scenes of a corpus as tasks of a vla-eval benchmark.
 
     Args:
-        corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one.
-        send_state: whether to send proprioception where the option ``state`` is not given; most servers
+        corpus: folder that `vlafuzz export --minimal` wrote, or the name of a shipped one. send_state: whether to send
+        proprioception where the option ``state`` is not given; most servers
             declare this, and ``send_wrist_image``.
         options: the model's cameras and action conventions, see ``policies.clients.options.VlaEvalOptions``.
 

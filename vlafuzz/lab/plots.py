@@ -10,9 +10,7 @@ from vlafuzz.common.files import replacing
 COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
 
 
-def panels(
-    title: str, number: int, columns: int, size: tuple[float, float], **options: Any
-) -> tuple[Any, list[Any]]:
+def panels(title: str, number: int, columns: int, size: tuple[float, float], **options: Any) -> tuple[Any, list[Any]]:
     """A figure with panels side by side, without spines at the top and at the right.
 
     Args:

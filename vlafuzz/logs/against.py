@@ -7,16 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.common.statistics import (
-    Interval,
-    Share,
-    binomial,
-    fisher,
-    holm,
-    newcombe,
-    paired_difference,
-    sign_test,
-)
+from vlafuzz.common.statistics import Interval, Share, binomial, fisher, holm, newcombe, paired_difference, sign_test
 from vlafuzz.common.text import named
 from vlafuzz.logs.episodes import CONTROL, Episode, grouped, judged, share, starts
 
@@ -32,13 +23,12 @@ class Contrast:
     """The success rates of two logs in a suite.
 
     Attributes:
-        paired: whether the same episodes are compared; else those of either log are independent.
-        worse: pairs in which only the old one succeeds, ``better``: only the new one; repeats are one pair.
-        difference: 95 % interval of the new success rate minus the old one.
-        p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites.
-        least: the smallest p that such a test can give when the new one fails everywhere.
-        noticeable: the loss that is noticed with 90 % power after this correction; None if none is.
-        left: judged episodes of either log without a partner.
+        paired: whether the same episodes are compared; else those of either log are independent. worse: pairs in which
+        only the old one succeeds, ``better``: only the new one; repeats are one pair. difference: 95 % interval of the
+        new success rate minus the old one.
+        p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites. least: the
+        smallest p that such a test can give when the new one fails everywhere. noticeable: the loss that is noticed
+        with 90 % power after this correction; None if none is. left: judged episodes of either log without a partner.
     """
 
     suite: str
@@ -121,9 +111,7 @@ def tests(suites: int) -> int:
     return suites + (suites > 1)
 
 
-def compare(
-    old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, str], alpha: float
-) -> Comparison:
+def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, str], alpha: float) -> Comparison:
     """Two logs; ``names``: the old one's and the new one's."""
     olds, news = (grouped(judged(log), lambda episode: episode.suite) for log in (old, new))
     both = [suite for suite in olds if suite in news]
@@ -229,8 +217,8 @@ def _corrected(contrasts: Sequence[Contrast]) -> tuple[Contrast, ...]:
 def noticeable_loss(pairs: int, success: float, alpha: float) -> float | None:
     """The smallest loss that a sign test of so many pairs notices with 90 % power; None if none is.
 
-    Outcomes count as independent within a pair; where the same episodes fail under both, less is noticed.
-    ``success`` is the rate of the old one, ``alpha`` of the two-sided test.
+    Outcomes count as independent within a pair; where the same episodes fail under both, less is noticed. ``success``
+    is the rate of the old one, ``alpha`` of the two-sided test.
     """
     if not pairs or power(min(pairs, _MOST), success, success, alpha) < POWER:
         return None

@@ -16,8 +16,8 @@ class Episode:
 
     Attributes:
         condition: what was changed, such as ``camera_shift high``.
-        state: number of the initial state, or of the episode; ``seed``: of the policy or the environment.
-        run: the evaluation; a run has every episode once.
+        state: number of the initial state, or of the episode; ``seed``: of the policy or the environment. run: the
+        evaluation; a run has every episode once.
         place: file and line; the control and the changed episode of one line share it.
         success: None where the episode ended in an error, which is no failure.
     """
@@ -70,9 +70,9 @@ class Recurrence:
     """Whether failures come again where the same episode is repeated.
 
     Attributes:
-        again: of the ordered pairs of repeats whose first one fails, those whose second one fails, too.
-        failures: of all repeats, the share by which chance alone would let a failure come again.
-        failing: episodes with a failure; ``mixed``: of these, those with a success, too.
+        again: of the ordered pairs of repeats whose first one fails, those whose second one fails, too. failures: of
+        all repeats, the share by which chance alone would let a failure come again. failing: episodes with a failure;
+        ``mixed``: of these, those with a success, too.
     """
 
     again: Share
@@ -91,11 +91,7 @@ def rates(episodes: Sequence[Episode]) -> list[Rate]:
     def by(those: Sequence[Episode], *names: str) -> list[Rate]:
         groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
         return [
-            Rate(
-                **dict(zip(names, key, strict=True)),
-                success=share(group),
-                errors=len(group) - len(judged(group)),
-            )
+            Rate(**dict(zip(names, key, strict=True)), success=share(group), errors=len(group) - len(judged(group)))
             for key, group in groups.items()
         ]
 
@@ -131,9 +127,7 @@ def recurrence(episodes: Sequence[Episode]) -> Recurrence | None:
         return None
     counts = [(sum(not episode.success for episode in those), len(those)) for those in repeated]
     return Recurrence(
-        again=Share.of_groups(
-            [(failed * (failed - 1), failed * (of - 1)) for failed, of in counts if failed]
-        ),
+        again=Share.of_groups([(failed * (failed - 1), failed * (of - 1)) for failed, of in counts if failed]),
         failures=Share.of_groups(counts),
         episodes=len(counts),
         failing=sum(failed > 0 for failed, _ in counts),

@@ -19,8 +19,8 @@ class Reading:
     """A log, or several files of one evaluation.
 
     Attributes:
-        changed: its changed episodes against their controls; ``against``: it, against another log.
-        noticeable: the loss that a comparison with as many episodes would notice with 90 % power; None if
+        changed: its changed episodes against their controls; ``against``: it, against another log. noticeable: the loss
+        that a comparison with as many episodes would notice with 90 % power; None if
             none would be, or if there is a comparison, whose contrasts say it.
     """
 
@@ -176,8 +176,7 @@ def _comparison_document(compared: Comparison | None) -> dict[str, Any] | None:
     better = [contrast.suite for contrast in compared.better]
     said = {"verdict": compared.verdict, "tells": compared.tells, "worse": worse, "better": better}
     contrasts = [
-        {**asdict(one), "gain": one.gain, "difference": one.difference._asdict()}
-        for one in compared.contrasts
+        {**asdict(one), "gain": one.gain, "difference": one.difference._asdict()} for one in compared.contrasts
     ]
     names = {"old": compared.old, "new": compared.new, "alpha": compared.alpha}
     return {**names, **said, "contrasts": contrasts, "missing": list(compared.missing)}

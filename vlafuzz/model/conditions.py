@@ -101,15 +101,15 @@ class Conditions:
         source: digest of the user's own code that makes the policy; empty for others.
         seed: of the rollouts; the n-th repeat of a scene has seed + n.
         repeats: rollouts a scene.
-        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments.
-        stop_early: whether a rollout ends at success instead of ten steps later.
+        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments. stop_early:
+        whether a rollout ends at success instead of ten steps later.
         world: values of the world's own settings by name; what is missing has its default.
         place: where it runs, as JSON, see ``conditions.place``; empty if unknown.
         simulator: name and version of what the scenes are run in.
         commit: of vlafuzz's checkout, if it is one.
-        operators: the operators with their ranges, as JSON; compared by ``operators_digest``.
-        packs: of objects, as JSON: name, digest and folder; the catalogue's digest has their content, too.
-        scene_file: the file of scenes that the run had or chose from, as JSON; empty for none.
+        operators: the operators with their ranges, as JSON; compared by ``operators_digest``. packs: of objects, as
+        JSON: name, digest and folder; the catalogue's digest has their content, too. scene_file: the file of scenes
+        that the run had or chose from, as JSON; empty for none.
     """
 
     task: str = condition(Role.SCENES, Origin.FLAG)
@@ -189,11 +189,7 @@ class Conditions:
         return f"{self.policy}:{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
 
     def differences(
-        self,
-        other: Conditions,
-        *,
-        roles: Collection[Role] = tuple(Role),
-        origins: Collection[Origin] = tuple(Origin),
+        self, other: Conditions, *, roles: Collection[Role] = tuple(Role), origins: Collection[Origin] = tuple(Origin)
     ) -> tuple[str, ...]:
         """Names of the fields and settings, of some roles and origins, in which others differ."""
         differing = [

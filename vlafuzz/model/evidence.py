@@ -17,8 +17,8 @@ class Rate:
     """How often a policy fails in a scene and its neighbourhood, each rollout with another jitter and seed.
 
     Attributes:
-        low: lower 95 % bound of the failure rate, in [0, 1], valid although the number of rollouts depends on
-            their outcomes; ``high`` is the upper 95 % bound.
+        low: lower 95 % bound of the failure rate, in [0, 1], valid although the number of rollouts depends on their
+            outcomes; ``high`` is the upper 95 % bound.
     """
 
     failures: int
@@ -48,11 +48,11 @@ class Threshold:
     Attributes:
         at: the first values at which the failure rate is above one half.
         share: position between the reference and the minimal scene, in (0, 1].
-        low: the 95 % interval of where the rate crosses one half begins here, on the side of the reference;
-            it ends at ``high``.
+        low: the 95 % interval of where the rate crosses one half begins here, on the side of the reference; it ends at
+            ``high``.
         direction: in which the operator deviates, as in signatures: ``+yaw``.
-        ranges: first and last values of each range that fails, from ``at`` on; no last values for a range
-            that reaches as far as the operator does.
+        ranges: first and last values of each range that fails, from ``at`` on; no last values for a range that reaches
+            as far as the operator does.
     """
 
     operator: str
@@ -80,8 +80,8 @@ class Causes:
     """The operators behind a failure, as found in its minimal scene.
 
     Attributes:
-        necessary: the policy passes if any one of them is reset to the reference: the nominal scene, or the
-            passing one that the failure was shrunk to.
+        necessary: the policy passes if any one of them is reset to the reference: the nominal scene, or the passing one
+            that the failure was shrunk to.
         sufficient: the policy fails if one of them alone is applied to the reference.
         thresholds: of the operators with numbers, those that the budget of rollouts sufficed to locate.
     """
@@ -96,10 +96,10 @@ class Witness:
     """A solution of a scene.
 
     Attributes:
-        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose.
-        states_hash: of the trajectory when the actions were replayed.
-        attempt: number of the expert's attempt, which selects its first grasp and direction of approach.
-        solver: ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
+        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose. states_hash: of the
+        trajectory when the actions were replayed.
+        attempt: number of the expert's attempt, which selects its first grasp and direction of approach. solver:
+        ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
     """
 
     actions: Actions

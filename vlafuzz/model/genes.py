@@ -112,8 +112,8 @@ class Gene:
         path: where its value stands in a scene, such as ``targets.0.x``.
         neutral: no value is more severe than another, as for a direction.
         options: of a category whose values are strings in the scene.
-        spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below
-            or above 1, then linearly (the paper's light); ``sphere``, the elevation of a uniform direction.
+        spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below or above 1,
+            then linearly (the paper's light); ``sphere``, the elevation of a uniform direction.
     """
 
     operator: str

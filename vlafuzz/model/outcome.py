@@ -26,8 +26,8 @@ class Rollout:
         reached: stages in the order in which they were reached.
         progress: the best in the rollout, in [0, 1].
         trace: ``(steps,)`` progress after each control step.
-        actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians),
-            gripper in [-1, 1] (1 open).
+        actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians), gripper in
+            [-1, 1] (1 open).
         published_success: success by the published environments' weaker criteria.
         states_hash: of all body and joint states at every step. Equal trajectories have equal hashes.
     """
@@ -53,10 +53,10 @@ class Outcome:
 
     Attributes:
         progress: of the worst rollout, in [0, 1]; 0 without rollouts.
-        lost_stage: the first stage that the worst rollout did not reach; None unless FAILED.
-        detail: the reason for INVALID or ERROR in a sentence; else empty.
-        check: the validity check that rejected the scene (``semantic``, ``geometry``, ``settling``,
-            ``solved``); else empty.
+        lost_stage: the first stage that the worst rollout did not reach; None unless FAILED. detail: the reason for
+        INVALID or ERROR in a sentence; else empty.
+        check: the validity check that rejected the scene (``semantic``, ``geometry``, ``settling``, ``solved``); else
+            empty.
         unanswered: whether an ERROR is due to a policy that was unreachable or too slow at every attempt.
     """
 

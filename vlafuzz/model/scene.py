@@ -40,9 +40,9 @@ _EXTRA = {"later": True, "extra": True}  # the part of a scene that an extra ope
 class Placement:
     """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
-    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It rotates the mesh of a
-    pack's object, and (x, y) is then the origin of that mesh. ``scale`` multiplies the object's size.
-    ``listed`` is the object's position in a list that does not start with the targets.
+    For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It rotates the mesh of a pack's object,
+    and (x, y) is then the origin of that mesh. ``scale`` multiplies the object's size. ``listed`` is the object's
+    position in a list that does not start with the targets.
     """
 
     __pydantic_config__ = _STRICT
@@ -69,9 +69,8 @@ class Light:
 class Camera:
     """The third-person camera's deviation from its nominal pose.
 
-    The camera is ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the
-    world's x axis) and ``elevation``, and is rotated by ``roll``, ``pitch`` and ``yaw`` about its own axes.
-    Angles are in degrees.
+    The camera is ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the world's x axis)
+    and ``elevation``, and is rotated by ``roll``, ``pitch`` and ``yaw`` about its own axes. Angles are in degrees.
     """
 
     __pydantic_config__ = _STRICT
@@ -124,8 +123,8 @@ class InitialPose:
 class Noise:
     """Of every image that the policy sees, in this order.
 
-    ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the
-    quality of JPEG compression, 100 for none.
+    ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the quality of JPEG
+    compression, 100 for none.
     """
 
     __pydantic_config__ = _STRICT
@@ -154,9 +153,9 @@ class Start:
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
-    ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that
-    can be simulated. ``then`` are further instructions: each replaces the one before it when another stage is
-    reached. ``values`` are those of a world without a table, by name, in place of targets.
+    ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that can be
+    simulated. ``then`` are further instructions: each replaces the one before it when another stage is reached.
+    ``values`` are those of a world without a table, by name, in place of targets.
     """
 
     __pydantic_config__ = _STRICT

@@ -20,8 +20,8 @@ class SceneFile:
     """The content of a file of scenes.
 
     Attributes:
-        lines: by line number, or by the scene's number in a file of VLATest; the error of a broken line.
-        left_out: number of scenes with an object that has no counterpart in our catalogue.
+        lines: by line number, or by the scene's number in a file of VLATest; the error of a broken line. left_out:
+        number of scenes with an object that has no counterpart in our catalogue.
     """
 
     path: Path
@@ -85,9 +85,7 @@ def _split(line: str) -> tuple[str, object]:
     return json.dumps(document), verdict
 
 
-def write_scenes(
-    path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None
-) -> None:
+def write_scenes(path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None) -> None:
     """Write JSON lines atomically, with the verdicts that are known beside the scenes."""
     if path.is_dir():
         raise UsageError(f"{path}: is a folder", hint="name a file in it")

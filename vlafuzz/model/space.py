@@ -63,18 +63,18 @@ class Operators(Protocol):
 class Space(ABC):
     """The scenes that the operators can make of a task.
 
-    A world gives it operators, a composer, random scenes and jitters; its own words where the general ones
-    would not do.
+    A world gives it operators, a composer, random scenes and jitters; its own words where the general ones would not
+    do.
 
     Attributes:
         genes: the coordinates of a genome, in order: the genes of the varying operators.
         by_path: every gene by its path, those of other operators included.
         nominal_values: one per gene of ``by_path``.
         robot: which of the world's robots acts in the scenes.
-        groups: the operators that are reset together, by name, in the order in which triage tries them;
-            what is in none of them is never reset.
-        subject: the operator that is in no group: it says what a scene, and so a failure, is about.
-        blocking: operators whose things may stand in each other's way when only some are reset.
+        groups: the operators that are reset together, by name, in the order in which triage tries them; what is in none
+            of them is never reset.
+        subject: the operator that is in no group: it says what a scene, and so a failure, is about. blocking: operators
+        whose things may stand in each other's way when only some are reset.
     """
 
     groups: Mapping[str, Sequence[str]]
@@ -194,8 +194,8 @@ class Space(ABC):
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
 
-        An unused slot counts as nominal, so that removing a confounder is never more severe. Extras that are
-        nominal and do not vary are left out.
+        An unused slot counts as nominal, so that removing a confounder is never more severe. Extras that are nominal
+        and do not vary are left out.
         """
         values = self.values(scene)
         squares: dict[str, list[float]] = {name: [] for name in self.operators.operators}
@@ -317,8 +317,8 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
 def embedded(genes: Sequence[Gene], values: Mapping[str, float]) -> list[float]:
     """The embedding of the values of a scene; genes without a value give zeros.
 
-    Two scenes that differ in a single operator are at most 1 apart. Numbers are centred, so that zero, for an
-    unused slot, is equally far from both ends of a range. Angles are on a circle, categories one-hot.
+    Two scenes that differ in a single operator are at most 1 apart. Numbers are centred, so that zero, for an unused
+    slot, is equally far from both ends of a range. Angles are on a circle, categories one-hot.
     """
     count = Counter(gene.operator for gene in genes)
     numbers: list[float] = []

@@ -66,13 +66,13 @@ class ActionSpec:
     Translation along and rotation about the axes of the robot's base, then the gripper.
 
     Attributes:
-        rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles as in ManiSkill;
-            ``rpy``, extrinsic (fixed-axis) x-y-z angles as in most data sets.
-        relative_to: whether a delta is added to the last target or to the hand's current pose.
-        position_scale: metres per unit.
+        rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles as in ManiSkill; ``rpy``,
+            extrinsic (fixed-axis) x-y-z angles as in most data sets.
+        relative_to: whether a delta is added to the last target or to the hand's current pose. position_scale: metres
+        per unit.
         rotation_scale: radians per unit.
-        gripper: ``open_positive`` and ``close_positive`` are in [-1, 1] with the threshold at 0, ``open_01``
-            and ``close_01`` in [0, 1] with the threshold at 0.5.
+        gripper: ``open_positive`` and ``close_positive`` are in [-1, 1] with the threshold at 0, ``open_01`` and
+            ``close_01`` in [0, 1] with the threshold at 0.5.
         sticky: control steps for which a changed gripper command is held.
         hz: control rate; a divisor of 100.
         width: how many numbers they are, where a world takes others than these seven: as they are, then.
@@ -106,13 +106,13 @@ class PolicySpec:
 
     Attributes:
         cameras: images to render.
-        silhouettes: outlines of what the third-person camera sees; they need physics only, no renderer.
-        state: proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
+        silhouettes: outlines of what the third-person camera sees; they need physics only, no renderer. state:
+        proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
             gripper's opening, 1 for fully open.
-        privileged: the simulator's state and the scene itself: for experts, never for a policy under test.
-        calibrated: the true camera and light, and which objects the instruction means: for the seeing expert.
-        execute: actions of a chunk to execute before the next call; None for all of them.
-        deterministic: the same observations and seed always give the same actions.
+        privileged: the simulator's state and the scene itself: for experts, never for a policy under test. calibrated:
+        the true camera and light, and which objects the instruction means: for the seeing expert. execute: actions of a
+        chunk to execute before the next call; None for all of them. deterministic: the same observations and seed
+        always give the same actions.
         max_batch: the largest number of observations in one call of ``act``.
     """
 
@@ -142,9 +142,7 @@ class PolicySpec:
         _expect_count("execute", 1 if self.execute is None else self.execute, 1)
         _expect_count("max_batch", self.max_batch, 1)
         kept = self.provenance
-        texts = isinstance(kept, Mapping) and all(
-            isinstance(text, str) for pair in kept.items() for text in pair
-        )
+        texts = isinstance(kept, Mapping) and all(isinstance(text, str) for pair in kept.items() for text in pair)
         _expect("provenance", kept, "texts by name", usable=texts)
 
 
@@ -182,8 +180,8 @@ class Outlines:
     """What the third-person camera sees, reduced to outlines.
 
     Attributes:
-        things: every object that is at least partly visible, in an order that carries no information.
-        hand: ``(2,)`` the tool centre point as (u, v) in [0, 1]; None when out of view.
+        things: every object that is at least partly visible, in an order that carries no information. hand: ``(2,)``
+        the tool centre point as (u, v) in [0, 1]; None when out of view.
         table: ``(3,)`` apparent colour of the table.
     """
 
@@ -196,10 +194,9 @@ class Outlines:
 class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 
-    ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``.
-    ``fingers``: ``(2,)`` positions of both, metres, where a world measures them apart.
-    ``privileged``: the ground truth, for experts; ``calibration``: how to read a picture. The world says what
-    they are.
+    ``images``: uint8 ``(height, width, 3)`` by camera name. ``state``: float32, see ``PolicySpec.state``. ``fingers``:
+    ``(2,)`` positions of both, metres, where a world measures them apart. ``privileged``: the ground truth, for
+    experts; ``calibration``: how to read a picture. The world says what they are.
     """
 
     episode: str
@@ -224,11 +221,11 @@ class ActionChunk:
 class Policy(Protocol):
     """The policy under test.
 
-    Every worker creates its own policy, unless the class or factory sets ``shared = True``. Then all workers
-    share one policy in a separate process, which batches their simultaneous requests into one call of
-    ``act``. Share a model that fills a device; a small model on a CPU is faster inside the workers.
-    `vlafuzz serve` batches the requests of several connections in the same way. When ``act`` of a shared or
-    served policy raises, it must not have advanced any rollout: the observations may be retried one by one.
+    Every worker creates its own policy, unless the class or factory sets ``shared = True``. Then all workers share one
+    policy in a separate process, which batches their simultaneous requests into one call of ``act``. Share a model that
+    fills a device; a small model on a CPU is faster inside the workers. `vlafuzz serve` batches the requests of several
+    connections in the same way. When ``act`` of a shared or served policy raises, it must not have advanced any
+    rollout: the observations may be retried one by one.
     """
 
     @property

@@ -17,8 +17,8 @@ NEAR = 0.1  # distance of embeddings: a scene of which every gene is nudged by 2
 def alike_as_one(cards: Sequence[Card], spaces: Spaces, causes: Collection[tuple[str, str]]) -> list[Card]:
     """One card for scenes that hardly differ, and one for a failure and those that only add operators to it.
 
-    Triaged findings and those that show a cause keep cards of their own. Scenes of different search spaces,
-    such as those of two tasks, are never alike.
+    Triaged findings and those that show a cause keep cards of their own. Scenes of different search spaces, such as
+    those of two tasks, are never alike.
 
     Args:
         causes: keys of the findings that show one, see ``Finding.key``.

@@ -97,9 +97,7 @@ def card_of_case(folder: Path, corpus: Corpus, case: Case, space: Space) -> Card
         reference=case.reference,
         witness=case.witness,
         rate=case.certified,
-        detail=f"fails {_around(case.certified)}"
-        if case.certified
-        else _repeats(case.failures, case.repeats),
+        detail=f"fails {_around(case.certified)}" if case.certified else _repeats(case.failures, case.repeats),
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )

@@ -41,12 +41,12 @@ class ListedCause:
     Attributes:
         conditions: one for each operator: the range that fails, or its value in ``scene``.
         bucket: of the scene after triage, ``observed`` before it.
-        share: of random scenes that fail for this reason; of several causes in one the largest.
-        failures: of the run that it explains.
+        share: of random scenes that fail for this reason; of several causes in one the largest. failures: of the run
+        that it explains.
         rate: how often the policy fails around ``scene``.
         witness: who solves ``scene``.
-        scene: digest of the minimal scene, or without one of the failure that shows the cause.
-        found: digests of the failures that show it.
+        scene: digest of the minimal scene, or without one of the failure that shows the cause. found: digests of the
+        failures that show it.
         detail: the evidence, in a sentence.
     """
 
@@ -97,10 +97,10 @@ class CauseList:
         of: policy and task of the run, in words.
         unexplained: failures of the run for which no cause was found.
         probability: that the policy fails in a random scene; None if unknown.
-        found: number of causes before those with the same signature became one; ``certified`` of them are.
-        rollouts: of the policy, to triage their scenes; not part of the run's budget.
-        certify: the command that certifies those that are not triaged, with how long it takes.
-        nominal: how often the policy fails in nominal scenes, to follow that there is no cause.
+        found: number of causes before those with the same signature became one; ``certified`` of them are. rollouts: of
+        the policy, to triage their scenes; not part of the run's budget.
+        certify: the command that certifies those that are not triaged, with how long it takes. nominal: how often the
+        policy fails in nominal scenes, to follow that there is no cause.
     """
 
     run: int
@@ -181,9 +181,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         unexplained=kept.unexplained,
         probability=kept.probability,
         found=len(kept.causes),
-        certified=sum(
-            cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes
-        ),
+        certified=sum(cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes),
         rollouts=sum(row.policy_rollouts for row in triaged.values()),
         certify="" if run.status == "running" else _certify(store, run, listed),
         nominal="" if listed else _nominal(store, run),
@@ -236,9 +234,7 @@ class _Maker:
     def make(self, cause: FoundCause, finding: Finding | None, triaged: Triaged | None) -> ListedCause:
         if finding is None:
             detail = "no stored failure has these operators alone"
-            return ListedCause(
-                conditions=cause.operators, share=cause.share, failures=cause.failures, detail=detail
-            )
+            return ListedCause(conditions=cause.operators, share=cause.share, failures=cause.failures, detail=detail)
         card, rate = self._card(finding, triaged), None
         if triaged:
             rate = triaged.certified if card.bucket == "minimal" else triaged.rate

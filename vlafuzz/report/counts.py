@@ -86,8 +86,7 @@ def funnels(counts: Counts) -> tuple[Chart, ...]:
         stages = world_of(name).task(name).stage_names
         reached = {stage: counts.reached[name, policy, stage] for stage in stages}
         measures = [
-            Measure(stage, Share.of_counts(number, begun), rate=not counts.guided)
-            for stage, number in reached.items()
+            Measure(stage, Share.of_counts(number, begun), rate=not counts.guided) for stage, number in reached.items()
         ]
         which = f", {name}, {policy}" if len(counts.begun) > 1 else ""
         charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", tuple(measures)))

@@ -17,9 +17,7 @@ from vlafuzz.worlds.base import Wanted
 UNLOCATED = "its threshold did not fit into the rollouts"
 
 
-def deviations(
-    space: Space, scene: Scene, causes: Causes, reference: Scene | None = None
-) -> tuple[Deviation, ...]:
+def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | None = None) -> tuple[Deviation, ...]:
     """One for every operator in which a scene differs from a reference, by default from nominal.
 
     The confounder operators count as one.
@@ -31,10 +29,7 @@ def deviations(
         for name in causes.necessary
         if name not in thresholds and _is_numeric(space, scene, name, other)
     }
-    values = (
-        (name, space.described(scene, name, other), space.described(other, name, scene))
-        for name in space.groups
-    )
+    values = ((name, space.described(scene, name, other), space.described(other, name, scene)) for name in space.groups)
     return tuple(
         Deviation(name, value, usual, thresholds.get(name, ""), missing.get(name, ""))
         for name, value, usual in values

@@ -49,8 +49,8 @@ class Effect:
     """A quantity by whose values failure rates differ.
 
     Attributes:
-        bins: quarters of the scenes, from low to high values; of options those that are frequent enough.
-        p: that the rates would differ so much by chance (chi-square), corrected over all quantities (Holm).
+        bins: quarters of the scenes, from low to high values; of options those that are frequent enough. p: that the
+        rates would differ so much by chance (chi-square), corrected over all quantities (Holm).
     """
 
     operator: str
@@ -163,9 +163,7 @@ def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
     return lambda trial: trial.proposal in drawn
 
 
-def _quantities(
-    space: Space, scenes: Sequence[Scene]
-) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
+def _quantities(space: Space, scenes: Sequence[Scene]) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
     """By operator, name and path: the value in each scene. Confounders are told by number and nearness."""
     found: dict[tuple[str, str, str], Sequence[Value | None]] = {}
     for gene in space.genes:

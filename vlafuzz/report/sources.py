@@ -20,18 +20,7 @@ from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
 from vlafuzz.report.effects import effects_of
 from vlafuzz.report.standings import Standing, standings
-from vlafuzz.report.view import (
-    SHARES,
-    Card,
-    Chart,
-    Measure,
-    RunRow,
-    Table,
-    View,
-    in_order,
-    operator_rows,
-    title_of,
-)
+from vlafuzz.report.view import SHARES, Card, Chart, Measure, RunRow, Table, View, in_order, operator_rows, title_of
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Manifest, Run, Triaged
 from vlafuzz.store.store import Store
@@ -97,9 +86,7 @@ def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) 
     if not failed.of:
         errors = counts.verdicts[Verdict.ERROR]
         return (
-            f"No scene was judged: {plural(errors, 'rollout')} ended in errors."
-            if errors
-            else "No scene was judged."
+            f"No scene was judged: {plural(errors, 'rollout')} ended in errors." if errors else "No scene was judged."
         )
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
@@ -119,9 +106,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     manifests = [run.manifest for run in runs]
     searched = duration(sum(run.seconds or 0.0 for run in runs))
     if unfinished := sum(run.seconds is None for run in runs):
-        searched = (
-            "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
-        )
+        searched = "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
     facts = [*_of_runs(manifests), ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}")]
     checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
     facts.insert(1, ("Policy checkup", checkups))
@@ -177,11 +162,7 @@ def _todo(store: Store, summary: TriageSummary, runs: Iterable[Manifest]) -> tup
 def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
     charts = [verdict_chart(counts), *funnels(counts)]
     if summary.triaged:
-        counted = {
-            "confirmed": summary.confirmed,
-            "witnessed": summary.witnessed,
-            "by sight": summary.by_sight,
-        }
+        counted = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
         numbers = summary.buckets | counted
         shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
         charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
@@ -245,9 +226,7 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(runs, start=1)),
         charts=(_evidence(corpus.evidence.shares, "Of the triaged findings of the store."), _lost(corpus)),
         operators=operator_rows((case.operators, case.causes) for case in cases),
-        cards=in_order(
-            card_of_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in cases
-        ),
+        cards=in_order(card_of_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in cases),
     )
 
 

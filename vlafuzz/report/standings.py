@@ -20,8 +20,8 @@ class Standing:
     """How a policy does in a task.
 
     Attributes:
-        rate: how often it fails in random scenes, by the newest run that tells; None if none does.
-        causes: that the newest run found whose strategy looks for causes, of which ``certified`` are
+        rate: how often it fails in random scenes, by the newest run that tells; None if none does. causes: that the
+        newest run found whose strategy looks for causes, of which ``certified`` are
             certified; None without such a run.
         rollouts: of all runs, without those of triage, which are ``triage_rollouts``.
     """
@@ -40,9 +40,7 @@ class Standing:
         return {
             "policy": self.policy,
             "task": self.task,
-            "fails in random scenes": f"{percent(rate.value)} ({interval(rate.low, rate.high)})"
-            if rate
-            else "–",
+            "fails in random scenes": f"{percent(rate.value)} ({interval(rate.low, rate.high)})" if rate else "–",
             "causes": "–" if self.causes is None else self.causes,
             "certified": "–" if self.certified is None else self.certified,
             "rollouts": self.rollouts,
@@ -70,9 +68,7 @@ def standings_of(store: Store) -> tuple[Standing, ...]:
     return standings(store, store.runs(), count(store), all_causes(store))
 
 
-def standings(
-    store: Store, runs: Sequence[Run], counts: Counts, lists: Sequence[CauseList]
-) -> tuple[Standing, ...]:
+def standings(store: Store, runs: Sequence[Run], counts: Counts, lists: Sequence[CauseList]) -> tuple[Standing, ...]:
     """One for each policy and task of the runs, in the order in which they were first tried.
 
     Args:

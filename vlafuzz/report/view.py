@@ -97,8 +97,8 @@ class Deviation:
     """An operator's value in a scene and in its reference, and the threshold from which the policy fails.
 
     Attributes:
-        fails_from: the range that fails; empty if there is no threshold, or none that is known.
-        missing: why it is not known, in a clause.
+        fails_from: the range that fails; empty if there is no threshold, or none that is known. missing: why it is not
+        known, in a clause.
     """
 
     operator: str
@@ -137,14 +137,14 @@ class Card:
 
     Attributes:
         scene: the minimal scene of the finding if there is one, else the finding itself.
-        findings: digests of the findings with this scene; ``alike``: of those that have no card, as this one
-            shows what they do: near-duplicates, and failures that only add operators to it.
+        findings: digests of the findings with this scene; ``alike``: of those that have no card, as this one shows what
+            they do: near-duplicates, and failures that only add operators to it.
         run: the run that found the first of them.
         bucket: one of ``BUCKETS``.
         operators: those in which the scene differs from its reference; the confounder operators count as one.
-        reference: the passing scene that it is compared with; None for the nominal one.
-        counterpart_rates: how often the policy fails around the scene without an operator, by operator.
-        rate: how often the policy fails around the scene; None if unknown.
+        reference: the passing scene that it is compared with; None for the nominal one. counterpart_rates: how often
+        the policy fails around the scene without an operator, by operator. rate: how often the policy fails around the
+        scene; None if unknown.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
         picture: PNG, shown if there are no films.
@@ -264,9 +264,7 @@ def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:
     cards = list(cards)
     counts = Counter(card.signature for card in cards)
     ranks = list(BUCKETS)
-    return tuple(
-        sorted(cards, key=lambda card: (ranks.index(card.bucket), -counts[card.signature], card.signature))
-    )
+    return tuple(sorted(cards, key=lambda card: (ranks.index(card.bucket), -counts[card.signature], card.signature)))
 
 
 def _filter(key: str, name: str, values: Iterable[str]) -> Filter:

@@ -35,8 +35,8 @@ def side_by_side(
 ) -> Iterator[tuple[int, R]]:
     """Call a function, whose rollouts are the pool's, for several items at a time.
 
-    Yields each item's number with the result, in the order in which they are done. Where the caller stops,
-    the pool does, too: what is running could not end otherwise.
+    Yields each item's number with the result, in the order in which they are done. Where the caller stops, the pool
+    does, too: what is running could not end otherwise.
     """
     threads = ThreadPoolExecutor(workers)
     try:

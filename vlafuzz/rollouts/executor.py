@@ -18,9 +18,9 @@ class Executor(Protocol):
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
         """Yield the outcomes of each batch, identified by its tag, in the order of completion.
 
-        Batches are pulled when there is room for them; None in place of one means that there is none before
-        the outcomes of another have been yielded. An exception during the evaluation of a scene becomes an
-        ERROR outcome; only KeyboardInterrupt, and what the user must install or start first, is raised.
+        Batches are pulled when there is room for them; None in place of one means that there is none before the
+        outcomes of another have been yielded. An exception during the evaluation of a scene becomes an ERROR outcome;
+        only KeyboardInterrupt, and what the user must install or start first, is raised.
         """
 
     def close(self) -> None:

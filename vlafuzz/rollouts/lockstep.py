@@ -30,9 +30,9 @@ def lanes_for(policy: Policy) -> int:
 class LockstepExecutor:
     """An ``Executor`` with several lanes in this process, each with a simulator and one scene at a time.
 
-    When all lanes wait for the policy, they are answered in one call of it, or in several if they are more
-    than its ``max_batch``. A lane that is done takes the next scene at once. Outcomes and trajectories are
-    those of the scenes alone, provided that the policy's answers do not depend on its batches.
+    When all lanes wait for the policy, they are answered in one call of it, or in several if they are more than its
+    ``max_batch``. A lane that is done takes the next scene at once. Outcomes and trajectories are those of the scenes
+    alone, provided that the policy's answers do not depend on its batches.
 
     Args:
         make: creates a lane's evaluator from a stand-in for the policy.

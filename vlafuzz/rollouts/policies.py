@@ -34,8 +34,7 @@ def known_policies() -> dict[str, str]:
     clients = [client(protocol) for protocol in SERVERS]
     named: dict[str, Any] = built_in() | {kind.form: kind for kind in clients}
     return {
-        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ")
-        for name, factory in named.items()
+        name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ") for name, factory in named.items()
     }
 
 
@@ -67,8 +66,8 @@ def make_policy(name: str) -> Policy:
     """The policy of that name.
 
     Raises:
-        UsageError: there is no such policy, or the factory returns something else.
-        PrerequisiteError: no server answers, or the user's code raises.
+        UsageError: there is no such policy, or the factory returns something else. PrerequisiteError: no server
+        answers, or the user's code raises.
     """
     check_policy_name(name)
     if kind := client_of(name):

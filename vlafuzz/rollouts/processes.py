@@ -25,13 +25,13 @@ LOG = logging.getLogger(__name__)
 class ProcessExecutor(WorkerPool):
     """Workers that are forked once, with one thread each, and replaced when they die.
 
-    When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that,
-    the scenes are ERROR. A worker that never becomes ready counts as dead.
+    When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that, the scenes
+    are ERROR. A worker that never becomes ready counts as dead.
 
     Args:
         make: creates a worker's evaluator, in the worker; picklable.
-        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
-        memory: bytes that a worker may use; None for an equal share.
+        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start. memory:
+        bytes that a worker may use; None for an equal share.
         after: see ``WorkerPool``.
     """
 

@@ -30,16 +30,16 @@ STORE = 100 * 2**20  # bytes of shared memory for our own ray instance: scenes a
 class RayExecutor(WorkerPool):
     """Actors that are started once and replaced when they die, each with one worker process.
 
-    The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed
-    at once, on whichever machine, and the scene is tried once more. When an actor is lost, for instance with
-    its machine, its batch is tried once more by another one. UsageError when the cluster is too small,
-    PrerequisiteError when none answers.
+    The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed at once,
+    on whichever machine, and the scene is tried once more. When an actor is lost, for instance with its machine, its
+    batch is tried once more by another one. UsageError when the cluster is too small, PrerequisiteError when none
+    answers.
 
     Args:
-        make: creates an evaluator, in the process; picklable, with its modules on every machine.
-        workers: number of actors, each taking one CPU of the cluster.
-        address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection
-            that this process already has is used and left open.
+        make: creates an evaluator, in the process; picklable, with its modules on every machine. workers: number of
+        actors, each taking one CPU of the cluster.
+        address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection that this
+            process already has is used and left open.
         timeout, memory, after: see ``ProcessExecutor``.
     """
 
@@ -69,9 +69,7 @@ class RayExecutor(WorkerPool):
 class _Actor:
     """A ``Worker`` as the driver sees it: an actor and its pending call."""
 
-    def __init__(
-        self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int
-    ) -> None:
+    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int) -> None:
         actor: Any = ray.remote(num_cpus=1)(_RemoteWorker)
         self._actor = actor.remote(make, timeout, memory, workers)
         self._timeout = timeout
@@ -107,9 +105,7 @@ class _Actor:
 class _RemoteWorker:
     """The class of the actors, which runs on the worker's machine and keeps the process that evaluates."""
 
-    def __init__(
-        self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int
-    ) -> None:
+    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int) -> None:
         _allow_gpu()
         neighbours = min(workers, os.cpu_count() or 1)  # so many workers may share this machine
         self._executor = ProcessExecutor(make, 1, timeout=timeout, memory=memory or share(neighbours))
@@ -174,9 +170,7 @@ class RayPool(ThreadPoolExecutor):
             if isinstance(result, BaseException):
                 raise result
             return result
-        raise SimulatorError(
-            "a worker died; finished findings are stored", hint="repeat the command to continue"
-        )
+        raise SimulatorError("a worker died; finished findings are stored", hint="repeat the command to continue")
 
 
 class _Caller:

@@ -32,8 +32,8 @@ class Place:
     Attributes:
         executor: one of ``EXECUTORS``; None for local with one worker, else processes.
         address: of a ray cluster; None to start one here.
-        lanes: scenes at a time in this process, see ``LockstepExecutor``; None for as many as the server of
-            a policy takes in a batch, for other policies one.
+        lanes: scenes at a time in this process, see ``LockstepExecutor``; None for as many as the server of a policy
+            takes in a batch, for other policies one.
     """
 
     workers: int = 1
@@ -95,8 +95,8 @@ def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Pol
     """The executor at that place; PrerequisiteError when no ray cluster answers.
 
     Args:
-        make: creates an evaluator from a policy, or without one from a policy of its own; picklable.
-        policy: from ``policy_at``; closed with the executor at the latest.
+        make: creates an evaluator from a policy, or without one from a policy of its own; picklable. policy: from
+        ``policy_at``; closed with the executor at the latest.
     """
     if place.kind == "local":
         lanes = lanes_at(place, policy)

@@ -28,8 +28,8 @@ def make_evaluator(
 ) -> SceneEvaluator:
     """The one place where conditions become an evaluator. It loads the simulator, which takes seconds.
 
-    By default the policy is the one that the conditions name, made anew. ``space``: of the scenes, if it is
-    there already. ``checked``: whether validity is checked before a rollout.
+    By default the policy is the one that the conditions name, made anew. ``space``: of the scenes, if it is there
+    already. ``checked``: whether validity is checked before a rollout.
     """
     made, world = policy or make_policy(conditions.policy), world_of(conditions.task)
     width, wanted = made.spec.action.width, world.action_width

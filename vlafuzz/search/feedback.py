@@ -35,10 +35,10 @@ class Seed:
 class Feedback(OneByOne):
     """Mutates scenes that reached a new place, those in rarely reached places most: AFL-style.
 
-    AFL's branches (Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>) are *places*: the cell
-    of a failure, or how late a pass succeeded. Seeds in rarely reached places are chosen more often, as in
-    AFLFast (Böhme, Pham, Roychoudhury 2016, <https://doi.org/10.1145/2976749.2978428>). Two bandits learn
-    which operators to mutate: one from passes that become harder, one from failures that reach rare places.
+    AFL's branches (Zalewski <https://lcamtuf.coredump.cx/afl/technical_details.txt>) are *places*: the cell of a
+    failure, or how late a pass succeeded. Seeds in rarely reached places are chosen more often, as in AFLFast (Böhme,
+    Pham, Roychoudhury 2016, <https://doi.org/10.1145/2976749.2978428>). Two bandits learn which operators to mutate:
+    one from passes that become harder, one from failures that reach rare places.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:

@@ -24,9 +24,8 @@ ENOUGH = 8  # failures, and passes, needed among them
 class Forest:
     """Extremely randomised trees (Geurts, Ernst, Wehenkel 2006, <https://doi.org/10.1007/s10994-006-6226-1>).
 
-    They regress *hardness*: 1 for a failure, 0 for a pass; as long as failures are few, up to a half for a
-    late pass. Where the trees disagree the forest is uncertain, so only a few of them vote on each proposal:
-    Thompson sampling.
+    They regress *hardness*: 1 for a failure, 0 for a pass; as long as failures are few, up to a half for a late pass.
+    Where the trees disagree the forest is uncertain, so only a few of them vote on each proposal: Thompson sampling.
     """
 
     def __init__(self, seed: int) -> None:
@@ -66,8 +65,8 @@ class Forest:
     def misleads(self) -> bool:
         """Whether recent predictions separate failures from passes no better than chance.
 
-        Prequential (Dawid 1984, <https://doi.org/10.2307/2981683>): every scene is predicted before it is
-        learnt. The measure is the area under the ROC curve.
+        Prequential (Dawid 1984, <https://doi.org/10.2307/2981683>): every scene is predicted before it is learnt. The
+        measure is the area under the ROC curve.
         """
         predicted = np.array([prediction for prediction, _ in self._judged])
         failed = np.array([score.failed for _, score in self._judged], dtype=bool)

@@ -30,9 +30,9 @@ Rng = np.random.Generator
 class Nsga2:
     """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's survival.
 
-    Failures are ranked by progress, severity and novelty among the failures; every failure dominates every
-    pass. Each batch competes with the population at once, so batches may have any size. Children are
-    repaired, and not proposed twice unless the space is exhausted.
+    Failures are ranked by progress, severity and novelty among the failures; every failure dominates every pass. Each
+    batch competes with the population at once, so batches may have any size. Children are repaired, and not proposed
+    twice unless the space is exhausted.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -115,9 +115,7 @@ class Nsga2:
         among = len(self._population)
         drawn = np.concatenate([rng.permutation(among) for _ in range(-(-4 * n // among))])[: 4 * n]
         won = [self._winner(a, b, rng) for a, b in drawn.reshape(-1, 2).tolist()]
-        pairs = [
-            (self._population[a].X, self._population[b].X) for a, b in zip(won[::2], won[1::2], strict=True)
-        ]
+        pairs = [(self._population[a].X, self._population[b].X) for a, b in zip(won[::2], won[1::2], strict=True)]
         crossed = rng.random(n) < CROSSED
         children = [mother for mother, _ in pairs]
         if crossed.any():
@@ -158,9 +156,9 @@ class Nsga2:
 class Nsga2D(Nsga2):
     """NSGA-II-D: Sorokin, Safin, Nejati 2024 <https://doi.org/10.1007/s10664-024-10599-9>.
 
-    Every scene, failing or not, is ranked by progress, severity and its distance from known failures: an
-    archive of failures repels the population. When a whole generation reaches no new cell, random scenes
-    replace the worse half of the population.
+    Every scene, failing or not, is ranked by progress, severity and its distance from known failures: an archive of
+    failures repels the population. When a whole generation reaches no new cell, random scenes replace the worse half of
+    the population.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:

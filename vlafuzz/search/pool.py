@@ -45,9 +45,9 @@ class InOrder:
 class Selection:
     """Proposes the scenes of a pool, each once: always the nearest one to what a strategy proposes.
 
-    Distance is that of the scene embedding. The strategy sees a space that consists of the unused scenes,
-    each as its nearest genome, and receives the score of the scene that was taken. A genome proposed here is
-    a scene's index, as in ``Pool``.
+    Distance is that of the scene embedding. The strategy sees a space that consists of the unused scenes, each as its
+    nearest genome, and receives the score of the scene that was taken. A genome proposed here is a scene's index, as in
+    ``Pool``.
 
     Raises:
         SceneError: a scene has a value that no operator gives.
@@ -70,10 +70,7 @@ class Selection:
     def ask(self, n: int) -> list[Proposal]:
         """The nearest unused scenes, fewer at the end of the pool."""
         wanted = self._strategy.ask(min(n, int(self._left.unused.sum())))
-        return [
-            Proposal(proposal.id, np.array([self._left.take(proposal.genome)], dtype=float))
-            for proposal in wanted
-        ]
+        return [Proposal(proposal.id, np.array([self._left.take(proposal.genome)], dtype=float)) for proposal in wanted]
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Pass the scores on, as if the strategy had proposed the scenes that were taken."""

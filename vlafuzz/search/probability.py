@@ -1,15 +1,15 @@
 """The probability that a policy fails in a random scene, from a guided search.
 
-It rests on those scenes of the search that are drawn from the deployment distribution as they are: the mean
-of their outcomes is the failure probability p. A prediction g of the outcome with a known mean G lowers the
-variance: failed - c g + c G has the mean p for every c that is fixed before the draw.
+It rests on those scenes of the search that are drawn from the deployment distribution as they are: the mean of their
+outcomes is the failure probability p. A prediction g of the outcome with a known mean G lowers the variance: failed - c
+g + c G has the mean p for every c that is fixed before the draw.
 
-For each possible p, two bettors start with a capital of 1: one bets that draws are lower on average, one that
-they are higher. If p is the truth, a capital ever reaches 1 / a with a probability of at most a (Ville 1939),
-whatever the bets, and whenever the search stops. The interval holds every p against which neither
-has reached its aim (Waudby-Smith, Ramdas 2024 <https://doi.org/10.1093/jrsssb/qkad009>). They bet so that by
-the end of the budget they have reached it or lost nearly all, which makes the interval about as narrow there
-as an exact one of a fixed number of draws (Voráček, Orabona 2025 <https://arxiv.org/abs/2505.22422>).
+For each possible p, two bettors start with a capital of 1: one bets that draws are lower on average, one that they are
+higher. If p is the truth, a capital ever reaches 1 / a with a probability of at most a (Ville 1939), whatever the bets,
+and whenever the search stops. The interval holds every p against which neither has reached its aim (Waudby-Smith,
+Ramdas 2024 <https://doi.org/10.1093/jrsssb/qkad009>). They bet so that by the end of the budget they have reached it or
+lost nearly all, which makes the interval about as narrow there as an exact one of a fixed number of draws (Voráček,
+Orabona 2025 <https://arxiv.org/abs/2505.22422>).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Draw:
     """A random scene and its outcome. All but ``failed`` must not depend on the outcome.
 
     Args:
-        left: rollouts left in the budget for draws and for tests of causes, this draw included.
-        prediction: of the failure in this scene, in [0, 1].
+        left: rollouts left in the budget for draws and for tests of causes, this draw included. prediction: of the
+        failure in this scene, in [0, 1].
         mean_prediction: over random scenes.
     """
 
@@ -157,9 +157,9 @@ class _Bettors:
 def _stake(odds: Array, variance: Array, jump: Array, coming: Array) -> Array:
     """Bets that bring capital to its aim with the largest probability in the draws to come.
 
-    This probability cannot exceed ``exp(odds)``, capital over aim. The sum of the draws is taken as a number
-    of jumps with Poisson's distribution, whose square root is about normal with variance 1/4; as jumps get
-    small this becomes the normal distribution. The bet is what one jump changes in the probability.
+    This probability cannot exceed ``exp(odds)``, capital over aim. The sum of the draws is taken as a number of jumps
+    with Poisson's distribution, whose square root is about normal with variance 1/4; as jumps get small this becomes
+    the normal distribution. The bet is what one jump changes in the probability.
 
     Args:
         jump: positive where it goes against the bettor.

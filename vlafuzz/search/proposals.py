@@ -20,8 +20,8 @@ Points = NDArray[np.float64]  # (n, k)
 class ProposalFactory:
     """Turns genomes into proposals that are fair, as far as bounded repair goes, and new.
 
-    Remembers every scene that was proposed. Genomes are canonical, as the space encodes scenes: one scene has
-    one genome.
+    Remembers every scene that was proposed. Genomes are canonical, as the space encodes scenes: one scene has one
+    genome.
     """
 
     def __init__(self, space: Source) -> None:

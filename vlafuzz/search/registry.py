@@ -103,8 +103,8 @@ class Own:
         """The proposals of the user's strategy.
 
         Raises:
-            UsageError: an id is not consecutive, or a genome is not one of the space.
-            PrerequisiteError: the user's code raises.
+            UsageError: an id is not consecutive, or a genome is not one of the space. PrerequisiteError: the user's
+            code raises.
         """
         with users_code(self._name):
             proposals = list(self._strategy.ask(n))

@@ -35,8 +35,8 @@ class Score:
     """The feedback on a proposal for its strategy.
 
     Attributes:
-        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR).
-        severity: the scene's distance from nominal.
+        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR). severity:
+        the scene's distance from nominal.
         slack: how early the slowest rollout succeeded, in (0, 1]; 0 unless PASSED.
         cell: of a failure, see ``cell``; None unless FAILED.
     """
@@ -60,8 +60,8 @@ class Score:
     def ease(self) -> float:
         """How far the scene is from an early failure of the policy, in [0, 2]; infinite if not judged.
 
-        Failures rank before passes and by progress; passes rank by their time of success, as a policy that
-        succeeds late is assumed to be close to failing.
+        Failures rank before passes and by progress; passes rank by their time of success, as a policy that succeeds
+        late is assumed to be close to failing.
         """
         return math.inf if self.progress is None else self.progress + self.slack
 

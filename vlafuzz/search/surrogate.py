@@ -42,10 +42,10 @@ class Candidate:
 class Surrogate:
     """Spends the budget on distinct cells, with a forest in the place of most rollouts.
 
-    Fair candidates are generated in advance, at random and from failures. Their *site*, the cell without the
-    lost stage, is known before a rollout. The candidate of greatest worth is proposed: the failure
-    probability predicted by a random part of the forest, times the novelty of its site. While the forest
-    predicts no better than chance, scenes are drawn at random.
+    Fair candidates are generated in advance, at random and from failures. Their *site*, the cell without the lost
+    stage, is known before a rollout. The candidate of greatest worth is proposed: the failure probability predicted by
+    a random part of the forest, times the novelty of its site. While the forest predicts no better than chance, scenes
+    are drawn at random.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
@@ -121,9 +121,7 @@ class Surrogate:
         """Up to ``n`` candidates, each the best given the ones chosen before."""
         genomes = [self._bred(rng) for _ in range(SUPPLY * n)]
         new = self._proposals.new(genomes)
-        self._stock += [
-            self._candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new
-        ]
+        self._stock += [self._candidate(genome) for genome, is_new in zip(genomes, new, strict=True) if is_new]
         if not (n and self._stock):
             return []
         features = np.array([candidate.features for candidate in self._stock])

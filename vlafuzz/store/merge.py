@@ -26,8 +26,7 @@ NUMBERS: dict[str, dict[str, str]] = {
 }
 # How far the evidence in each bucket goes.
 _RANK = (
-    "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'base' THEN 2"
-    " WHEN 'unproven' THEN 1 ELSE 0 END"
+    "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'base' THEN 2 WHEN 'unproven' THEN 1 ELSE 0 END"
 )
 _CONFLICT = {
     "scene": "ON CONFLICT DO NOTHING",
@@ -93,9 +92,7 @@ def _last(connection: sqlite3.Connection, table: str) -> int:
     return int(connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0])
 
 
-def _copy_table(
-    source: sqlite3.Connection, target: sqlite3.Connection, table: str, shift: Mapping[str, int]
-) -> None:
+def _copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str, shift: Mapping[str, int]) -> None:
     columns = [row[1] for row in target.execute(f"PRAGMA table_info({table})")]
     if "id" in columns and "id" not in shift:
         columns.remove("id")  # no other table refers to it, so the target numbers its own

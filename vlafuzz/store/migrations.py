@@ -196,9 +196,7 @@ def shape_of(connection: sqlite3.Connection) -> Shape:
     """The tables of a store that is open."""
     listed = connection.execute("SELECT name, type, wr, strict FROM pragma_table_list WHERE schema = 'main'")
     columns = "SELECT name, type, pk > 0 FROM pragma_table_info(?)"
-    return {
-        name: (*kind, frozenset(connection.execute(columns, (name,)))) for name, *kind in listed.fetchall()
-    }
+    return {name: (*kind, frozenset(connection.execute(columns, (name,)))) for name, *kind in listed.fetchall()}
 
 
 @cache

@@ -25,8 +25,8 @@ class Manifest(Conditions):
         batch: proposals that are asked for at once.
         versions: of the packages that matter, by name.
         command: the command line that began the run.
-        checkup: result of the policy's check before the run: ``ok``, ``unchecked`` or what is wrong with it;
-            empty where it was not checked.
+        checkup: result of the policy's check before the run: ``ok``, ``unchecked`` or what is wrong with it; empty
+            where it was not checked.
     """
 
     strategy: str = condition(Role.SEARCH, Origin.FLAG)
@@ -50,8 +50,8 @@ class Run:
     """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run stays ``running``.
 
     Attributes:
-        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the
-            store. Both are None in runs of earlier versions.
+        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
+            Both are None in runs of earlier versions.
     """
 
     id: int
@@ -103,8 +103,8 @@ class FoundCause:
     """A cause that a run's strategy has found; triage of its scene confirms and certifies it.
 
     Attributes:
-        scene: fails for this reason in the run; None if no stored failure has its operators alone.
-        operators: that it takes, the confounders' as one.
+        scene: fails for this reason in the run; None if no stored failure has its operators alone. operators: that it
+        takes, the confounders' as one.
         failures: of the run that it explains.
         share: of random scenes that fail for this reason; None if unknown.
     """
@@ -121,8 +121,8 @@ class Attribution:
 
     Attributes:
         unexplained: failures of the run for which no cause was found.
-        probability: that the policy fails in a random scene; None if the strategy does not estimate it.
-        at_random: the proposals that are random scenes, which passed or failed.
+        probability: that the policy fails in a random scene; None if the strategy does not estimate it. at_random: the
+        proposals that are random scenes, which passed or failed.
     """
 
     causes: tuple[FoundCause, ...]
@@ -136,22 +136,22 @@ class Triaged:
     """A finding after triage.
 
     Attributes:
-        bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even
-            the nominal scene fails, and none is known to pass; ``unproven``, the expert fails, too; ``edge``,
-            it fails as it is, but not in its neighbourhood; ``flaky``, it does not mostly fail.
+        bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even the nominal
+            scene fails, and none is known to pass; ``unproven``, the expert fails, too; ``edge``, it fails as it is,
+            but not in its neighbourhood; ``flaky``, it does not mostly fail.
         repeats: jittered repetitions of the finding, of which ``failures`` failed.
-        rate: of the finding; None in findings of earlier versions, as are the rates below.
-        certified: rate of ``shrunk``, by rollouts that had no part in shrinking it.
-        counterpart_rates: those of ``counterparts``, likewise; under ``target-type`` that with the nominal
+        rate: of the finding; None in findings of earlier versions, as are the rates below. certified: rate of
+        ``shrunk``, by rollouts that had no part in shrinking it. counterpart_rates: those of ``counterparts``,
+        likewise; under ``target-type`` that with the nominal
             targets, where a strategy blames those of the finding.
-        reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal
-            one fails, too; None where that was the nominal scene.
+        reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal one fails,
+            too; None where that was the nominal scene.
         deviating: operators that were not nominal, the confounders' as one.
         shrunk: the scene that is left; None where it was not shrunk.
-        lost_stage: stage that is lost in the scene that is left; ``operators``: those left in it.
-        counterparts: by operator left, the scene without it, in which the policy passes.
-        witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding.
-        shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all of them.
+        lost_stage: stage that is lost in the scene that is left; ``operators``: those left in it. counterparts: by
+        operator left, the scene without it, in which the policy passes.
+        witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding. shrink_rollouts: of the
+        policy, to shrink and attribute; ``policy_rollouts`` are all of them.
     """
 
     scene: Scene

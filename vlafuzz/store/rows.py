@@ -19,15 +19,7 @@ from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import (
-    Attribution,
-    Finding,
-    FoundCause,
-    Manifest,
-    Run,
-    Triaged,
-    Trial,
-)
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -188,11 +180,9 @@ def to_finding(row: sqlite3.Row) -> Finding:
 
 def attribution_row(run: int, found: Attribution) -> Row:
     """Columns of ``attribution``, which has no causes."""
-    return {
-        "run": run,
-        "unexplained": found.unexplained,
-        "at_random": json.dumps(found.at_random),
-    } | _estimate("probability", found.probability)
+    return {"run": run, "unexplained": found.unexplained, "at_random": json.dumps(found.at_random)} | _estimate(
+        "probability", found.probability
+    )
 
 
 def cause_row(run: int, rank: int, cause: FoundCause) -> Row:

@@ -10,27 +10,9 @@ from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store import rows
-from vlafuzz.store.database import (
-    WriterLock,
-    connect_to_read,
-    connect_to_write,
-    explained,
-    gather,
-    intact,
-    is_outdated,
-)
+from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
 from vlafuzz.store.kept_work import KeptWork
-from vlafuzz.store.records import (
-    UNFINISHED,
-    Attribution,
-    Finding,
-    Manifest,
-    Run,
-    Spent,
-    Status,
-    Triaged,
-    Trial,
-)
+from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Run, Spent, Status, Triaged, Trial
 
 _SHOWN = 5  # digests, when a prefix fits several
 
@@ -97,8 +79,7 @@ class Store(KeptWork):
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
             reopened = self._connection.execute(
-                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}",
-                (run,),
+                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}", (run,)
             )
             if not reopened.rowcount:
                 raise StoreError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")

@@ -32,8 +32,8 @@ def world_named(name: str) -> World:
     """The world of that name: one that comes with vlafuzz, an installed one, or the user's own.
 
     Raises:
-        UsageError: there is no such world, or a file names code that the user did not.
-        PrerequisiteError: the user's code raises.
+        UsageError: there is no such world, or a file names code that the user did not. PrerequisiteError: the user's
+        code raises.
     """
     if name in known_worlds():
         return known_worlds()[name]

@@ -76,8 +76,8 @@ class Wanted:
     """The scenes that a user wants of a world.
 
     Attributes:
-        operators: a file of ranges, or the name of a shipped one; None for those that fit the robot.
-        vary: operators that vary; empty for all that the file varies.
+        operators: a file of ranges, or the name of a shipped one; None for those that fit the robot. vary: operators
+        that vary; empty for all that the file varies.
         packs: of objects, as the world opens them.
     """
 
@@ -92,12 +92,12 @@ class World(ABC):
     """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them.
 
     Attributes:
-        usual: whether it is meant where nobody names a world: one of those that come with vlafuzz.
-        tasks: names of its tasks, the default one first; of a world with many those of a first choice.
-        robots: names of its robots, the default one first.
-        policies: those that come with the world, by name, described by their docstrings' first sentences.
-        action_width: how many numbers an action has; 7 are a hand's motion and a gripper, see ``ActionSpec``.
-        settings: conditions of its own, which decide outcomes beside the scene.
+        usual: whether it is meant where nobody names a world: one of those that come with vlafuzz. tasks: names of its
+        tasks, the default one first; of a world with many those of a first choice. robots: names of its robots, the
+        default one first.
+        policies: those that come with the world, by name, described by their docstrings' first sentences. action_width:
+        how many numbers an action has; 7 are a hand's motion and a gripper, see ``ActionSpec``. settings: conditions of
+        its own, which decide outcomes beside the scene.
         former: names that robots had before, with what replaces them.
     """
 
@@ -165,9 +165,7 @@ class World(ABC):
         """
 
     @abstractmethod
-    def stored_space(
-        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
-    ) -> Space:
+    def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> Space:
         """The space that ``Space.conditions`` describes; ``source`` is the store or corpus, for messages.
 
         Args:
@@ -180,13 +178,7 @@ class World(ABC):
 
     @abstractmethod
     def evaluator(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        space: Space | None,
-        *,
-        recording: Recording | None,
-        checked: bool,
+        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
         """What runs a policy in scenes; a UsageError if the policy asks for what this world does not have."""
 

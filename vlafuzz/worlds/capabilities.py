@@ -163,8 +163,8 @@ class Linter(Protocol):
         """Check all scenes of a file.
 
         Args:
-            min_distance: to keep between the centres of any two objects, metres; None for the usual one.
-            placement: how objects are placed before they settle; None to skip settling.
+            min_distance: to keep between the centres of any two objects, metres; None for the usual one. placement: how
+            objects are placed before they settle; None to skip settling.
         """
 
 

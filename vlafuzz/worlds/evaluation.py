@@ -51,9 +51,7 @@ class SteppedEvaluator(Evaluator, Protocol):
         """
 
 
-def proceed(
-    evaluation: Evaluation, answer: ActionChunk | PolicyError | None
-) -> Observation | float | Outcome:
+def proceed(evaluation: Evaluation, answer: ActionChunk | PolicyError | None) -> Observation | float | Outcome:
     """Resume an evaluation with the policy's answer; None at its start and after a pause."""
     try:
         return evaluation.throw(answer) if isinstance(answer, PolicyError) else evaluation.send(answer)

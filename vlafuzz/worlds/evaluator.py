@@ -25,8 +25,8 @@ class SceneEvaluator(ABC):
     """Runs a policy in scenes of one task.
 
     Args:
-        conditions: all that determines an outcome beside the scene; their ``policy`` is only a name.
-        stages: names of the task's stages.
+        conditions: all that determines an outcome beside the scene; their ``policy`` is only a name. stages: names of
+        the task's stages.
         recording: keeps frames and observations.
         checked: whether validity is checked before a rollout.
 

@@ -22,9 +22,9 @@ class Place:
     """Where rollouts are computed, as far as it can decide their outcome.
 
     Attributes:
-        processor: its architecture and, on Linux, its vendor: MKL chooses its kernels by both.
-        instructions: the instruction set that torch uses, with the limits that are set for its libraries.
-        torch: its version, with the build.
+        processor: its architecture and, on Linux, its vendor: MKL chooses its kernels by both. instructions: the
+        instruction set that torch uses, with the limits that are set for its libraries. torch: its version, with the
+        build.
         threads: of torch; None for policies that fix their number or run behind a server.
         renderer: device and driver with its version; empty for policies without cameras.
     """
@@ -54,8 +54,8 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
 
     Args:
         name: of the policy, as the user gave it.
-        renderer: says what draws the world's pictures; it is asked for policies with cameras.
-        workers: whether rollouts happen in worker processes, which have one thread each.
+        renderer: says what draws the world's pictures; it is asked for policies with cameras. workers: whether rollouts
+        happen in worker processes, which have one thread each.
     """
     try:
         version, instructions = _torch()

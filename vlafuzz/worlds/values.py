@@ -112,9 +112,7 @@ class _Composer:
         self.genes = tuple(parameter.gene for parameter in world.parameters)
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        return self._world.scene(
-            self._task, {gene.operator: _told(gene, values[gene.path]) for gene in self.genes}
-        )
+        return self._world.scene(self._task, {gene.operator: _told(gene, values[gene.path]) for gene in self.genes})
 
     def values(self, scene: Scene) -> Values:
         known = dict(scene.values)
@@ -133,11 +131,7 @@ class ValuesSpace(Space):
     def conditions(self) -> dict[str, Any]:
         assert isinstance(self.operators, Parameters)
         world = {setting.name: setting.default for setting in self._world.settings}
-        return {
-            "operators": self.operators.to_json(),
-            "operators_digest": self.operators.digest,
-            "world": world,
-        }
+        return {"operators": self.operators.to_json(), "operators_digest": self.operators.digest, "world": world}
 
     def sample(self, rng: np.random.Generator) -> Scene:
         problem = None
@@ -176,9 +170,7 @@ def _number(gene: Gene, value: Value | None) -> float:
 class ValuesEpisode(Episode):
     """A rollout in a scene of values."""
 
-    def __init__(
-        self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, task: Task
-    ) -> None:
+    def __init__(self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, task: Task) -> None:
         self._world, self._state = world, world.reset(dict(scene.values), seed)
         self._hash = hashlib.blake2b(digest_size=16)
         monitor = Monitor(task.stages, task.published)
@@ -249,8 +241,8 @@ class ValuesEvaluator(SceneEvaluator):
 class ValuesWorld(World, Generic[State]):
     """A world whose scenes are values by name. A subclass says what they are, and how a rollout goes.
 
-    Actions are the policy's seven numbers, of which the world uses as many of the first ones as it needs, or
-    as many as ``action_width`` and the policy's ``ActionSpec`` say.
+    Actions are the policy's seven numbers, of which the world uses as many of the first ones as it needs, or as many as
+    ``action_width`` and the policy's ``ActionSpec`` say.
 
     Attributes:
         tasks: their names; ``parameters``: the values that a reset takes, in all of them.
@@ -332,9 +324,7 @@ class ValuesWorld(World, Generic[State]):
         chosen = operators if isinstance(operators, Parameters) else self.operators(wanted)
         return ValuesSpace(self, wanted.task, chosen)
 
-    def stored_space(
-        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
-    ) -> ValuesSpace:
+    def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:
         stored = json.loads(conditions.operators)
         now = self._space(conditions.task, stored.get("varied", ()))
         if json.loads(now.conditions["operators"])["operators"] != stored.get("operators"):
@@ -343,13 +333,7 @@ class ValuesWorld(World, Generic[State]):
         return now if vary is None else self._space(conditions.task, vary)
 
     def evaluator(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        space: Space | None,
-        *,
-        recording: Recording | None,
-        checked: bool,
+        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
         return ValuesEvaluator(self, conditions, policy, recording=recording, checked=checked)
 

@@ -15,9 +15,7 @@ PNG = b64decode(  # one pixel
 )
 
 
-def case(
-    number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, reference: Scene | None = None
-) -> Case:
+def case(number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, reference: Scene | None = None) -> Case:
     failing = scene(light=1 / 16, x=-0.04 + 0.001 * number)
     dim = (("light.intensity", 0.25),)
     threshold = Threshold("light", dim, 0.5, low=dim, high=dim, direction="dark", ranges=((dim, ()),))

@@ -12,10 +12,7 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
-NO_VERDICT = {
-    Verdict.ERROR: Outcome.error("policy: connect"),
-    Verdict.INVALID: Outcome.invalid("x", "unfair"),
-}
+NO_VERDICT = {Verdict.ERROR: Outcome.error("policy: connect"), Verdict.INVALID: Outcome.invalid("x", "unfair")}
 
 
 PASSED, FAILED = Answer.of(passed()), Answer.of(failed())

@@ -36,10 +36,7 @@ def noisy(broken: int, rng: np.random.Generator, loss: float = 0.3):
 
 def breaking(broken: int):
     """Sixteen checkpoints that do as recorded, and from one on nothing any more."""
-    return {
-        name: Planned(lambda n, _, at=at: n % 5 > 0 and at < broken, name=name)
-        for at, name in enumerate(NAMES)
-    }
+    return {name: Planned(lambda n, _, at=at: n % 5 > 0 and at < broken, name=name) for at, name in enumerate(NAMES)}
 
 
 def test_it_names_the_checkpoint_in_few_comparisons():

@@ -31,10 +31,7 @@ def compared(rule, bound: int | None = None):
 def elements(path: Path) -> dict[str, str]:
     """The element of each test case, by the name of the scene."""
     cases = Xml.parse(path).getroot().iter("testcase")
-    return {
-        case.attrib["name"].partition(": ")[2]: next((element.tag for element in case), "passed")
-        for case in cases
-    }
+    return {case.attrib["name"].partition(": ")[2]: next((element.tag for element in case), "passed") for case in cases}
 
 
 def test_a_scene_is_a_case_and_its_group_the_class_and_all_controls_are_one_case(tmp_path: Path):
@@ -96,17 +93,13 @@ def test_a_file_that_cannot_be_written_is_a_sentence_and_leaves_nothing(tmp_path
 
 
 def test_texts_have_no_links_and_places_are_encoded(tmp_path: Path):
-    named = [
-        Control(replace(control(number).scene, instruction=HOSTILE), passed=True) for number in range(20)
-    ]
+    named = [Control(replace(control(number).scene, instruction=HOSTILE), passed=True) for number in range(20)]
     corpus = replace(make_corpus(), controls=tuple(named))
     compared = compare(probes_of(corpus), Planned(lambda number, repeat: False), Recorded("old"))
     write_sarif(compared, corpus, Path("sent [by] 5%/a:b c"), tmp_path / "a.sarif")
     alarm, *broken = json.loads((tmp_path / "a.sarif").read_text())["runs"][0]["results"]
     assert alarm["ruleId"] == "worse-policy"
-    assert broken[0]["message"]["text"].startswith(
-        "open \\[the report\\](http://gpu/?) of {{0}} \\\\\\\\ (control"
-    )
+    assert broken[0]["message"]["text"].startswith("open \\[the report\\](http://gpu/?) of {{0}} \\\\\\\\ (control")
     uri = broken[0]["locations"][0]["physicalLocation"]["artifactLocation"]["uri"]
     assert uri == "sent%20%5Bby%5D%205%25/a%3Ab%20c/controls.jsonl"
     assert unquote(uri) == "sent [by] 5%/a:b c/controls.jsonl"

@@ -36,9 +36,7 @@ def test_each_has_twenty_distinct_failures_with_all_proofs(shipped: tuple[Path, 
         assert len(case.operators) > 0
 
 
-def test_each_is_found_by_its_name_alone(
-    shipped: tuple[Path, Corpus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_each_is_found_by_its_name_alone(shipped: tuple[Path, Corpus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     folder, corpus = shipped
     monkeypatch.chdir(tmp_path)
     assert is_corpus(Path(folder.name))

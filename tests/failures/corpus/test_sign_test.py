@@ -28,9 +28,7 @@ def test_the_p_value_at_the_end_is_that_of_the_exact_sign_test():
 
 @pytest.mark.parametrize("rate", [0.3, 0.5, 0.8])
 @pytest.mark.parametrize("alpha", [0.2, 0.05, 0.01])
-def test_policies_of_equal_skill_raise_an_alarm_in_at_most_alpha_of_the_comparisons(
-    rate: float, alpha: float
-):
+def test_policies_of_equal_skill_raise_an_alarm_in_at_most_alpha_of_the_comparisons(rate: float, alpha: float):
     chances = binomial(60, rate)
     alarms = [alarm_probability(outcomes(passing, 60), rate, alpha) for passing in range(61)]
     assert chances @ alarms <= alpha

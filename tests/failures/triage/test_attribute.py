@@ -48,9 +48,7 @@ def test_there_is_no_threshold_beside_what_is_not_fair():
     scene = planted.finding(0)
 
     def judge(scenes, numbers):
-        return [
-            planted.judged(shown) if planted.fails(shown) else Judged(Verdict.INVALID) for shown in scenes
-        ]
+        return [planted.judged(shown) if planted.fails(shown) else Judged(Verdict.INVALID) for shown in scenes]
 
     oracle = Oracle(judge, STAGES, None, budget=200, lead=1)
     shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5), firm=True)

@@ -21,9 +21,7 @@ SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0
 
 def dark(seed: int) -> Scene:
     finding = Planted([DARK]).finding(seed)
-    return SPACE.reset(
-        finding, [name for name in SPACE.severities(finding) if name not in ("light", "target-type")]
-    )
+    return SPACE.reset(finding, [name for name in SPACE.severities(finding) if name not in ("light", "target-type")])
 
 
 @pytest.fixture

@@ -40,12 +40,7 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
 @pytest.mark.parametrize(
     ("part", "operator", "value", "nominal"),
     [
-        (
-            {"noise": Noise(blur=1.75, jpeg=40)},
-            "sensor-noise",
-            "blur 1.75 px, jpeg 40",
-            "blur 0 px, jpeg 100",
-        ),
+        ({"noise": Noise(blur=1.75, jpeg=40)}, "sensor-noise", "blur 1.75 px, jpeg 40", "blur 0 px, jpeg 100"),
         ({"initial_pose": InitialPose(j2=1.5, j7=-3)}, "initial-pose", "j2 1.5°, j7 -3°", "j2 0°, j7 0°"),
         ({"backdrop": Backdrop("checker", wall="red")}, "backdrop", *CHECKERED),
         ({"latency": Latency(3)}, "control-latency", "delay 3 steps", "delay 0 steps"),

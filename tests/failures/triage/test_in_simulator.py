@@ -123,9 +123,7 @@ def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 def test_of_35_planted_cases_at_least_95_per_cent_are_found_in_70_rollouts(evaluator):
     found = [triaged(evaluator, conditions, seed) for seed, (_, conditions) in enumerate(CASES)]
-    right = [
-        left == necessary == set(case[0]) for case, (left, necessary, *_) in zip(CASES, found, strict=True)
-    ]
+    right = [left == necessary == set(case[0]) for case, (left, necessary, *_) in zip(CASES, found, strict=True)]
     assert np.mean(right) >= 0.95
     assert median(rollouts for *_, rollouts in found) <= 70
 

@@ -41,9 +41,7 @@ def test_a_finding_with_a_known_cause_is_certified_with_the_values_it_was_found_
     for each in dark[WAVE:]:
         assert (each.bucket, each.operators, each.causes.necessary) == ("minimal", ("light",), ("light",))
         assert each.shrunk == replace(SPACE.nominal(like=each.scene), light=each.scene.light)
-        assert (
-            each.certified.failures >= each.certified.rollouts > each.counterpart_rates["light"].failures == 0
-        )
+        assert each.certified.failures >= each.certified.rollouts > each.counterpart_rates["light"].failures == 0
         assert each.witness is not None
 
 

@@ -40,9 +40,7 @@ def test_a_reset_to_a_reference_takes_its_values_and_needs_its_targets():
 
 def test_a_path_goes_from_the_reference_to_the_scene_step_by_step():
     reference, failing = scene(camera=Camera(yaw=2.0)), scene(camera=Camera(yaw=3.0, roll=-0.5))
-    path = Path(
-        SPACE, failing, free_genes(SPACE, failing, GROUPS["camera-orientation"], reference), reference
-    )
+    path = Path(SPACE, failing, free_genes(SPACE, failing, GROUPS["camera-orientation"], reference), reference)
     assert path.length == 10
     assert path.at(0) == reference
     assert path.at(4) == scene(camera=Camera(yaw=2.4, roll=-0.2))

@@ -39,12 +39,7 @@ def test_a_finding_becomes_minimal_with_its_cause_and_a_witness(store):
     assert found.policy_rollouts == found.shrink_rollouts + 3 == runner.policy_rollouts
     assert (found.rate.failures, found.rate.rollouts) == (3, 3)
     without = found.counterpart_rates["camera-orientation"]
-    assert (found.certified.failures, found.certified.rollouts, without.failures, without.rollouts) == (
-        4,
-        4,
-        0,
-        4,
-    )
+    assert (found.certified.failures, found.certified.rollouts, without.failures, without.rollouts) == (4, 4, 0, 4)
     assert found.reference is None
     assert found.expert_rollouts == runner.expert_rollouts == 8
     assert (runner.renewed, runner.closed) == (1, 1)
@@ -114,10 +109,7 @@ def test_what_is_lost_earlier_than_at_nominal_is_a_cause_of_its_own(store):
 def test_what_is_left_needs_a_witness_of_its_own(store):
     scene = scenes([TILTED], 1)[0]
     (found,) = triaged(store([scene]), PlantedRunner([TILTED], solvable=lambda shown: shown == scene))
-    assert (found.bucket, found.detail) == (
-        "witnessed",
-        "the expert solves the finding, but not the shrunk scene",
-    )
+    assert (found.bucket, found.detail) == ("witnessed", "the expert solves the finding, but not the shrunk scene")
     assert found.witness is not None
 
 

@@ -58,10 +58,7 @@ def make_frozen(**_):
 def run(factory: str, **changes: object) -> Manifest:
     operators = operators_json(load_operators())
     return manifest(
-        policy=f"python:tests.failures.triage.test_scene_runner:{factory}",
-        seed=7,
-        operators=operators,
-        **changes,
+        policy=f"python:tests.failures.triage.test_scene_runner:{factory}", seed=7, operators=operators, **changes
     )
 
 
@@ -106,9 +103,7 @@ def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal()
 
 
 def test_it_names_what_changed_since_the_run():
-    here = setup.here(
-        run("make_frozen").policy, Frozen(), SearchSpace(load_operators(), CATALOGUE, "pick-up")
-    )
+    here = setup.here(run("make_frozen").policy, Frozen(), SearchSpace(load_operators(), CATALOGUE, "pick-up"))
     of_users_code = {"source": "of a module that has changed since"}
     for changes, expected in (({}, ()), ({"commit": "other"}, ("commit",)), (of_users_code, ("source",))):
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))

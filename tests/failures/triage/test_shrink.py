@@ -38,11 +38,7 @@ def test_shrinking_and_attributing_find_exactly_the_planted_operators_of_35_in_5
         causes = attribute(shrunk, oracle, SPACE)
         spent.append(oracle.spent)
         enough = operators if len(operators) == 1 else ()
-        if (set(shrunk.operators), causes.necessary, causes.sufficient) != (
-            set(operators),
-            shrunk.operators,
-            enough,
-        ):
+        if (set(shrunk.operators), causes.necessary, causes.sufficient) != (set(operators), shrunk.operators, enough):
             wrong.append((operators, shrunk.operators, shrunk.unresolved))
     assert len(wrong) <= 0.05 * len(CASES), wrong
     assert median(spent) <= 55

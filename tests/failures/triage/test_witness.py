@@ -49,9 +49,7 @@ def test_a_simulator_that_breaks_says_nothing_about_the_scene():
     assert find_witness(scene(), lambda *_: broken, lambda *_: passed(), tries=3).broken
     assert find_witness(scene(), lambda *_: passed(), lambda *_: broken, tries=3).broken
     assert not find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3).broken
-    search = find_witness(
-        scene(), lambda scene, grasp, solver: passed() if grasp else broken, lambda *_: passed()
-    )
+    search = find_witness(scene(), lambda scene, grasp, solver: passed() if grasp else broken, lambda *_: passed())
     assert (search.witness is not None, search.broken) == (True, False)
 
 
@@ -67,9 +65,7 @@ def test_what_the_seeing_expert_solves_too_it_witnesses():
 
 
 def test_where_only_the_expert_solves_the_scene_its_actions_stay():
-    search = prove(
-        scene(), lambda *asked: passed() if asked[-1] == "expert" else failed(), lambda *_: passed()
-    )
+    search = prove(scene(), lambda *asked: passed() if asked[-1] == "expert" else failed(), lambda *_: passed())
     assert search.witness is not None
     assert (search.witness.solver, search.rollouts) == ("expert", 2 + SEEING_TRIES)
 
@@ -127,9 +123,7 @@ def test_an_expert_that_begins_with_another_grasp_turns_its_hand_otherwise():
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     expert = Expert()
-    evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", world={"min_distance": 0.15}), expert, CATALOGUE
-    )
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), expert, CATALOGUE)
     ways = []
     for attempt in range(2):
         expert.attempt = attempt

@@ -22,9 +22,7 @@ def fill(store: Store, failing: Sequence[Scene], cells: Sequence[str] = ()) -> S
     run = store.begin(manifest())
     for proposal, scene in enumerate(failing):
         cell = cells[proposal] if cells else f"cell {proposal}"
-        trial = Trial(
-            proposal=proposal, scene=scene, outcome=failed(), severity=SPACE.severity(scene), cell=cell
-        )
+        trial = Trial(proposal=proposal, scene=scene, outcome=failed(), severity=SPACE.severity(scene), cell=cell)
         store.add(run, trial)
     return store
 

@@ -97,9 +97,7 @@ def test_triage_of_a_run_ends_at_its_limit_and_goes_on_with_a_larger_one(store: 
 
 def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Store):
     certify(store, runner, store.runs(), limit=1000)
-    counted = [
-        certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()
-    ]
+    counted = [certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()]
     assert [one.triaged for one in counted] == [4, 2]
     assert counted[1].rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
@@ -141,9 +139,7 @@ class Edgy(PlantedRunner):
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         outcomes = super().evaluate(scenes, numbers)
-        lucky = [
-            s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)
-        ]
+        lucky = [s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)]
         return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
 
 

@@ -24,17 +24,10 @@ def failure(x: float, cell: str = "a", spent: int = 1, worth: float = 0.5) -> Fa
 
 def counted(*failures: Failure, passed: int = 20, invalid: int = 0) -> CountedRun:
     run = Run(
-        id=1,
-        manifest=manifest(strategy="mine", seed=4),
-        status="finished",
-        started="",
-        seconds=9.0,
-        search_seconds=0.9,
+        id=1, manifest=manifest(strategy="mine", seed=4), status="finished", started="", seconds=9.0, search_seconds=0.9
     )
     verdicts = dict.fromkeys(Verdict, 0) | {Verdict.PASSED: passed, Verdict.INVALID: invalid}
-    return CountedRun(
-        run=run, rollouts=20, rollout_seconds=0.0, verdicts=verdicts, rejected=4, failures=failures
-    )
+    return CountedRun(run=run, rollouts=20, rollout_seconds=0.0, verdicts=verdicts, rejected=4, failures=failures)
 
 
 def test_a_failure_in_the_nominal_scene_before_anything_was_achieved_is_worth_one():
@@ -71,11 +64,7 @@ def test_the_figures_of_a_run_are_those_that_one_counts_by_hand():
     numbers = figures(counted(*failures, invalid=5), union([counted(*failures, failure(0.2, "c"))]))
     assert (numbers["strategy"], numbers["seed"], numbers["failures"], numbers["cells"]) == ("mine", 4, 10, 2)
     assert (numbers["first_failure"], numbers["tenth_failure"]) == (3, 12)
-    assert (numbers["coverage"], numbers["valid_share"], numbers["rejected"]) == (
-        pytest.approx(2 / 3),
-        0.8,
-        4,
-    )
+    assert (numbers["coverage"], numbers["valid_share"], numbers["rejected"]) == (pytest.approx(2 / 3), 0.8, 4)
     assert (numbers["search_seconds"], numbers["search_share"]) == (0.9, pytest.approx(0.1))
     assert (numbers["store_seconds"], numbers["store_share"]) == (None, None)
 

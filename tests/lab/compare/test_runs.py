@@ -12,9 +12,7 @@ ASKED = jobs(["random", "nsga2"], 2, 7)
 
 
 def run(number: int, strategy: str, seed: int, status: str = "finished", **changes: object) -> Run:
-    return Run(
-        id=number, manifest=manifest(strategy=strategy, seed=seed, **changes), status=status, started=""
-    )  # type: ignore[arg-type]
+    return Run(id=number, manifest=manifest(strategy=strategy, seed=seed, **changes), status=status, started="")  # type: ignore[arg-type]
 
 
 def test_one_run_of_every_strategy_comes_before_the_second_of_any():

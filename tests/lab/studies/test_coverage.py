@@ -20,9 +20,7 @@ from vlafuzz.worlds.tabletop.vlatest.original import Rectangle
 
 CATALOGUE, OPERATORS = load_catalogue(), load_operators()
 UNIT = Rectangle(x=(0.0, 1.0), y=(0.0, 1.0))
-FILES = sorted(
-    (Path(__file__).resolve().parents[3].parent / "shared" / "vlatest" / "scenes").glob("t-*_n-1000*")
-)
+FILES = sorted((Path(__file__).resolve().parents[3].parent / "shared" / "vlatest" / "scenes").glob("t-*_n-1000*"))
 
 
 def last(scenes: list[Scene]) -> Covered:
@@ -31,13 +29,7 @@ def last(scenes: list[Scene]) -> Covered:
 
 
 def test_a_box_has_ten_cells_along_each_side_both_ends_included() -> None:
-    assert [place(x, 0.0, UNIT) for x in (0.0, 0.09, 0.11, 0.95, 1.0)] == [
-        (0, 0),
-        (0, 0),
-        (1, 0),
-        (9, 0),
-        (9, 0),
-    ]
+    assert [place(x, 0.0, UNIT) for x in (0.0, 0.09, 0.11, 0.95, 1.0)] == [(0, 0), (0, 0), (1, 0), (9, 0), (9, 0)]
     assert place(0.5, 1.1, UNIT) is None
     assert place(0.5, 0.3, Rectangle(x=(0.5, 0.5), y=(0.0, 1.0))) == (0, 3)
 

@@ -87,8 +87,7 @@ def test_what_broke_or_was_unfair_is_in_no_share(scenes: list[Scene]) -> None:
     assert (counted.mutated.count, counted.mutated.of, counted.invalid, counted.errors) == (1, 3, 1, 1)
     assert counted.mean == pytest.approx(2 / 3)
     shares = {
-        (point.curve, point.low): (point.passed.count, point.passed.of)
-        for point in curve_points("rq3", "a", results)
+        (point.curve, point.low): (point.passed.count, point.passed.of) for point in curve_points("rq3", "a", results)
     }
     assert shares == {("darker", 1): (1, 1), ("darker", 8): (0, 1), ("brighter", 8): (0, 1)}
     assert [tried.variant.origin for tried in pooled([results, results])][::7] == [0, 2]

@@ -91,14 +91,7 @@ def test_less_progress_beside_what_is_similar_shows(tmp_path: Path) -> None:
     assert (result.similar, result.other, result.a12) == (8, 8, 0.0)
     assert result.p == pytest.approx(2 / 12870)
     alone = Similarity(
-        task="put-in",
-        policy="idle",
-        similar=0,
-        other=3,
-        progress_similar=None,
-        progress_other=0.5,
-        a12=None,
-        p=None,
+        task="put-in", policy="idle", similar=0, other=3, progress_similar=None, progress_other=0.5, a12=None, p=None
     )
     assert [row.adjusted for row in adjusted([result, alone])] == [result.p, None]
 

@@ -94,9 +94,7 @@ class Breaking:
         Breaking.asked += 1
         if self.place == "act" and Breaking.asked > self.at:
             self._meet("act")
-            return [
-                {"rubbish": "x", "None": None, "complex": RIGHT * 1j}.get(self.what, ANSWERS.get(self.what))
-            ]
+            return [{"rubbish": "x", "None": None, "complex": RIGHT * 1j}.get(self.what, ANSWERS.get(self.what))]
         return [ActionChunk(RIGHT)]
 
     def close(self) -> None:

@@ -18,8 +18,6 @@ def opened(monkeypatch):
     from vlafuzz.policies.clients import websocket_connection as sockets
 
     connections, connect = [], sockets.connect
-    monkeypatch.setattr(
-        sockets, "connect", lambda *a, **k: connections.append(connect(*a, **k)) or connections[-1]
-    )
+    monkeypatch.setattr(sockets, "connect", lambda *a, **k: connections.append(connect(*a, **k)) or connections[-1])
     yield connections
     assert still_open(connections) == 0

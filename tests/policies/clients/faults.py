@@ -47,8 +47,8 @@ class Drifting:
 class Faults:
     """The fault of each reply in order; keeps those that occurred.
 
-    ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the
-    connection, or say ``error`` as OpenVLA's servers do. Before ``begin`` there are none.
+    ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the connection, or
+    say ``error`` as OpenVLA's servers do. Before ``begin`` there are none.
     """
 
     def __init__(self, plan: Iterable[str | None], seconds: float) -> None:

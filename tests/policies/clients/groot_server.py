@@ -28,10 +28,7 @@ def nd(array: np.ndarray) -> dict[bytes, Any]:
 
 def config(keys: dict[str, list[str]], mark: str = "__ModalityConfig_class__") -> dict[str, Any]:
     moments = {"action": list(range(16))}
-    configs = {
-        kind: {"delta_indices": moments.get(kind, [0]), "modality_keys": names}
-        for kind, names in keys.items()
-    }
+    configs = {kind: {"delta_indices": moments.get(kind, [0]), "modality_keys": names} for kind, names in keys.items()}
     return {kind: {mark: True, "as_json": value} for kind, value in configs.items() if value["modality_keys"]}
 
 

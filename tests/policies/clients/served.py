@@ -106,8 +106,7 @@ class Rounded:
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [
-            ActionChunk(chunk.actions.astype(np.float32).astype(np.float64))
-            for chunk in self._policy.act(observations)
+            ActionChunk(chunk.actions.astype(np.float32).astype(np.float64)) for chunk in self._policy.act(observations)
         ]
 
 

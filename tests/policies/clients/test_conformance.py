@@ -1,8 +1,8 @@
 """Against the reference implementations openpi-client, json-numpy and msgpack-numpy, in a separate venv.
 
-openpi-client 0.1.2 wants NumPy 1, which excludes our own packages. So it is not among them; name the Python
-of an environment in which it is: python -m venv there; there/bin/pip install openpi-client==0.1.2
-typing-extensions json-numpy==2.1.1 msgpack-numpy==0.4.8; VLAFUZZ_OTHERS=there/bin/python scripts/test -m slow
+openpi-client 0.1.2 wants NumPy 1, which excludes our own packages. So it is not among them; name the Python of an
+environment in which it is: python -m venv there; there/bin/pip install openpi-client==0.1.2 typing-extensions
+json-numpy==2.1.1 msgpack-numpy==0.4.8; VLAFUZZ_OTHERS=there/bin/python scripts/test -m slow
 """
 
 import json

@@ -70,8 +70,7 @@ def breaks_and_goes_on(
 
 
 @pytest.mark.parametrize(
-    ("what", "at"),
-    _cases(*product(FAULTS, (FIRST, LATER)), quick={("500", FIRST), *product(FAULTS, [LATER])}),
+    ("what", "at"), _cases(*product(FAULTS, (FIRST, LATER)), quick={("500", FIRST), *product(FAULTS, [LATER])})
 )
 def test_a_server_that_breaks(what: str, at: int, server: Server, capsys: pytest.CaptureFixture[str]):
     name = f"http://127.0.0.1:{server.port}/act?camera=0&execute=1&timeout=0.05&deterministic=1&version=1"
@@ -129,6 +128,4 @@ def test_a_policy_that_cannot_be_closed_loses_nothing(what: str, capsys: pytest.
 
 @pytest.mark.slow
 def test_a_policy_whose_worker_is_killed(capsys: pytest.CaptureFixture[str]):
-    breaks_and_goes_on(
-        f"{HERE}Mortal", 0, Path("mended").touch, capsys, "--workers", "1", "--executor", "processes"
-    )
+    breaks_and_goes_on(f"{HERE}Mortal", 0, Path("mended").touch, capsys, "--workers", "1", "--executor", "processes")

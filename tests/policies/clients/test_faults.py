@@ -61,18 +61,14 @@ class TestScenes:
             simulator.close()
         return outcomes, faults
 
-    def test_what_is_lost_on_the_way_is_begun_again_and_every_time_is_logged(
-        self, protocol, undisturbed, caplog
-    ):
+    def test_what_is_lost_on_the_way_is_begun_again_and_every_time_is_logged(self, protocol, undisturbed, caplog):
         outcomes, faults = self.outcomes(protocol, 2, *[None] * 3, "drop", *[None] * 6, "cut", None, "stall")
         assert [summary(outcome) for outcome in outcomes] == [summary(outcome) for outcome in undisturbed[:2]]
         assert faults.came == ["drop", "cut", "stall"]
         assert len([record for record in caplog.records if "again in" in record.message]) == 3
 
     def test_answers_that_are_none_are_errors_and_the_other_scenes_are_as_ever(self, protocol, undisturbed):
-        outcomes, faults = self.outcomes(
-            protocol, 4, None, None, "garbage", None, None, None, "huge", "error"
-        )
+        outcomes, faults = self.outcomes(protocol, 4, None, None, "garbage", None, None, None, "huge", "error")
         broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
         assert len(broken) == len(faults.came) - (protocol == "groot")  # ZeroMQ cuts off what is huge
         assert all(outcomes[index].detail.startswith("policy: ") for index in broken)

@@ -218,10 +218,7 @@ class TestRefused:
     def test_a_model_that_wants_the_past(self):
         modalities = config(MODALITIES)
         modalities["video"]["as_json"]["delta_indices"] = [-1, 0]
-        with (
-            served(modalities=modalities) as (name, _),
-            pytest.raises(UsageError, match="wants 2 time steps of video"),
-        ):
+        with served(modalities=modalities) as (name, _), pytest.raises(UsageError, match="wants 2 time steps of video"):
             make_policy(name)
 
     @pytest.mark.parametrize("modalities", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])

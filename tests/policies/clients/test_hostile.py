@@ -66,11 +66,7 @@ def test_a_server_that_resets_right_after_the_handshake_is_none(protocol: str):
 
 @pytest.mark.parametrize(
     ("name", "called"),
-    [
-        ("openpi:ws://127.0.0.1:9", "openpi"),
-        ("http://127.0.0.1:9/act", "/act"),
-        ("groot:tcp://127.0.0.1:9", "GR00T"),
-    ],
+    [("openpi:ws://127.0.0.1:9", "openpi"), ("http://127.0.0.1:9/act", "/act"), ("groot:tcp://127.0.0.1:9", "GR00T")],
 )
 def test_where_no_server_is_a_hint_says_how_to_start_one(name: str, called: str):
     with pytest.raises(PrerequisiteError, match=f"no {called} server: .*: Connection refused") as caught:
@@ -145,9 +141,7 @@ MAPS = msgpack.packb({"actions": [{}] * 1_000_000})
 
 
 @pytest.mark.parametrize("unpack", [unpack_openpi, unpack_vla_eval, unpack_groot])
-@pytest.mark.parametrize(
-    "frame", [MAPS, msgpack.packb({"a": [[{}] * 1000] * 1000})], ids=["one list", "many"]
-)
+@pytest.mark.parametrize("frame", [MAPS, msgpack.packb({"a": [[{}] * 1000] * 1000})], ids=["one list", "many"])
 def test_a_message_of_very_many_containers_is_refused_before_they_are_built(unpack, frame):
     tracemalloc.start()
     with pytest.raises(ValueError, match=r"65536"):

@@ -21,14 +21,9 @@ def spec_of(name: str) -> str:
 
 
 def test_a_policy_in_process_has_our_own_state_and_the_pictures_of_its_cameras():
-    spec = PolicySpec(
-        "own", cameras=(CameraRequest("front", 64, 48), CameraRequest("wrist", 32, 32, "wrist"))
-    )
+    spec = PolicySpec("own", cameras=(CameraRequest("front", 64, 48), CameraRequest("wrist", 32, 32, "wrist")))
     interface = interface_of("mini", described(spec))
-    assert dict(interface.pictures) == {
-        "front": "observation.images.front",
-        "wrist": "observation.images.wrist",
-    }
+    assert dict(interface.pictures) == {"front": "observation.images.front", "wrist": "observation.images.wrist"}
     assert interface.state_names == ["x", "y", "z", "rx", "ry", "rz", "opening"]
     assert interface.action_names == ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
     assert interface.spec.cameras == spec.cameras

@@ -24,8 +24,8 @@ pytestmark = pytest.mark.usefixtures("no_pause")
 
 @contextmanager
 def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, threading.Semaphore]]:
-    """A server with scripted replies (status, body) or waits; its name, the requests that it got,
-    and a count of the connections that are closed.
+    """A server with scripted replies (status, body) or waits; its name, the requests that it got, and a count of the
+    connections that are closed.
 
     ``keep``: as HTTP 1.1 keeps a connection; else it is closed after the reply, without a word.
     """

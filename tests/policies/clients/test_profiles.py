@@ -21,9 +21,7 @@ from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, VlaEval
 from vlafuzz.rollouts.policies import check_policy_name
 
 PAGE = text("docs/servers.md")
-ROBOSUITE = ActionSpec(
-    relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20
-)
+ROBOSUITE = ActionSpec(relative_to="current", position_scale=0.05, rotation_scale=0.5, gripper="close_positive", hz=20)
 EXECUTABLE = [
     (name, protocol)
     for name, profile in known_profiles().items()

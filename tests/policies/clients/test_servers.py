@@ -65,11 +65,7 @@ VLA_EVAL, OPENPI, GROOT = "vla-eval:ws://gpu:8000?", "openpi:ws://gpu:8000?", "g
         (VLA_EVAL + "hz", "bad query field: 'hz'", "expected vla-eval:ws://host:port?option=value&…"),
         (OPENPI + "profile=librero", "unknown profile 'librero'", "did you mean 'libero'?"),
         (OPENPI + "profile=nowhere.yaml", "nowhere.yaml: cannot be read: no such file", ""),
-        (
-            OPENPI + "profile=droid",
-            "are of joints (joint velocity), which cannot be executed",
-            "",
-        ),
+        (OPENPI + "profile=droid", "are of joints (joint velocity), which cannot be executed", ""),
         (OPENPI + "action=joint_position", "its actions are of joints (joint position)", ""),
         (OPENPI + "state=joint_positions", "joint positions cannot be sent as proprioception", ""),
         (OPENPI + "hz=15", "hz: expected a divisor of 100, got 15", ""),

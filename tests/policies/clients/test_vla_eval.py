@@ -37,9 +37,7 @@ STILL = [0.0] * 6 + [1.0]
 class TestRollouts:
     """Whole rollouts in the simulator are the same over the wire as without it."""
 
-    def same_as_in_process(
-        self, make, options: str = "", verdict: Verdict = Verdict.FAILED, **server: object
-    ) -> None:
+    def same_as_in_process(self, make, options: str = "", verdict: Verdict = Verdict.FAILED, **server: object) -> None:
         conditions = Conditions(task="pick-up", world={"min_distance": 0.15})
         with serving(Served(make(), **server)) as name:
             there = ManiSkillEvaluator(conditions, make_policy(name + options), CATALOGUE)

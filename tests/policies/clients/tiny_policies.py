@@ -1,7 +1,7 @@
 """Tiny policies with random weights, made and saved by lerobot itself. Runs where lerobot is.
 
-``make(kind, folder)``: act, diffusion or smolvla. SmolVLA's language model cannot be fetched in a test: it
-gets one that is 32 to 64 wide, with a tokenizer of bytes.
+``make(kind, folder)``: act, diffusion or smolvla. SmolVLA's language model cannot be fetched in a test: it gets one
+that is 32 to 64 wide, with a tokenizer of bytes.
 """
 
 import os
@@ -27,8 +27,7 @@ def make(kind: str, folder: Path) -> None:
 
     torch.manual_seed(0)
     inputs = {
-        f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, SIDE, SIDE))
-        for name in ("image", "image2")
+        f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, SIDE, SIDE)) for name in ("image", "image2")
     }
     inputs["observation.state"] = PolicyFeature(FeatureType.STATE, (STATE,))
     features = {

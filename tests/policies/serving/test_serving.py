@@ -69,8 +69,7 @@ SERVED = {
 
 
 @pytest.mark.parametrize(
-    "served",
-    [pytest.param(name, marks=pytest.mark.render if name in ("pictures", "mini") else ()) for name in SERVED],
+    "served", [pytest.param(name, marks=pytest.mark.render if name in ("pictures", "mini") else ()) for name in SERVED]
 )
 def test_whole_rollouts_are_those_in_process_action_for_action(served, protocol):
     make, conditions = SERVED[served], Conditions(task="pick-up", world={"min_distance": 0.15})
@@ -210,9 +209,7 @@ class TestErrors:
                 list(iter(socket.recv, None))
             assert len(asked(name)) == 1
 
-    @pytest.mark.parametrize(
-        "body", [b"{", b"3", b'{"image": {"__numpy__": "AA==", "dtype": "|O", "shape": []}}']
-    )
+    @pytest.mark.parametrize("body", [b"{", b"3", b'{"image": {"__numpy__": "AA==", "dtype": "|O", "shape": []}}'])
     def test_what_is_no_observation_is_refused_and_the_server_stays(self, body):
         with serving(Frozen(), "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
             line.request("POST", "/act", body)
@@ -246,8 +243,7 @@ class TestAddress:
     """The printed name says all that a run would have to guess."""
 
     @pytest.mark.parametrize(
-        "action",
-        [ActionSpec(), ActionSpec(rotation="euler_xyz", gripper="close_01", position_scale=0.05, hz=10)],
+        "action", [ActionSpec(), ActionSpec(rotation="euler_xyz", gripper="close_01", position_scale=0.05, hz=10)]
     )
     def test_nothing_is_guessed(self, protocol, action):
         with serving(Attentive(action=action), protocol) as name, closing(make_policy(name)) as client:
@@ -310,9 +306,7 @@ def connected(name: str) -> socket.socket:
 def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, monkeypatch):
     over = threading.Semaphore(0)
     close = http.BoundedServer.shutdown_request
-    monkeypatch.setattr(
-        http.BoundedServer, "shutdown_request", lambda *given: (close(*given), over.release())
-    )
+    monkeypatch.setattr(http.BoundedServer, "shutdown_request", lambda *given: (close(*given), over.release()))
     with serving(echo, "http") as name:
         for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
             with connected(name) as client:

@@ -152,9 +152,7 @@ class TestSetting:
             assert np.allclose(bowls.data.xquat[own], env.data.xquat[other], atol=1e-12)
         assert set(env.bodies) == {*bowls.bodies, "milk"}
 
-    def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(
-        self, workplace: Workplace
-    ):
+    def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(self, workplace: Workplace):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
         env = begun(workplace, replace(nominal, confounders=(added("milk", 0.1, 0.3, 30.0),)))
         env.settle(2 * SETTLING)
@@ -166,9 +164,7 @@ class TestSetting:
 
     def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(self, workplace: Workplace):
         nominal = libero_space(load_operators("libero"), BOWLS).nominal()
-        scene = replace(
-            nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:])
-        )
+        scene = replace(nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:]))
         env = begun(workplace, scene)
         place, original = env.data.xpos[env.bodies["yellow_bowl"]].copy(), env.states[0]
         at = env.away.addresses["akita_black_bowl_1"]
@@ -206,10 +202,7 @@ class TestEvaluator:
 
     def test_no_scene_depends_on_those_before_it(self, expert, space):
         nominal = space.nominal()
-        others = [
-            swapped(nominal, "orange_juice"),
-            swapped(nominal, "ketchup", added("popcorn", -0.2, -0.35)),
-        ]
+        others = [swapped(nominal, "orange_juice"), swapped(nominal, "ketchup", added("popcorn", -0.2, -0.35))]
         first = expert.evaluate([nominal, *others])
         again = expert.evaluate([*reversed(others), nominal])
         hashes = [[outcome.rollouts[0].states_hash for outcome in some] for some in (first, again)]

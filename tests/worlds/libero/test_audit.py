@@ -84,9 +84,7 @@ def test_a_double_counts_where_the_words_fit_it_clearly_or_better_than_the_targe
         """By the places of both bowls, as metres beside the plate."""
         env.reset()
         plate = env.data.joint("plate_1_joint0").qpos[:2]
-        for bowl, away in zip(
-            ("akita_black_bowl_1_joint0", "akita_black_bowl_2_joint0"), places, strict=True
-        ):
+        for bowl, away in zip(("akita_black_bowl_1_joint0", "akita_black_bowl_2_joint0"), places, strict=True):
             env.data.joint(bowl).qpos[:2] = plate + np.array(away)
         env.settle(1)
         return [reason for reason in broken_premises(env, regions=False) if reason.endswith("too")]

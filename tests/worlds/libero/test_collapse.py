@@ -63,7 +63,5 @@ def test_a_seam_stays_closed_and_no_triangle_crosses_it():
     pieces = mesh.textures[mesh.triangles][..., 0] > 3
     assert (pieces.all(axis=1) | ~pieces.any(axis=1)).all()
     right = mesh.textures[:, 0] > 3
-    edges = [
-        set(map(tuple, mesh.points[side & np.isclose(mesh.points[:, 0], 0.5)])) for side in (right, ~right)
-    ]
+    edges = [set(map(tuple, mesh.points[side & np.isclose(mesh.points[:, 0], 0.5)])) for side in (right, ~right)]
     assert edges[0] == edges[1] != set()

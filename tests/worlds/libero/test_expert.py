@@ -26,12 +26,7 @@ def rollout(env: LiberoEnv, actions) -> list[str]:
 def test_the_expert_puts_the_bowl_on_the_plate_by_all_stages(bowls):
     bowls.reset(1)
     bowls.settle(SETTLING)
-    assert rollout(bowls, islice(Expert(bowls).actions(), bowls.task.horizon)) == [
-        "reach",
-        "grasp",
-        "move",
-        "goal",
-    ]
+    assert rollout(bowls, islice(Expert(bowls).actions(), bowls.task.horizon)) == ["reach", "grasp", "move", "goal"]
 
 
 def test_a_bowl_is_taken_by_its_rim(bowls):
@@ -43,9 +38,7 @@ def test_a_bowl_is_taken_by_its_rim(bowls):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", ["libero_goal/0", "libero_goal/3", "libero_goal/5", "libero_goal/7", "libero_10/9"]
-)
+@pytest.mark.parametrize("name", ["libero_goal/0", "libero_goal/3", "libero_goal/5", "libero_goal/7", "libero_10/9"])
 def test_what_must_be_pushed_or_opened_is_without_an_expert(name):
     env = LiberoEnv(find_task(name))
     assert not can_solve(env)

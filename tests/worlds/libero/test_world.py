@@ -148,9 +148,7 @@ class TestSetting:
 
         setting.begin(nominal)
         before = now()
-        other = replace(
-            nominal, camera=Camera(0.1, 90.0, 0.0), initial_pose=InitialPose(j2=2.0), light=Light(2.0)
-        )
+        other = replace(nominal, camera=Camera(0.1, 90.0, 0.0), initial_pose=InitialPose(j2=2.0), light=Light(2.0))
         setting.begin(moved(other, "plate_1", x=0.03, y=-0.02))
         bowl, plate, joints, eye, lamps = (b - a for a, b in zip(before, now(), strict=True))
         assert bowl == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
@@ -221,12 +219,7 @@ class TestEvaluator:
         address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
         model = Model("openpi", address.options)
         message = model.message(first_seen(space, model.spec))
-        assert message.keys() == {
-            "observation/image",
-            "observation/wrist_image",
-            "observation/state",
-            "prompt",
-        }
+        assert message.keys() == {"observation/image", "observation/wrist_image", "observation/state", "prompt"}
         for key, camera in (("image", "agentview"), ("wrist_image", "robot0_eye_in_hand")):
             smaller = Image.fromarray(shown.pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
             assert np.array_equal(message[f"observation/{key}"], np.asarray(smaller))
@@ -239,9 +232,7 @@ class TestEvaluator:
         It sends rotation vectors of at most half a turn, and in this state robosuite's is longer.
         """
         options = parse("vla-eval:ws://localhost:1?profile=libero", VlaEval).options
-        asked = Hello(
-            protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True)
-        )
+        asked = Hello(protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True))
         model = DeclaredModel("vla-eval", asked, options)
         message = model.message(first_seen(space, model.spec))
         assert list(message["images"]) == ["agentview", "wrist"]

@@ -83,9 +83,7 @@ def test_a_lying_cans_top_points_where_it_did_after_half_a_turn(tmp_path: Path) 
         target = scene.targets[0]
         assert target.rest == "lying"
         rest = Rotation.from_quat(CATALOGUE["pepsi_can"].stable_pose("lying").quaternion, scalar_first=True)
-        ours = (Rotation.from_euler("z", target.yaw, degrees=True) * rest).apply(
-            [0, 0, 1]
-        )  # z: up in our cans
+        ours = (Rotation.from_euler("z", target.yaw, degrees=True) * rest).apply([0, 0, 1])  # z: up in our cans
         theirs = Rotation.from_euler("z", angle, degrees=True).apply([0, 1, 0])  # y is up in theirs
         assert ours == pytest.approx(-theirs, abs=1e-3)
 
@@ -148,14 +146,8 @@ def test_ycb_files_have_meshes_of_their_own(tmp_path: Path) -> None:
             json.dumps({"0": grasp("apple", -0.3, float("nan"))}),
             "0: obj_init_options.init_xy.1: input should be a finite",
         ),
-        (
-            json.dumps({"0": two(0, 7, apple=other(0, 0))}),
-            "0: target_obj_id: 7 is not the index of one of 1 objects",
-        ),
-        (
-            json.dumps({"0": two(0, 1, apple=other(0, 0)) | {"model_ids": ["mug"]}}),
-            "0: there are no options for 'mug'",
-        ),
+        (json.dumps({"0": two(0, 7, apple=other(0, 0))}), "0: target_obj_id: 7 is not the index of one of 1 objects"),
+        (json.dumps({"0": two(0, 1, apple=other(0, 0)) | {"model_ids": ["mug"]}}), "0: there are no options for 'mug'"),
         (json.dumps({"0": grasp("apple", -0.3, 0.2, [0.5, 0.5, -0.5, 0.5])}), "0: apple: orientation"),
     ],
 )
@@ -214,9 +206,7 @@ def test_objects_of_ycb_have_names_of_their_own(tmp_path: Path) -> None:
 
 
 def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) -> None:
-    path = write(
-        tmp_path / "x.json", turned(2, 0, "apple", "orange", "sponge"), turned(0, 1, "apple", "orange")
-    )
+    path = write(tmp_path / "x.json", turned(2, 0, "apple", "orange", "sponge"), turned(0, 1, "apple", "orange"))
     mixed, plain = original(path)
     assert names(mixed) == ["custom:sponge", "custom:apple", "custom:orange"]
     assert [placed.object for placed in mixed.listing] == ["custom:apple", "custom:orange", "custom:sponge"]
@@ -226,9 +216,7 @@ def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) ->
 
 def test_what_is_written_is_the_file_that_was_read(tmp_path: Path) -> None:
     alone = {key: GRASP[key] for key in ("model_id", "obj_init_options")}
-    path = write(
-        tmp_path / "t-move_n-3_o-m3_s-77.json", GRASP, alone, turned(2, 0, "apple", "orange", "sponge")
-    )
+    path = write(tmp_path / "t-move_n-3_o-m3_s-77.json", GRASP, alone, turned(2, 0, "apple", "orange", "sponge"))
     again = tmp_path / "again" / path.name
     again.parent.mkdir()
     assert write_vlatest(again, original(path), CATALOGUE) == {}

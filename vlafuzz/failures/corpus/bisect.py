@@ -1,10 +1,10 @@
 """bisect: which of several checkpoints in a row broke the policy, by few comparisons with a baseline.
 
-Outcomes are noisy, so a comparison excludes no checkpoint: it makes some less likely (see ``breaking``). The
-checkpoint whose probability of being broken is nearest to one half is the next one, and it is compared only
-until that is clear (Horstein 1963, <https://doi.org/10.1109/TIT.1963.1057832>; Waeber et al. 2013,
-<https://doi.org/10.1137/120861898>). Then those around the likeliest one are compared until it is clear that
-all of the loss came in this one step. All comparisons are in the controls of a corpus, see ``regress``.
+Outcomes are noisy, so a comparison excludes no checkpoint: it makes some less likely (see ``breaking``). The checkpoint
+whose probability of being broken is nearest to one half is the next one, and it is compared only until that is clear
+(Horstein 1963, <https://doi.org/10.1109/TIT.1963.1057832>; Waeber et al. 2013, <https://doi.org/10.1137/120861898>).
+Then those around the likeliest one are compared until it is clear that all of the loss came in this one step. All
+comparisons are in the controls of a corpus, see ``regress``.
 """
 
 from collections.abc import Callable, Sequence
@@ -49,8 +49,8 @@ class Bisection:
     """The result.
 
     Attributes:
-        error: a checkpoint is named with certainty if the probability of anything else is at most this.
-        last: the comparison of the last checkpoint with the baseline.
+        error: a checkpoint is named with certainty if the probability of anything else is at most this. last: the
+        comparison of the last checkpoint with the baseline.
         steps: all comparisons, this one first.
         belief: what follows from all outcomes, given that the last checkpoint is broken.
         rollouts: of checkpoints.
@@ -156,8 +156,8 @@ def bisect(
         probes: the controls.
         open_side: rolls out a checkpoint, by its name.
         alpha: bound on the probability of a false alarm.
-        error: the search ends where the probability that anything else happened is at most this.
-        comparisons: at most; by default ``most_comparisons``.
+        error: the search ends where the probability that anything else happened is at most this. comparisons: at most;
+        by default ``most_comparisons``.
         deadline: after which no rollout is begun.
         watch: called after every rollout.
 
@@ -218,12 +218,7 @@ class _Search:
         """Compare the last checkpoint with the baseline until it is shown to be worse."""
         last = len(self._checkpoints) - 1
         compared = compare(
-            self._probes,
-            side,
-            self._baseline,
-            alpha=alpha,
-            deadline=self._deadline,
-            watch=self._progress(last),
+            self._probes, side, self._baseline, alpha=alpha, deadline=self._deadline, watch=self._progress(last)
         )
         if not compared.tells:
             raise unjudged(side, compared)

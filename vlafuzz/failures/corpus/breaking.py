@@ -1,9 +1,9 @@
 """What became of checkpoints in a row, and which of them broke first, as probabilities from noisy outcomes.
 
-A working checkpoint passes in a scene with the probability that the baseline's outcome there suggests. Over
-scenes, this has a beta distribution: anything from "the same in every scene" to "always or never". One that
-has lost something passes less often in every scene, by a factor. How the loss goes on along the checkpoints
-has one of several shapes: one step, two steps, a step after which it grows, a gradual loss, or no order.
+A working checkpoint passes in a scene with the probability that the baseline's outcome there suggests. Over scenes,
+this has a beta distribution: anything from "the same in every scene" to "always or never". One that has lost something
+passes less often in every scene, by a factor. How the loss goes on along the checkpoints has one of several shapes: one
+step, two steps, a step after which it grows, a gradual loss, or no order.
 """
 
 from collections.abc import Sequence
@@ -20,13 +20,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Shape = Literal["one step", "two steps", "growing", "gradual", "no order"]
 
-PRIOR: dict[Shape, float] = {
-    "one step": 0.7,
-    "two steps": 0.14,
-    "growing": 0.09,
-    "gradual": 0.06,
-    "no order": 0.01,
-}
+PRIOR: dict[Shape, float] = {"one step": 0.7, "two steps": 0.14, "growing": 0.09, "gradual": 0.06, "no order": 0.01}
 GRID = np.arange(21) / 20  # losses, as shares of the pass rate
 STEPS = (2, 3, 4, 5, 6, 8, 10, 12, 14, 17, 20)  # of these, those that a step may have; a gradual one likewise
 # Concentrations of the beta distribution: from "always or never" to "the same".
@@ -64,8 +58,8 @@ def believe(baseline: Floats, outcomes: Floats) -> Belief:
     """What the outcomes say.
 
     Args:
-        baseline: 1 where the baseline passed, 0 where it failed, NaN where that is not known: (scenes,).
-        outcomes: likewise those of the checkpoints, in order: (checkpoints, scenes).
+        baseline: 1 where the baseline passed, 0 where it failed, NaN where that is not known: (scenes,). outcomes:
+        likewise those of the checkpoints, in order: (checkpoints, scenes).
     """
     number = len(outcomes)
     ran = np.flatnonzero(~np.isnan(outcomes).all(axis=1))
@@ -94,8 +88,8 @@ def believe(baseline: Floats, outcomes: Floats) -> Belief:
 def _log_likelihoods(baseline: Floats, outcomes: Floats) -> Floats:
     """Of each checkpoint's outcomes: (checkpoints, losses, latent).
 
-    Latent are how alike scenes are, and the mean pass rate of what works (Jeffreys' prior, given the
-    baseline), both of which all checkpoints share.
+    Latent are how alike scenes are, and the mean pass rate of what works (Jeffreys' prior, given the baseline), both of
+    which all checkpoints share.
     """
     rates = _rates(int((baseline == 1).sum()), int((baseline == 0).sum()))
     alike, rate = (values.ravel() for values in np.meshgrid(ALIKE, rates, indexing="ij"))

@@ -1,8 +1,7 @@
 """Check: whether a minimal finding still holds, and the case that it then makes.
 
-Shrinking ends near a threshold. A policy whose failures are chaotic there fails on one machine and passes on
-another; so a finding may have to be firm: at a place where nearly every rollout fails, and passes without any
-one operator.
+Shrinking ends near a threshold. A policy whose failures are chaotic there fails on one machine and passes on another;
+so a finding may have to be firm: at a place where nearly every rollout fails, and passes without any one operator.
 """
 
 from collections.abc import Callable, Iterator
@@ -102,12 +101,12 @@ def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None
 def firm(triaged: Triaged, runner: SceneRunner, share: float, first: int) -> Triaged | str:
     """A minimal finding that holds firmly, or the reason why there is none.
 
-    That is the finding as it is if all rollouts fail. Else it is tried farther from its reference, and the
-    place with the highest rate is taken, where it has counterparts, rates and a witness of its own.
+    That is the finding as it is if all rollouts fail. Else it is tried farther from its reference, and the place with
+    the highest rate is taken, where it has counterparts, rates and a witness of its own.
 
     Args:
-        share: of the rollouts that have to fail in the scene, and to pass in each counterpart.
-        first: number of the first rollout, for jitter and seed.
+        share: of the rollouts that have to fail in the scene, and to pass in each counterpart. first: number of the
+        first rollout, for jitter and seed.
     """
     as_found = _tested(triaged, runner, share, first)
     best = as_found if isinstance(as_found, Triaged) else None
@@ -143,9 +142,7 @@ def _outward(triaged: Triaged, space: Space) -> Iterator[Triaged]:
         yield replace(
             triaged,
             shrunk=moved,
-            counterparts={
-                name: space.reset(moved, space.group(name), start) for name in triaged.counterparts
-            },
+            counterparts={name: space.reset(moved, space.group(name), start) for name in triaged.counterparts},
             causes=replace(causes, thresholds=thresholds),
         )
 

@@ -35,8 +35,8 @@ RULES = {
 def write_junit(comparison: Comparison, path: Path) -> None:
     """Write atomically: a scene is a test case, its group the class; all controls are one.
 
-    Only an alarm is a failure, that of the controls. Another scene in which the policy fails is skipped, with
-    a message; there, failures raise no alarm.
+    Only an alarm is a failure, that of the controls. Another scene in which the policy fails is skipped, with a
+    message; there, failures raise no alarm.
     """
     suites = []
     for group in GROUPS:

@@ -34,8 +34,8 @@ def draw(space: Space, seed: int, number: int) -> Scene:
 def number_of(scene: Scene, first: int = CONTROL, repeat: int = 0) -> int:
     """Number of a rollout in a scene, for its seed.
 
-    Each scene has numbers of its own, since a policy may draw the same random numbers in all rollouts with
-    one seed. They are the same for all policies, so that those that are alike see the same noise.
+    Each scene has numbers of its own, since a policy may draw the same random numbers in all rollouts with one seed.
+    They are the same for all policies, so that those that are alike see the same noise.
     """
     return first + (int(scene.digest[:6], 16) << 2) + (repeat & 3) + CONTROL * (repeat >> 2)
 
@@ -43,9 +43,9 @@ def number_of(scene: Scene, first: int = CONTROL, repeat: int = 0) -> int:
 def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Control]:
     """Draw scenes and roll out a policy once in each, until so many are judged, and it passes in enough.
 
-    All are kept: a policy that is as good, but fails elsewhere, breaks some and gets better in others. That
-    the number of controls depends on the baseline's outcomes costs nothing: bets are valid wherever they stop
-    (see ``sign_test``), in the order of drawing, and the test at the end is wrong in at most 3.9 %.
+    All are kept: a policy that is as good, but fails elsewhere, breaks some and gets better in others. That the number
+    of controls depends on the baseline's outcomes costs nothing: bets are valid wherever they stop (see ``sign_test``),
+    in the order of drawing, and the test at the end is wrong in at most 3.9 %.
 
     Unfair scenes are left out, as are rollouts that broke. Where these are many, there are fewer controls.
     """
@@ -70,8 +70,8 @@ def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Con
 def suggest_ranges(space: Space, outcomes: Sequence[tuple[Scene, bool]]) -> str:
     """A hint where a policy passes too few random scenes, with what was seen in these.
 
-    The operators are named that make the most of a difference, if it is more than chance: the policy passes
-    more of the scenes with the milder half of one.
+    The operators are named that make the most of a difference, if it is more than chance: the policy passes more of the
+    scenes with the milder half of one.
 
     Args:
         outcomes: random scenes, at least one, and whether the policy passed.

@@ -19,15 +19,15 @@ class Facts:
 
     Attributes:
         lost_stage: the stage that the policy does not reach.
-        operators: those in which the scene differs from the nominal one, or from the case's reference; all
-            confounder operators count as one.
+        operators: those in which the scene differs from the nominal one, or from the case's reference; all confounder
+            operators count as one.
         nominal_passes: verdict of the nominal scene.
         found: digest of the scene as the search found it.
         run: index of the run that found it, in ``Corpus.runs``.
         repeats: rollouts that confirmed it; ``failures`` of them failed.
         rollouts: of the policy, to shrink and attribute the finding.
-        certified: how often the policy fails in the scene and its neighbourhood, by rollouts that had no part
-            in shrinking it; None in corpora of schema 2 and before.
+        certified: how often the policy fails in the scene and its neighbourhood, by rollouts that had no part in
+            shrinking it; None in corpora of schema 2 and before.
         counterpart_rates: the same for the counterparts, by operator.
     """
 
@@ -56,10 +56,10 @@ class Case(Facts):
 
     Attributes:
         scene: minimal: the policy needs every one of ``operators`` to fail.
-        counterparts: by operator, the scene with this operator reset, in which the policy passes.
-        nominal: the scene with all operators reset.
-        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the
-            nominal one; resetting an operator takes its values from there. None: the nominal scene.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes. nominal: the scene
+        with all operators reset.
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal one;
+            resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
@@ -90,10 +90,10 @@ class Evidence:
     """What triage of the store found, and what the export left out.
 
     Attributes:
-        shares: of the triaged findings: confirmed, flaky, edge, witnessed, by sight, unproven, base, minimal.
-        left_out: number of minimal findings that are not in the corpus, by reason.
-        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
-        expert_rollouts: replays of witnesses included.
+        shares: of the triaged findings: confirmed, flaky, edge, witnessed, by sight, unproven, base, minimal. left_out:
+        number of minimal findings that are not in the corpus, by reason.
+        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage. expert_rollouts: replays
+        of witnesses included.
         seconds: wall time of triage.
     """
 
@@ -112,8 +112,8 @@ class Corpus:
 
     Attributes:
         runs: the runs that found the cases: policy, versions, conditions.
-        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before.
-        renderer: what rendered the policy's images when the cases were checked; None for a policy without
+        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before. renderer:
+        what rendered the policy's images when the cases were checked; None for a policy without
             cameras.
         versions: of the packages at that time.
         created: ISO 8601, UTC.

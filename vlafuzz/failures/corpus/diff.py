@@ -1,8 +1,8 @@
 """diff: what two policies fail at, by cause. Both are rolled out anew where one of them is certified to fail.
 
-That it was certified says little about the next rollouts of a policy that fails by chance: found because it
-failed, it regresses to its mean. So a cause of the first policy is fixed only if the second one is shown to
-pass more often in the same jittered scenes, and one of the second policy is new likewise.
+That it was certified says little about the next rollouts of a policy that fails by chance: found because it failed, it
+regresses to its mean. So a cause of the first policy is fixed only if the second one is shown to pass more often in the
+same jittered scenes, and one of the second policy is new likewise.
 """
 
 from collections.abc import Callable, Sequence
@@ -63,11 +63,10 @@ class CauseChange:
 
     Attributes:
         signature: of a certified failure; ``title``: its operators in words.
-        standing: ``remaining`` where the other policy mostly fails, too; ``unclear`` where it mostly passes,
-            but is not shown to do so more often than the policy whose cause it is.
-        scenes: minimal ones with this signature; in ``passes`` of them the other policy mostly passes.
-        p_value: that the other policy fails there as often, by the sign test over pairs of rollouts.
-        scene: digest of the first one.
+        standing: ``remaining`` where the other policy mostly fails, too; ``unclear`` where it mostly passes, but is not
+            shown to do so more often than the policy whose cause it is.
+        scenes: minimal ones with this signature; in ``passes`` of them the other policy mostly passes. p_value: that
+        the other policy fails there as often, by the sign test over pairs of rollouts. scene: digest of the first one.
         detail: why the other policy fails there, or could not be judged.
     """
 
@@ -86,8 +85,7 @@ class Difference:
     """Two policies by their causes: those of the first one, then those that only the second one's store has.
 
     Attributes:
-        fixed: test of the second policy in the first one's failing scenes; ``broken``: in the passing ones
-            beside them.
+        fixed: test of the second policy in the first one's failing scenes; ``broken``: in the passing ones beside them.
         new: test of the first policy in the second one's failing scenes: whether some of these are new.
     """
 
@@ -203,12 +201,7 @@ def diff(
     ours = [change for change in _changes(b, on_b, "new", alpha) if change.signature not in known_already]
     causes = sorted([*theirs, *ours], key=lambda change: ORDER.index(change.standing))
     return Difference(
-        first=first.name,
-        second=second.name,
-        causes=tuple(causes),
-        fixed=on_a.fixed,
-        broken=on_a.broken,
-        new=on_b.fixed,
+        first=first.name, second=second.name, causes=tuple(causes), fixed=on_a.fixed, broken=on_a.broken, new=on_b.fixed
     )
 
 
@@ -225,16 +218,11 @@ def roll_out(known: Known, other: Side, own: Side, alpha: float, watch: Watch) -
     )
 
 
-def _changes(
-    known: Known, compared: Comparison, where_it_passes: Standing, alpha: float
-) -> list[CauseChange]:
+def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alpha: float) -> list[CauseChange]:
     by_signature: dict[str, list[Compared]] = {}
     for scene in compared.of("failing"):
         by_signature.setdefault(known.causes[scene.probe.scene][0], []).append(scene)
-    return [
-        _change(known, signature, scenes, where_it_passes, alpha)
-        for signature, scenes in by_signature.items()
-    ]
+    return [_change(known, signature, scenes, where_it_passes, alpha) for signature, scenes in by_signature.items()]
 
 
 def _change(

@@ -47,17 +47,17 @@ def export(
 ) -> Corpus:
     """The minimal findings of a store that still hold, one case per scene, and the policy's controls.
 
-    A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the
-    witness solves the scene.
+    A finding holds if the policy fails no later than it did, passes in every counterpart, and a replay of the witness
+    solves the scene.
 
     Args:
         runner: makes the scene runner that checks the findings of a run.
         run: only findings that this run found first; ``task``: only those of one task.
-        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``;
-            more where it passes rarely, see ``record``.
-        firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they
-            do not, the scene moves on in the same direction until they do. By default most have to, and
-            each is repeated until that is clear.
+        controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``; more where it
+            passes rarely, see ``record``.
+        firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they do not, the
+            scene moves on in the same direction until they do. By default most have to, and each is repeated until that
+            is clear.
         workers: processes that share the rollouts; ``runner`` is picklable where there are several.
 
     Raises:
@@ -128,9 +128,7 @@ def forecast(store: Store, findings: int, controls: int, workers: int) -> str:
 
 
 @contextmanager
-def _checker(
-    make: Callable[[Run], PictureRunner], run: Run, workers: int
-) -> Iterator[tuple[PictureRunner, Each]]:
+def _checker(make: Callable[[Run], PictureRunner], run: Run, workers: int) -> Iterator[tuple[PictureRunner, Each]]:
     """A scene runner, and what calls a function for each finding and numbers the results."""
     if workers == 1:
         with closing(make(run)) as runner:

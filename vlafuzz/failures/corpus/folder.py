@@ -181,9 +181,7 @@ def _row(case: Case) -> _CaseRow:
         counterparts={name: scene.digest for name, scene in case.counterparts.items()},
         nominal=case.nominal.digest,
         reference=case.reference.digest if case.reference else None,
-        witness=_WitnessRow(
-            _digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver
-        ),
+        witness=_WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver),
         thumbnail=case.thumbnail is not None,
         **_fields(case, _OF_CASE),
     )
@@ -197,8 +195,8 @@ def read_corpus(folder: Path) -> Corpus:
     """Read a folder that ``write_corpus`` wrote, and check that its parts belong together.
 
     Raises:
-        CorpusError: the folder is not a corpus, has a newer schema, or a file is missing or was changed; the
-            message names the file.
+        CorpusError: the folder is not a corpus, has a newer schema, or a file is missing or was changed; the message
+            names the file.
     """
     folder = locate(folder)
     manifest = _read_manifest(folder / MANIFEST, folder)

@@ -25,8 +25,8 @@ class Probe:
     """A scene that is run again.
 
     Attributes:
-        group: a random ``control``; the minimal ``failing`` scene of a case; its ``counterpart``, with one
-            operator reset; or its ``nominal`` scene.
+        group: a random ``control``; the minimal ``failing`` scene of a case; its ``counterpart``, with one operator
+            reset; or its ``nominal`` scene.
         what: the case, in a few words.
         run: index of the run whose conditions apply, in ``Corpus.runs``.
         passed: whether the corpus's own policy passed, as recorded; None where that was not recorded.
@@ -42,9 +42,9 @@ class Probe:
 def probes(corpus: Corpus) -> list[Probe]:
     """Every scene of a corpus once, controls first.
 
-    The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can
-    only improve, and where it passed only get worse. The counterpart of a case with one operator is its
-    nominal scene, and counts as nominal; where the case has a reference, it is the reference.
+    The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can only
+    improve, and where it passed only get worse. The counterpart of a case with one operator is its nominal scene, and
+    counts as nominal; where the case has a reference, it is the reference.
     """
     by_scene: dict[Scene, Probe] = {}
     for control in corpus.controls:
@@ -194,12 +194,12 @@ class Tally:
 class Change:
     """What became of scenes in which the baseline mostly fails, or mostly passes.
 
-    These were selected by what the corpus's own policy does there, so nothing follows for scenes that nobody
-    selected. But the rollouts of another policy had no part in it, and what they say about these is valid.
+    These were selected by what the corpus's own policy does there, so nothing follows for scenes that nobody selected.
+    But the rollouts of another policy had no part in it, and what they say about these is valid.
 
     Attributes:
-        changed: scenes in which the policy mostly does the other; ``of`` so many that were judged.
-        p_value: that it does so nowhere; see ``change``.
+        changed: scenes in which the policy mostly does the other; ``of`` so many that were judged. p_value: that it
+        does so nowhere; see ``change``.
         alpha: bound on the probability that a change is shown where there is none.
     """
 
@@ -220,10 +220,10 @@ class Change:
 def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_better: bool) -> Change:
     """The failing scenes that pass now; or the passing ones beside them that fail now.
 
-    Where the baseline's outcomes are recorded, it is certified to do what it did in half of the rollouts or
-    more. If the policy did so too in every scene, all r rollouts of one would end otherwise with probability
-    2**-r at most; the p-value is that of as many such scenes. Where the baseline was rolled out as well, each
-    pair of rollouts of which only one passes would be as likely one of the policy's (sign test).
+    Where the baseline's outcomes are recorded, it is certified to do what it did in half of the rollouts or more. If
+    the policy did so too in every scene, all r rollouts of one would end otherwise with probability 2**-r at most; the
+    p-value is that of as many such scenes. Where the baseline was rolled out as well, each pair of rollouts of which
+    only one passes would be as likely one of the policy's (sign test).
     """
     judged = [scene for scene in compared if scene.judged and _selected(scene.probe, failing=for_better)]
     standings = Counter[str](scene.standing for scene in judged)

@@ -47,14 +47,14 @@ def compare_policies(
 ) -> Comparison:
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
 
-    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without
-    controls some are drawn, and that policy is rolled out, too.
+    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without controls
+    some are drawn, and that policy is rolled out, too.
 
     Args:
         folder: of the corpus, for messages.
         label: which model the policy is.
-        alpha: bound on the probability of a false alarm in as many ``nights``, each of which has a comparison
-            in the controls of this corpus.
+        alpha: bound on the probability of a false alarm in as many ``nights``, each of which has a comparison in the
+            controls of this corpus.
     """
     scenes, baseline = _scenes(folder, corpus, baseline, watch)
     model, alpha = Model(policy, label), alpha / nights
@@ -76,14 +76,7 @@ def compare_policies(
             f"at most {most if baseline is None else 2 * most} rollouts"
         )
         return regress.compare(
-            scenes,
-            new,
-            old,
-            alpha=alpha,
-            max_rollouts=max_rollouts,
-            whole=whole,
-            deadline=deadline,
-            watch=progress,
+            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=progress
         )
 
 
@@ -105,10 +98,10 @@ def diff_policies(
     """Compare two policies by the certified causes of two stores or corpora; see ``diff.diff``.
 
     Args:
-        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
-        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
-        label: of two models that are served at one address in turn, the one that answers there now.
-        answers: a file that keeps outcomes, see ``Answers``; needed for two models at one address.
+        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise. label_a: which model
+        that is, or which of the models in ``a``; ``label_b`` likewise.
+        label: of two models that are served at one address in turn, the one that answers there now. answers: a file
+        that keeps outcomes, see ``Answers``; needed for two models at one address.
 
     Raises:
         UsageError: both are the same model, on different tasks, or one has several.
@@ -117,9 +110,7 @@ def diff_policies(
     """
     first, second = diff.known(a, run_a, label_a), diff.known(b, run_b, label_b)
     if not (first.causes or second.causes):
-        raise StoreError(
-            f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some"
-        )
+        raise StoreError(f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some")
     one, other = _two_models(first, second, policy_a, policy_b)
     absent = _absent([one, other], label, answers)
     rollouts = sum(2 * sum(tested.repeats) for tested in (first, second))
@@ -146,9 +137,7 @@ def diff_policies(
         return diff.diff(first, second, in_a, in_b, alpha=alpha, watch=progress)
 
 
-def _two_models(
-    first: Known, second: Known, policy_a: str | None, policy_b: str | None
-) -> tuple[Model, Model]:
+def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str | None) -> tuple[Model, Model]:
     """The models of ``diff_policies`` under their names of now, once they are found to be comparable."""
     one = replace(first.model, policy=policy_a or first.model.policy)
     other = replace(second.model, policy=policy_b or second.model.policy)
@@ -180,10 +169,10 @@ def bisect_checkpoints(
 ) -> Bisection:
     """Find out which of several models, in the order of their training, broke; see ``bisect.bisect``.
 
-    Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is
-    open at a time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``. Of checkpoints
-    that are served at one address in turn, ``label`` is the one that answers there now; a PrerequisiteError
-    says which one has to be served next.
+    Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is open at a
+    time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``. Of checkpoints that are served at
+    one address in turn, ``label`` is the one that answers there now; a PrerequisiteError says which one has to be
+    served next.
     """
     models = {checkpoint.short: checkpoint for checkpoint in checkpoints}
     bisect.check_checkpoints([checkpoint.short for checkpoint in checkpoints])
@@ -265,9 +254,7 @@ def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> by
     return film.still if film else None
 
 
-def _scenes(
-    folder: Path, corpus: Corpus, baseline: str | None, watch: Watch
-) -> tuple[list[Probe], str | None]:
+def _scenes(folder: Path, corpus: Corpus, baseline: str | None, watch: Watch) -> tuple[list[Probe], str | None]:
     """The scenes, controls first, and the name of the baseline; None where its outcomes are recorded."""
     scenes = probes(corpus)
     if corpus.controls:

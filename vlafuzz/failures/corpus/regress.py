@@ -1,9 +1,9 @@
 """regress: compare two policies until the new one is shown to be worse: to fail more often.
 
-The evidence is one rollout of each policy in each control of a corpus, a random scene that no outcome
-selected (see ``SignTest``); recorded outcomes of the baseline are as good as new ones. The other scenes were
-selected by outcomes of the corpus's own policy, so that any other one regresses to its mean in them. They say
-what is fixed and broken there, but never raise an alarm.
+The evidence is one rollout of each policy in each control of a corpus, a random scene that no outcome selected (see
+``SignTest``); recorded outcomes of the baseline are as good as new ones. The other scenes were selected by outcomes of
+the corpus's own policy, so that any other one regresses to its mean in them. They say what is fixed and broken there,
+but never raise an alarm.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,10 +36,10 @@ class Comparison:
 
     Attributes:
         alpha: bound on the probability of a false alarm.
-        fewest: number of controls that an alarm takes at least; ``needed``: further broken ones that would
-            raise an alarm.
-        p_value: of the bets at any stopping time, and of the exact test where all controls were run.
-        stopped: ``worse``: at an alarm; ``unjudged``: no rollout could be judged; ``time``: the deadline
+        fewest: number of controls that an alarm takes at least; ``needed``: further broken ones that would raise an
+            alarm.
+        p_value: of the bets at any stopping time, and of the exact test where all controls were run. stopped:
+        ``worse``: at an alarm; ``unjudged``: no rollout could be judged; ``time``: the deadline
             passed; or ``done``.
         recorded: whether the baseline's outcomes are those of the corpus, instead of rollouts of now.
     """
@@ -122,9 +122,7 @@ class Comparison:
         claims = ["failures are fixed"] * fixed.shown + ["passing scenes are broken"] * broken.shown
         claim = " and ".join(claims) or "nothing is shown to be fixed or broken"
         counts = f"{fixed.changed} of {fixed.of} failing scenes fixed ({fixed})"
-        return (
-            f"{claim}: {counts}, {broken.changed} of {broken.of} passing scenes beside them broken ({broken})"
-        )
+        return f"{claim}: {counts}, {broken.changed} of {broken.of} passing scenes beside them broken ({broken})"
 
     def of(self, group: Group) -> list[Compared]:
         return [compared for compared in self.compared if compared.probe.group == group]
@@ -215,9 +213,7 @@ def compare(
 def _order(probes: Sequence[Probe], repeats: Sequence[int] | None) -> list[tuple[int, int]]:
     """Indices of scenes with the number of the repeat: controls, then the others round by round."""
     of = {
-        index: repeats[index] if repeats else REPEATS
-        for index, probe in enumerate(probes)
-        if probe.group != "control"
+        index: repeats[index] if repeats else REPEATS for index, probe in enumerate(probes) if probe.group != "control"
     }
     rounds = range(max(of.values(), default=0))
     others = [(index, repeat) for repeat in rounds for index in of if repeat < of[index]]

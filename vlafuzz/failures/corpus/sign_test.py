@@ -1,13 +1,12 @@
 """The test of a comparison in random scenes, whether the new policy is worse, and the loss that it notices.
 
-Of two policies in the same scene, only a discordant pair tells them apart: one passes and the other fails
-(McNemar 1947, <https://doi.org/10.1007/BF02295996>). In scenes drawn at random, independently of each other,
-policies that fail equally often are each the failing one with probability 1/2, however different they are. So
-a bet on "the new one fails, with probability p" multiplies the bettor's wealth by ``2p`` or ``2(1 - p)``, and
-has no expected gain; neither has a mixture of such bets. By Ville's inequality (1939), the wealth then ever
-reaches ``1 / a`` with probability at most ``a``, so that the test may stop there at any time (Ramdas et al.
-2023, <https://doi.org/10.1214/23-STS894>). This gets a tenth of alpha; the exact sign test of all controls at
-the end, which finds more, gets the rest.
+Of two policies in the same scene, only a discordant pair tells them apart: one passes and the other fails (McNemar
+1947, <https://doi.org/10.1007/BF02295996>). In scenes drawn at random, independently of each other, policies that fail
+equally often are each the failing one with probability 1/2, however different they are. So a bet on "the new one fails,
+with probability p" multiplies the bettor's wealth by ``2p`` or ``2(1 - p)``, and has no expected gain; neither has a
+mixture of such bets. By Ville's inequality (1939), the wealth then ever reaches ``1 / a`` with probability at most
+``a``, so that the test may stop there at any time (Ramdas et al. 2023, <https://doi.org/10.1214/23-STS894>). This gets
+a tenth of alpha; the exact sign test of all controls at the end, which finds more, gets the rest.
 """
 
 from collections.abc import Sequence
@@ -53,8 +52,8 @@ class SignTest:
 
     Attributes:
         alpha: bound on the probability of a false alarm.
-        worse: discordant pairs in which only the new policy failed; ``better``: in which only it passed.
-        whole: whether these are all the pairs that were planned.
+        worse: discordant pairs in which only the new policy failed; ``better``: in which only it passed. whole: whether
+        these are all the pairs that were planned.
     """
 
     alpha: float
@@ -130,10 +129,9 @@ class Power:
 def power_of(passed: Sequence[bool], alpha: float = 0.05) -> Power:
     """What is noticed in controls with these outcomes of the baseline, in their order.
 
-    The model is a policy that passes in each control with one probability, whatever the baseline did there;
-    one that is related to the baseline differs from it in fewer controls by chance. The power is the mean
-    over the posterior of the baseline's pass rate with Jeffreys' prior (assurance: O'Hagan et al. 2005,
-    <https://doi.org/10.1002/pst.175>).
+    The model is a policy that passes in each control with one probability, whatever the baseline did there; one that is
+    related to the baseline differs from it in fewer controls by chance. The power is the mean over the posterior of the
+    baseline's pass rate with Jeffreys' prior (assurance: O'Hagan et al. 2005, <https://doi.org/10.1002/pst.175>).
     """
     from scipy.special import betaincinv
 

@@ -58,8 +58,7 @@ def _row(compared: Comparison, group: Group) -> Row:
     """A group in numbers; only controls are random, so that the interval of a rate is theirs alone."""
     tally = compared.tally(group)
     baseline, policy = (
-        str(share) if group == "control" else f"{share.count} of {share.of}"
-        for share in (tally.baseline, tally.policy)
+        str(share) if group == "control" else f"{share.count} of {share.of}" for share in (tally.baseline, tally.policy)
     )
     return {
         "group": _GROUPS[group],
@@ -147,9 +146,7 @@ def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
         "p_value": result.last.p_value,
         "alpha": result.last.alpha,
         **{name: getattr(result, name) for name in names},
-        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True))
-        if result.alarm
-        else {},
+        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True)) if result.alarm else {},
         "shape": result.shape,
         "shapes": result.belief.shapes if result.alarm else {},
         "in_time": result.in_time,

@@ -29,9 +29,7 @@ def attribute(shrunk: Shrunk, oracle: Oracle, space: Space, *, located: bool = F
 
 
 def _alone(space: Space, shrunk: Shrunk, name: str) -> Scene:
-    others = [
-        operator for group, operators in space.groups.items() if group != name for operator in operators
-    ]
+    others = [operator for group, operators in space.groups.items() if group != name for operator in operators]
     return space.reset(shrunk.scene, others, shrunk.reference)
 
 

@@ -25,11 +25,11 @@ class Shrunk:
         lost: the stage that it loses.
         operators: those left, the confounders' as one.
         rate: of the scene; ``rates``: of the counterparts.
-        usual: the rate without any of the operators; None before the scene was compared with that.
-        firm: whether the scene is shown to fail more often than that.
-        counterparts: by operator, the scene without it, which is shown to pass more often.
-        unresolved: operators left that have no counterpart, with what the scene without them does.
-        reference: the scene that it was shrunk to; None for the nominal one.
+        usual: the rate without any of the operators; None before the scene was compared with that. firm: whether the
+        scene is shown to fail more often than that.
+        counterparts: by operator, the scene without it, which is shown to pass more often. unresolved: operators left
+        that have no counterpart, with what the scene without them does. reference: the scene that it was shrunk to;
+        None for the nominal one.
     """
 
     scene: Scene
@@ -58,9 +58,7 @@ class Shrunk:
         """Why it is not shown to be minimal."""
         if not self.firm:
             fails = f"it fails in {self.rate.failures} of {self.rate.rollouts} rollouts"
-            usual = (
-                f", and in {self.usual.failures} of {self.usual.rollouts} without them" if self.usual else ""
-            )
+            usual = f", and in {self.usual.failures} of {self.usual.rollouts} without them" if self.usual else ""
             return f"what is left of it is not shown to matter: {fails}{usual}"
         return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
 
@@ -68,9 +66,9 @@ class Shrunk:
 def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.
 
-    A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the
-    way that holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes
-    the scene's place. Where an object is in the way of a fair counterpart, scenes before it are tried.
+    A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the way that
+    holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes the scene's place.
+    Where an object is in the way of a fair counterpart, scenes before it are tried.
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.

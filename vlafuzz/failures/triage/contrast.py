@@ -8,9 +8,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import beta
 
 EFFECT = 0.2  # difference of failure rates that makes a cause: smaller ones few users would act on
-LEVEL = (
-    20  # evidence that rejects: at most one true null hypothesis in twenty reaches it (Ville's inequality)
-)
+LEVEL = 20  # evidence that rejects: at most one true null hypothesis in twenty reaches it (Ville's inequality)
 HOPELESS = 0.1  # probability of an effect, given uniform rates, below which a comparison is given up
 # Failure rates that the test is made for, with and without what may be a cause, by the weight of the group: a
 # policy that never fails by chance (four pairs that all differ suffice), one that does, causes that at times
@@ -26,8 +24,8 @@ _CELLS = 50  # of the grid over each rate
 def evidence(failures: int, without: int, pairs: int) -> float:
     """The e-value against "the difference of two failure rates is at most ``EFFECT``".
 
-    A mixture of likelihood ratios of alternatives to the closest rates of the null hypothesis. As that is
-    convex, the mixture is an e-variable: one may look at it after every pair (Turner, Grünwald 2023
+    A mixture of likelihood ratios of alternatives to the closest rates of the null hypothesis. As that is convex, the
+    mixture is an e-variable: one may look at it after every pair (Turner, Grünwald 2023
     <https://doi.org/10.1016/j.spl.2023.109836>).
 
     Args:
@@ -62,12 +60,7 @@ def _nearest(rate: float, other: float) -> float:
     """The rate without, of the null hypothesis's pair that has the least divergence from an alternative."""
 
     def divergence(null: float) -> float:
-        likelihoods = (
-            (rate, null + EFFECT),
-            (1 - rate, 1 - null - EFFECT),
-            (other, null),
-            (1 - other, 1 - null),
-        )
+        likelihoods = ((rate, null + EFFECT), (1 - rate, 1 - null - EFFECT), (other, null), (1 - other, 1 - null))
         return float(-sum(weight * np.log(chance) for weight, chance in likelihoods))
 
     found = minimize_scalar(divergence, bounds=(1e-9, 1 - EFFECT - 1e-9), method="bounded")

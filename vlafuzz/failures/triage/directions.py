@@ -10,14 +10,12 @@ from vlafuzz.model.space import Space
 _BESIDE = 1 / 2  # of the largest deviation, as a share of the range: less beside it does not count
 
 
-def directed(
-    space: Space, scene: Scene, operators: Iterable[str], reference: Scene | None = None
-) -> list[str]:
+def directed(space: Space, scene: Scene, operators: Iterable[str], reference: Scene | None = None) -> list[str]:
     """Operators with their directions from a reference, by default from nominal: ``light:dark``.
 
-    Numbers have a sign (``+yaw``), the camera's position that of the axis along which it is farthest off
-    (``-z``), categories their value (``lying``, ``table-checker``). Confounders have their number and, if it
-    matters what they are, their kinds (``1,can``). ``+x2`` is of the second target.
+    Numbers have a sign (``+yaw``), the camera's position that of the axis along which it is farthest off (``-z``),
+    categories their value (``lying``, ``table-checker``). Confounders have their number and, if it matters what they
+    are, their kinds (``1,can``). ``+x2`` is of the second target.
     """
     start = space.nominal(like=scene) if reference is None else reference
     return [f"{name}:{direction(space, scene, name, start)}" for name in operators]

@@ -109,9 +109,7 @@ def work_in_processes(
                 yield from _in_waves(work, job, runner, allowance)
 
 
-def _in_waves(
-    work: Work, job: Job, runner: SceneRunner, allowance: Allowance
-) -> Iterator[Triaged | Unjudged]:
+def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
     """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
 
     So results do not depend on how many findings are worked on at a time.

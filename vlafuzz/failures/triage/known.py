@@ -27,8 +27,8 @@ def by_known_cause(
 ) -> Shrunk | None:
     """The evidence that a failing scene has a known cause.
 
-    That is the scene with the values alone that the cause is about, as far from the reference as they were
-    found: it fails more often than without any one of the operators, by rollouts of its own.
+    That is the scene with the values alone that the cause is about, as far from the reference as they were found: it
+    fails more often than without any one of the operators, by rollouts of its own.
 
     Args:
         known: certified findings.
@@ -52,9 +52,7 @@ def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> 
     kept = _values_of(known.shrunk, known, space)
     start = space.nominal_values if reference.scene is None else space.values(reference.scene)
     others = {
-        gene.path: start[gene.path]
-        for gene in space.genes
-        if gene.path not in kept and gene.operator != space.subject
+        gene.path: start[gene.path] for gene in space.genes if gene.path not in kept and gene.operator != space.subject
     }
     alone = space.compose(space.values(scene) | others)
     same = _directions(space, alone, reference.scene) == _directions(space, known.shrunk, known.reference)

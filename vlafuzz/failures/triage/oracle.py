@@ -118,14 +118,7 @@ class Oracle:
     _up = _down = 1.0  # what a failure and a pass add to the lead of either answer
 
     def __init__(
-        self,
-        roll: Roll,
-        stages: Sequence[str],
-        jitter: Jitter | None,
-        *,
-        budget: int,
-        lead: int = LEAD,
-        first: int = 0,
+        self, roll: Roll, stages: Sequence[str], jitter: Jitter | None, *, budget: int, lead: int = LEAD, first: int = 0
     ) -> None:
         self._roll, self._jitter, self.lead, self.budget = roll, jitter, lead, budget
         self._first, self._tallies = first, dict[tuple[Scene, int], Tally]()
@@ -180,9 +173,7 @@ class Oracle:
         failures, rollouts = self._counts(scene)
         return failures >= sure and rollouts - failures <= failures // FAILURES_A_PASS
 
-    def known(
-        self, scene: Scene, stages: Sequence[str] | None = None, *, lead: int | None = None
-    ) -> Answer | None:
+    def known(self, scene: Scene, stages: Sequence[str] | None = None, *, lead: int | None = None) -> Answer | None:
         """The answer for a scene, if the rollouts so far give one, those that certify included."""
         failures, rollouts = self._counts(scene, stages)
         problem = self._tally(scene).problem
@@ -207,8 +198,8 @@ class Oracle:
     ) -> list[Certificate]:
         """What the policy does in each, by rollouts that no answer rested on, at most ``most`` of them.
 
-        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below. A
-        scene is given up as soon as ``most`` rollouts could show neither.
+        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below. A scene is
+        given up as soon as ``most`` rollouts could show neither.
         """
 
         def needed(tally: Tally) -> int:
@@ -224,17 +215,12 @@ class Oracle:
         return list(map(Certificate, sides, rates))
 
     def contrasts(
-        self,
-        scene: Scene,
-        others: Sequence[Scene],
-        stages: Sequence[str] | None = None,
-        *,
-        most: int = MOST_TO_CERTIFY,
+        self, scene: Scene, others: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
     ) -> list[Certificate]:
         """Whether each of other scenes passes more often, by fresh rollouts: as many there as in the scene.
 
-        It passes if the failure rate of the scene is shown to be more than ``EFFECT`` above its own, it fails
-        where that has become improbable. Stages count in the others; in the scene those of the finding.
+        It passes if the failure rate of the scene is shown to be more than ``EFFECT`` above its own, it fails where
+        that has become improbable. Stages count in the others; in the scene those of the finding.
         """
         subject = self._tally(scene, CERTIFYING)
         tallies = [self._tally(other, CERTIFYING) for other in others]
@@ -246,15 +232,12 @@ class Oracle:
 
         def is_open(tally: Tally) -> bool:
             answer = self._contrast(subject, tally, stages)
-            return (
-                not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and tally.rollouts < most
-            )
+            return not answer and BLOCKING.isdisjoint((subject.problem, tally.problem)) and tally.rollouts < most
 
         self._draw_until([subject, *tallies], needed)
         return [
             Certificate(
-                tally.problem or self._contrast(subject, tally, stages) or Answer.UNCLEAR,
-                self._rate(tally, stages),
+                tally.problem or self._contrast(subject, tally, stages) or Answer.UNCLEAR, self._rate(tally, stages)
             )
             for tally in tallies
         ]
@@ -285,8 +268,7 @@ class Oracle:
         judged: list[Judged | None] = [*self._draw(tallies[: self.room])]
         judged += [None] * (len(scenes) - len(judged))
         return [
-            answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None
-            for answer in judged
+            answer.lost in self.counted if answer and answer.verdict >= Verdict.PASSED else None for answer in judged
         ]
 
     def _ahead(self, failures: int, rollouts: int) -> float:

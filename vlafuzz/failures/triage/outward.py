@@ -19,8 +19,8 @@ def outward(
     """Scenes beyond a failing one, the nearest first, each with the factor by which its way is longer.
 
     Args:
-        operators: that move, the confounders' as one, which stay; all others keep their values.
-        reference: from which they move away; None for the nominal scene.
+        operators: that move, the confounders' as one, which stay; all others keep their values. reference: from which
+        they move away; None for the nominal scene.
     """
     start = reference or space.nominal(like=scene)
     numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.group(name)]

@@ -13,9 +13,7 @@ def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> lis
     Raises:
         SceneError: a value that no operator gives.
     """
-    return [
-        name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene
-    ]
+    return [name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene]
 
 
 def nominal(space: Space, scene: Scene) -> Scene:
@@ -23,9 +21,7 @@ def nominal(space: Space, scene: Scene) -> Scene:
     return space.reset(scene, [operator for group in space.groups.values() for operator in group])
 
 
-def free_genes(
-    space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None
-) -> list[Gene]:
+def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> list[Gene]:
     """The genes of some operators in which a scene differs from a reference, by default from nominal.
 
     The direction of a displacement counts only where both are displaced.
@@ -67,9 +63,7 @@ class Path:
         end: the last step beyond the scene, in the same direction, at which every gene is in its range.
     """
 
-    def __init__(
-        self, space: Space, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None
-    ) -> None:
+    def __init__(self, space: Space, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None) -> None:
         self._space, self._scene = space, scene
         self._values, self._start = space.values(scene), _start(space, reference)
         self._away = {

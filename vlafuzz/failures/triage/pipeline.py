@@ -91,24 +91,24 @@ def triage(
 
     What an interruption leaves of a finding is stored, too: the next call on this machine goes on from there.
 
-    Under a limit, findings that show causes come first, and the first finding of every other cell before the
-    second of any, as it is more likely to have another cause.
+    Under a limit, findings that show causes come first, and the first finding of every other cell before the second of
+    any, as it is more likely to have another cause.
 
     Args:
-        runner: makes a scene runner for the findings of a run; picklable where there are several workers.
-        findings: by default all of the store.
+        runner: makes a scene runner for the findings of a run; picklable where there are several workers. findings: by
+        default all of the store.
         max_rollouts: of the policy, to shrink, certify and attribute one finding; None for 200, or 1000 for a
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
-        place: where it rolls out: here, in processes or on ray. Results do not depend on it.
-        thorough: shrink every finding by a search of its own, to its smallest values, also where it has a
+        place: where it rolls out: here, in processes or on ray. Results do not depend on it. thorough: shrink every
+        finding by a search of its own, to its smallest values, also where it has a
             cause that is certified already, and locate its thresholds anew.
         watch: called after every finding.
 
     Returns:
-        The number of findings that could not be judged, by the reason, but for those that the allowance left.
-        They are left as they are, and tried again by the next call.
+        The number of findings that could not be judged, by the reason, but for those that the allowance left. They are
+        left as they are, and tried again by the next call.
 
     Raises:
         SimulatorError: a worker died.
@@ -180,8 +180,8 @@ def certify_causes(
 ) -> Counter[Unjudged]:
     """Triage the findings that show the commonest causes of a run, which takes about as long as the run.
 
-    The next commonest cause takes the place of one that cannot be certified, or that is the same as another,
-    as long as the rollouts are no more than those of the run.
+    The next commonest cause takes the place of one that cannot be certified, or that is the same as another, as long as
+    the rollouts are no more than those of the run.
 
     Args:
         runner, allowance, place, watch: see ``triage``.
@@ -244,6 +244,4 @@ def _causes_first(findings: Sequence[Finding], causes: Sequence[tuple[str, str]]
     """
     number: defaultdict[tuple[str, str], Iterator[int]] = defaultdict(count)
     ranks = {key: rank - len(causes) for rank, key in enumerate(causes)}
-    return sorted(
-        findings, key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell]))
-    )
+    return sorted(findings, key=lambda finding: ranks.get(finding.key, next(number[finding.scene.task, finding.cell])))

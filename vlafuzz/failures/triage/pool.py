@@ -58,9 +58,7 @@ class PooledRunner:
         self.space, self.stages, self.deterministic, self.renderer = about
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        rolled = [
-            self._submit("evaluate", [scene], [number]) for scene, number in zip(scenes, numbers, strict=True)
-        ]
+        rolled = [self._submit("evaluate", [scene], [number]) for scene, number in zip(scenes, numbers, strict=True)]
         return [outcome for future in rolled for outcome in future.result()]
 
     def renew(self) -> None:

@@ -14,9 +14,9 @@ _MOST_BY_CHANCE = 0.5  # of the background; beyond, the rise is too small to be 
 class Crossing:
     """The posterior of the step at which the failure rate is one half, somewhere between 0 and ``upper``.
 
-    The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions
-    (Kontsevich, Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes
-    are unknown, too, and integrated out on a grid. Where a policy fails by chance, it is half the rise.
+    The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions (Kontsevich,
+    Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes are unknown, too, and
+    integrated out on a grid. Where a policy fails by chance, it is half the rise.
 
     Args:
         background: failure rate at the beginning.

@@ -33,8 +33,8 @@ class Reference(NamedTuple):
 def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable[Scene]) -> Reference | None:
     """The nominal scene of the same targets if it passes, else the nearest scene known to pass.
 
-    If there is none, but the nominal scene fails at a later stage than the finding, the nominal scene serves,
-    since what makes the policy fail earlier is a cause of its own. Else there is no reference.
+    If there is none, but the nominal scene fails at a later stage than the finding, the nominal scene serves, since
+    what makes the policy fail earlier is a cause of its own. Else there is no reference.
 
     Args:
         passing: scenes in which the policy has passed; those of other targets are tried with the finding's.

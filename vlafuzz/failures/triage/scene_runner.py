@@ -42,8 +42,8 @@ class SimulatorSceneRunner:
 
     Attributes:
         lanes: scenes that are rolled out at a time.
-        changed: names of the conditions that come with the installation and are not as they were in the run.
-        elsewhere: where the run was made, in words; empty if it was made here.
+        changed: names of the conditions that come with the installation and are not as they were in the run. elsewhere:
+        where the run was made, in words; empty if it was made here.
     """
 
     def __init__(self, source: Path, manifest: Manifest, policy: Policy | str | None = None) -> None:
@@ -76,12 +76,7 @@ class SimulatorSceneRunner:
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
 
     def _evaluator(
-        self,
-        of: Policy,
-        *,
-        checked: bool = True,
-        recording: Recording | None = None,
-        unseen: bool = False,
+        self, of: Policy, *, checked: bool = True, recording: Recording | None = None, unseen: bool = False
     ) -> SceneEvaluator:
         once = replace(self._manifest, repeats=1)
         if unseen:
@@ -102,9 +97,7 @@ class SimulatorSceneRunner:
 
     def rollouts(self, batches: Iterable[Seeded | None]) -> Results:
         """The outcomes of tagged batches of scenes and numbers; see ``LockstepExecutor.run_seeded``."""
-        seeded = (
-            batch and (batch[0], batch[1], [self._seed + number for number in batch[2]]) for batch in batches
-        )
+        seeded = (batch and (batch[0], batch[1], [self._seed + number for number in batch[2]]) for batch in batches)
         return self._lockstep.run_seeded(seeded)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:

@@ -97,8 +97,7 @@ class _Shrinker:
 
     def _drop_operators(self) -> bool:
         return self._drop(
-            self._left(),
-            lambda names: self._reset([operator for name in names for operator in self.space.group(name)]),
+            self._left(), lambda names: self._reset([operator for name in names for operator in self.space.group(name)])
         )
 
     def _is_blocked(self) -> bool:
@@ -154,8 +153,8 @@ class _Shrinker:
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
         """Remove all keys that can go; returns whether there were any.
 
-        Each is tried alone first, in one batch; then all that could go alone at once, else one by one, those
-        that deviate least first.
+        Each is tried alone first, in one batch; then all that could go alone at once, else one by one, those that
+        deviate least first.
         """
         failing = self._fails([without([key]) for key in keys])
         loose = [key for key, still in zip(keys, failing, strict=True) if still]

@@ -20,10 +20,10 @@ class TriagedFinding:
 
     Attributes:
         scene: the finding; ``shrunk`` is the scene that is left of it.
-        rate: how often the policy fails around the finding; ``certified``: around ``shrunk``.
-        reference: the passing scene that it was shrunk to; None for the nominal one.
-        causes: the thresholds that were located, from which on operators make the policy fail.
-        solver: see ``Witness``; None without a witness.
+        rate: how often the policy fails around the finding; ``certified``: around ``shrunk``. reference: the passing
+        scene that it was shrunk to; None for the nominal one.
+        causes: the thresholds that were located, from which on operators make the policy fail. solver: see ``Witness``;
+        None without a witness.
     """
 
     scene: str
@@ -65,13 +65,13 @@ class TriageSummary:
 
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
-        confirmed: findings that mostly fail in their neighbourhood: all that are neither edge nor flaky.
-        witnessed: confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did.
-        distinct_cells: cells in which the findings lie, before triage.
+        confirmed: findings that mostly fail in their neighbourhood: all that are neither edge nor flaky. witnessed:
+        confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did. distinct_cells: cells
+        in which the findings lie, before triage.
         signatures: findings by signature, after triage; without ``base``.
-        deviating_before: operators that were not nominal, median over the shrunk findings.
-        deviating_after: operators left; ``shrink_rollouts``: medians over the same.
-        policy_rollouts: all rollouts to confirm, shrink and attribute.
+        deviating_before: operators that were not nominal, median over the shrunk findings. deviating_after: operators
+        left; ``shrink_rollouts``: medians over the same. policy_rollouts: all rollouts to confirm, shrink and
+        attribute.
         expert_rollouts: all rollouts of the expert, replays included.
         triaged_findings: in the order in which they were triaged.
     """

@@ -39,8 +39,8 @@ class Located(NamedTuple):
     """Where a path starts to fail, in its steps.
 
     Attributes:
-        crossing: the first step whose failure rate is above one half; the 95 % interval of where the rate
-            crosses one half goes from ``low`` to ``high``.
+        crossing: the first step whose failure rate is above one half; the 95 % interval of where the rate crosses one
+            half goes from ``low`` to ``high``.
         ranges: the first and the last failing step of each range; no last one where nothing beyond passes.
     """
 
@@ -53,13 +53,13 @@ class Located(NamedTuple):
 def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Located | None:
     """Find where a path to a failing scene starts to fail.
 
-    First there is one rollout at each of some places, up to the end of the range. Places that pass beyond a
-    failing one are tried again, which leaves the ranges that fail. Then rollouts near the crossing into the
-    first range narrow it down.
+    First there is one rollout at each of some places, up to the end of the range. Places that pass beyond a failing one
+    are tried again, which leaves the ranges that fail. Then rollouts near the crossing into the first range narrow it
+    down.
 
     Args:
-        first: failure rate of the path's first scene, which passes; None where it still has to be tried.
-        last: failure rate of the scene that it leads to.
+        first: failure rate of the path's first scene, which passes; None where it still has to be tried. last: failure
+        rate of the scene that it leads to.
 
     Returns:
         None if the first scene does not pass, or there are too few rollouts left.
@@ -85,9 +85,7 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Loca
     low, high = crossing.quantiles(*_INTERVAL)
     (middle,) = crossing.quantiles(0.5)
     start = max(math.ceil(middle), 1)
-    return Located(
-        start, math.floor(low + _SLACK), min(math.ceil(high - _SLACK), upper), ((start, until), *others)
-    )
+    return Located(start, math.floor(low + _SLACK), min(math.ceil(high - _SLACK), upper), ((start, until), *others))
 
 
 class _Survey:

@@ -62,16 +62,16 @@ class Triager:
     """Works through the findings of one run.
 
     Attributes:
-        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
-        passing: scenes in which the policy has passed.
-        blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther
-            out, if it can be.
-        rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own
-            as if it were alone, so that its result does not depend on which finding comes first.
-        repeats: all rollouts so far, which findings share, those of an interrupted triage included; only
-            ``roll`` changes it.
-        known: certified findings, one of each signature. A finding that their operators explain keeps its own
-            values of these, and thresholds of a known signature are not located again.
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default. passing: scenes
+        in which the policy has passed.
+        blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther out, if it
+            can be.
+        rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own as if it
+            were alone, so that its result does not depend on which finding comes first.
+        repeats: all rollouts so far, which findings share, those of an interrupted triage included; only ``roll``
+            changes it.
+        known: certified findings, one of each signature. A finding that their operators explain keeps its own values of
+            these, and thresholds of a known signature are not located again.
         lessen: shrink values, too, see ``shrink``.
         deadline: after which a finding is given up.
     """
@@ -183,8 +183,8 @@ class Triager:
     def _at_edge(self, scene: Scene, answer: Answer, exactly: Oracle) -> bool:
         """Whether a scene that does not mostly fail in its neighbourhood does so as it is.
 
-        A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with
-        one rate in both, luck would put it at an edge.
+        A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with one rate
+        in both, luck would put it at an edge.
         """
         if self.runner.deterministic:
             return exactly.fails([scene])[0]
@@ -285,9 +285,7 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     Args:
         first: number of the first rollout.
     """
-    oracle = Oracle(
-        Triager(runner).roll, runner.stages, runner.space.jittered, budget=MOST + UNFAIR, first=first
-    )
+    oracle = Oracle(Triager(runner).roll, runner.stages, runner.space.jittered, budget=MOST + UNFAIR, first=first)
     try:
         answer, rate = oracle.answers([scene])[0], oracle.rate(scene)
     except _UnjudgedError:

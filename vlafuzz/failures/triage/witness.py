@@ -40,8 +40,8 @@ class Solve(Protocol):
 def prove(scene: Scene, solve: Solve, play: Play) -> Search:
     """Find a witness, of the seeing expert where it solves the scene as well.
 
-    The expert goes first: it is cheap, and fails least. What the seeing expert does from the picture says
-    more: that the picture shows all it takes.
+    The expert goes first: it is cheap, and fails least. What the seeing expert does from the picture says more: that
+    the picture shows all it takes.
     """
     search = find_witness(scene, solve, play)
     if search.witness is None:
@@ -50,13 +50,11 @@ def prove(scene: Scene, solve: Solve, play: Play) -> Search:
     return Search(by_sight.witness or search.witness, search.rollouts + by_sight.rollouts)
 
 
-def find_witness(
-    scene: Scene, solve: Solve, play: Play, tries: int = TRIES, solver: Solver = "expert"
-) -> Search:
+def find_witness(scene: Scene, solve: Solve, play: Play, tries: int = TRIES, solver: Solver = "expert") -> Search:
     """Let an expert solve a scene, with another grasp or direction each time, until a replay succeeds.
 
-    The expert acts without latency, as it corrects itself at every step. The replay, which does not, has the
-    scene's latency.
+    The expert acts without latency, as it corrects itself at every step. The replay, which does not, has the scene's
+    latency.
 
     Args:
         play: gives the outcome of executing actions from the same initial state.

@@ -23,9 +23,9 @@ class Certified:
     """What triage of a run's findings has come to.
 
     Attributes:
-        causes: distinct signatures of certified findings, each with the rollouts of triage until then.
-        triaged: findings within the limit; ``confirmed`` of them mostly fail, ``certified`` are minimal, too.
-        rollouts: of the policy; all of the limit where it did not suffice for the next finding.
+        causes: distinct signatures of certified findings, each with the rollouts of triage until then. triaged:
+        findings within the limit; ``confirmed`` of them mostly fail, ``certified`` are minimal, too. rollouts: of the
+        policy; all of the limit where it did not suffice for the next finding.
     """
 
     causes: Mapping[str, int]
@@ -70,8 +70,8 @@ def certify(
 ) -> int:
     """Triage the findings of every run, in order, until they have taken ``limit`` rollouts of the policy.
 
-    Every result is stored at once; a finding of several runs is triaged once. Findings share no verdicts, so
-    that results depend neither on the number of workers nor on interruptions.
+    Every result is stored at once; a finding of several runs is triaged once. Findings share no verdicts, so that
+    results depend neither on the number of workers nor on interruptions.
 
     Args:
         watch: is told the index of a run, and the rollouts that its findings have taken so far.

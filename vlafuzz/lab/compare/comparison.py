@@ -68,8 +68,8 @@ class Standing:
     """The results of a strategy over its repeats.
 
     Attributes:
-        means: of the figures that are compared first, by name; None where a run lacks it.
-        probability: of a failure in a random scene as one run tells it: means of the runs' estimates and of
+        means: of the figures that are compared first, by name; None where a run lacks it. probability: of a failure in
+        a random scene as one run tells it: means of the runs' estimates and of
             the bounds of their 95 % intervals.
         triage: None if nothing was triaged.
         figures: all others, by name.
@@ -126,9 +126,7 @@ def compare_runs(
             means={figure: _mean([run[figure] for run in repeats]) for figure in MEANS},
             probability=_probability(counted[name]),
             triage=triage.get(name),
-            figures={
-                figure: spread([run[figure] for run in repeats], _WITHOUT.get(figure)) for figure in SPREAD
-            },
+            figures={figure: spread([run[figure] for run in repeats], _WITHOUT.get(figure)) for figure in SPREAD},
         )
         for name, repeats in runs.items()
     )
@@ -189,8 +187,7 @@ def spread(values: Sequence[float | None], without: float | None = None) -> Spre
     if not ranked:
         return Spread(None, None, None, 0)
     low, middle, high = (
-        float(quantile) if abs(quantile) < np.sqrt(_NEVER) else None
-        for quantile in np.percentile(ranked, [25, 50, 75])
+        float(quantile) if abs(quantile) < np.sqrt(_NEVER) else None for quantile in np.percentile(ranked, [25, 50, 75])
     )
     return Spread(middle, low, high, sum(value is not None for value in values))
 

@@ -47,12 +47,12 @@ class CountedRun:
     """The counts of a run.
 
     Attributes:
-        rollouts: of the policy; ``rollout_seconds`` is their duration, summed over all processes.
-        verdicts: of all proposals.
+        rollouts: of the policy; ``rollout_seconds`` is their duration, summed over all processes. verdicts: of all
+        proposals.
         rejected: distinct invalid scenes; they cost no rollout.
         failures: in the order in which they were found.
-        probability: that the policy fails in a random scene; None where the strategy does not tell.
-        certified: None without triage.
+        probability: that the policy fails in a random scene; None where the strategy does not tell. certified: None
+        without triage.
     """
 
     run: Run
@@ -68,8 +68,8 @@ class CountedRun:
 def quality(severity: float, progress: float, operators: int) -> float:
     """The quality of a failure, in [0, 1]: 1 for a failure in the nominal scene without any progress.
 
-    The mean of two shares: how near to nominal it is (1 - the mean severity of the operators that vary), and
-    how early the policy fails (1 - progress).
+    The mean of two shares: how near to nominal it is (1 - the mean severity of the operators that vary), and how early
+    the policy fails (1 - progress).
     """
     return (max(0.0, 1.0 - severity / operators) + 1.0 - progress) / 2.0
 
@@ -135,9 +135,7 @@ def with_causes(store: Store, runs: Sequence[CountedRun], limit: int) -> list[Co
     if not limit:
         return list(runs)
     known = known_results(store)
-    return [
-        replace(one, certified=certified(findings_in_order(store, one.run.id), known, limit)) for one in runs
-    ]
+    return [replace(one, certified=certified(findings_in_order(store, one.run.id), known, limit)) for one in runs]
 
 
 def union(runs: Sequence[CountedRun]) -> dict[str, Failure]:
@@ -217,9 +215,9 @@ def _share(part: float | None, whole: float | None) -> float | None:
 def coverage_inverted_distance(failures: Sequence[Failure], reference: Sequence[Failure]) -> float | None:
     """CID: the mean distance from each reference failure to the nearest failure; lower is better.
 
-    Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20
-    and more genes ours is what all strategies together found. Distances are those of scene embeddings: two
-    scenes that differ in one operator only are at most 1 apart.
+    Sorokin, Safin, Nejati 2024 <https://arxiv.org/abs/2410.11769>. Theirs is a grid over the inputs; with 20 and more
+    genes ours is what all strategies together found. Distances are those of scene embeddings: two scenes that differ in
+    one operator only are at most 1 apart.
     """
     if not failures or not reference:
         return None

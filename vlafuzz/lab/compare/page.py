@@ -111,9 +111,7 @@ def sentences(compared: Comparison) -> list[str]:
 
 def markdown(compared: Comparison) -> str:
     """The tables and sentences as markdown."""
-    parts = [
-        f"**{table.title}**\n\n{markdown_table(table.rows)}\n\n{table.says}" for table in tables(compared)
-    ]
+    parts = [f"**{table.title}**\n\n{markdown_table(table.rows)}\n\n{table.says}" for table in tables(compared)]
     tests = "\n".join(f"- {sentence}" for sentence in sentences(compared))
     return "\n\n".join([parts[0], *([tests] if tests else []), *parts[1:]]) + "\n"
 

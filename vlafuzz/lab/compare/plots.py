@@ -28,8 +28,7 @@ def plot(compared: Comparison, folder: Path) -> list[Path]:
     figures = {
         folder / "curves.png": _curves(compared, f"{about}: median and middle half of {repeats}"),
         folder / "figures.png": _boxes(
-            compared,
-            f"{about}: {compared.budget} rollouts, {repeats} (dots), their median and middle half (box)",
+            compared, f"{about}: {compared.budget} rollouts, {repeats} (dots), their median and middle half (box)"
         ),
     }
     for path, figure in figures.items():
@@ -84,9 +83,7 @@ def _boxes_of(axes: Any, values: Mapping[str, Sequence[float]], colours: Mapping
         axes.barh(row, high - low, left=low, height=0.55, color="white", edgecolor="#777777", zorder=2)
         axes.plot([middle, middle], [row - 0.275, row + 0.275], color="black", linewidth=1.8, zorder=3)
         offsets = [0.12 * ((index % 3) - 1) for index in range(len(runs))]
-        axes.scatter(
-            runs, [row + offset for offset in offsets], s=14, color=colours[name], alpha=0.8, zorder=4
-        )
+        axes.scatter(runs, [row + offset for offset in offsets], s=14, color=colours[name], alpha=0.8, zorder=4)
 
 
 def _values(compared: Comparison, strategy: str, name: str) -> list[float]:

@@ -32,9 +32,7 @@ class Measure:
 MEASURES = {
     "causes": Measure("certified causes"),
     "failures": Measure("failures"),
-    "probability_width": Measure(
-        "interval of the failure probability", most=False, more="wider", fewer="narrower"
-    ),
+    "probability_width": Measure("interval of the failure probability", most=False, more="wider", fewer="narrower"),
 }
 
 

@@ -55,8 +55,8 @@ class Covered:
     """What the first ``scenes`` of a track cover.
 
     Attributes:
-        positions: share of the 10 × 10 cells of the box; ``published`` is the paper's for as many scenes.
-        sites: number of distinct sites.
+        positions: share of the 10 × 10 cells of the box; ``published`` is the paper's for as many scenes. sites: number
+        of distinct sites.
         cells, failures: distinct cells of all rollouts and of failed ones; None if nothing was run.
     """
 

@@ -169,10 +169,7 @@ _DIFFERS = {
     "moves the camera by up to 5 cm along each of three axes (8.7 cm in all) and turns it about two "
     "axes, while here it moves by at most 5 cm in any direction and turns by up to 5° about all three.",
 }
-_ALPHA = {
-    "linear": "as here",
-    "log": "here evenly in log2, so that small changes are as frequent as large ones",
-}
+_ALPHA = {"linear": "as here", "log": "here evenly in log2, so that small changes are as frequent as large ones"}
 
 
 @dataclass(frozen=True)
@@ -209,9 +206,7 @@ class MutationResult(StudyResult):
     def draw(self, path: Path) -> None:
         """What is kept of each task beside the control; then the curves."""
         curves = CURVES[self.study]
-        figure, (first, *every) = share_panels(
-            self.title, ["tasks", *curves], "share of mutants passed", width=4
-        )
+        figure, (first, *every) = share_panels(self.title, ["tasks", *curves], "share of mutants passed", width=4)
         colours = coloured(self.policies)
         self._plot_kept(first, colours)
         for axes, curve in zip(every, curves, strict=True):

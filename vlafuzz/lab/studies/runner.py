@@ -118,8 +118,8 @@ class StudyRunner:
     """Does runs in the store of a study.
 
     Attributes:
-        config: common to all runs; its ``budget`` is the number of random scenes of each run.
-        folder: of the study, for files of variants.
+        config: common to all runs; its ``budget`` is the number of random scenes of each run. folder: of the study, for
+        files of variants.
         commit: of the loaded code: a later commit does not change what is running.
         speed_of: see ``do_missing``.
         left_out: parts for which no scene could be generated, and why.
@@ -138,16 +138,12 @@ class StudyRunner:
         """Runs of random scenes, without parts that have no scene; ``packs`` replace those of the config."""
         packs = self.config.packs if packs is None else packs
         plans = {
-            part: self._plan(
-                part, operators_of(part, self.operators), "random", packs=packs, strategy="random"
-            )
+            part: self._plan(part, operators_of(part, self.operators), "random", packs=packs, strategy="random")
             for part in parts
         }
         return self._complete(plans, {})
 
-    def run_variants(
-        self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]
-    ) -> dict[Part, list[Tried]]:
+    def run_variants(self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]) -> dict[Part, list[Tried]]:
         """The variants of each part, which the operators made, in a run with the next seed."""
         scenes = {part: [one.scene for one in variants] for part, (_, variants) in parts.items() if variants}
         plans = {}
@@ -170,9 +166,7 @@ class StudyRunner:
         planned = plan(replace(of_part, **changes), operators)  # type: ignore[arg-type]
         return replace(planned, manifest=replace(planned.manifest, strategy=named, commit=self.commit))
 
-    def _complete(
-        self, plans: Mapping[Part, Plan], scenes: Mapping[Part, Sequence[Scene]]
-    ) -> dict[Part, Run]:
+    def _complete(self, plans: Mapping[Part, Plan], scenes: Mapping[Part, Sequence[Scene]]) -> dict[Part, Run]:
         """Do what is missing; the runs of all parts that have a trial."""
         problems: list[UsageError] = []
 

@@ -10,17 +10,7 @@ from vlafuzz.common.text import Row, percent, plural
 from vlafuzz.lab.plots import coloured, save
 from vlafuzz.lab.studies import published
 from vlafuzz.lab.studies.runner import distinct
-from vlafuzz.lab.studies.sheet import (
-    BESIDE,
-    MARK,
-    Series,
-    StudyResult,
-    Tested,
-    adjusted,
-    bars,
-    chance,
-    share_panels,
-)
+from vlafuzz.lab.studies.sheet import BESIDE, MARK, Series, StudyResult, Tested, adjusted, bars, chance, share_panels
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Table
@@ -43,8 +33,8 @@ class Standing:
 
     Attributes:
         confounders: their number in every scene; None where it varies.
-        judged: distinct scenes that passed or failed; ``invalid`` and ``errors`` are left out of all shares.
-        progress: mean over the judged scenes, in [0, 1].
+        judged: distinct scenes that passed or failed; ``invalid`` and ``errors`` are left out of all shares. progress:
+        mean over the judged scenes, in [0, 1].
         stopped: whether the run ended before it had all scenes.
     """
 
@@ -102,8 +92,7 @@ def reached(task: str, judged: Sequence[Outcome]) -> tuple[Reached, ...]:
     stages = []
     for stage in TASKS[task].stage_names:
         came = (
-            all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts)
-            for outcome in judged
+            all(stage in rollout.reached or rollout.success_once for rollout in outcome.rollouts) for outcome in judged
         )
         share = Share.of_counts(sum(came), len(judged))
         stages.append(Reached(share.count, share.of, share.low, share.high, stage=stage))
@@ -116,10 +105,10 @@ class Similarity(Tested):
 
     Attributes:
         similar, other: numbers of scenes; progress is the mean of each.
-        a12: probability that progress is larger in a similar scene than in another one; a tie counts half.
-        p: Mann and Whitney's, ``adjusted`` for the number of tests by Holm's method. Like ``a12`` it compares
-            progress minus the mean over the scenes with as many confounders, as with more of them one is
-            more likely to be similar.
+        a12: probability that progress is larger in a similar scene than in another one; a tie counts half. p: Mann and
+        Whitney's, ``adjusted`` for the number of tests by Holm's method. Like ``a12`` it compares
+            progress minus the mean over the scenes with as many confounders, as with more of them one is more likely to
+            be similar.
     """
 
     task: str

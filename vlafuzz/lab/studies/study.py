@@ -13,17 +13,7 @@ from vlafuzz.common.files import make_folder, write_whole
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.lab.studies import mutants, published, wordings
-from vlafuzz.lab.studies.runner import (
-    COUNTS,
-    JUDGED,
-    Part,
-    StudyRunner,
-    Tried,
-    Variant,
-    distinct,
-    operators_of,
-    pooled,
-)
+from vlafuzz.lab.studies.runner import COUNTS, JUDGED, Part, StudyRunner, Tried, Variant, distinct, operators_of, pooled
 from vlafuzz.lab.studies.sheet import StudyResult, adjusted
 from vlafuzz.lab.studies.stages import Similarity, StageResult, Standing, in_paper, similarities, standing
 from vlafuzz.lab.studies.unseen import UnseenResult, difference, paired_tests
@@ -69,11 +59,7 @@ def ranges_for(robot: str | None) -> str:
 
 
 def study(
-    request: StudyRequest,
-    config: RunConfig,
-    folder: Path,
-    watch: Watch = SILENT,
-    speed_of: SpeedOf = usual_speed,
+    request: StudyRequest, config: RunConfig, folder: Path, watch: Watch = SILENT, speed_of: SpeedOf = usual_speed
 ) -> StudyResult:
     """Do the runs that the folder's store lacks, each of ``config.budget`` scenes, and count all.
 
@@ -144,9 +130,7 @@ def _stage_study(runner: StudyRunner, request: StudyRequest) -> StageResult:
     return _stage_result(request.study, counted, similar, runner.left_out)
 
 
-def _stage_result(
-    name: str, counted: list[Standing], similar: list[Similarity], left_out: list[str]
-) -> StageResult:
+def _stage_result(name: str, counted: list[Standing], similar: list[Similarity], left_out: list[str]) -> StageResult:
     tasks = dict.fromkeys(standing.task for standing in counted) if name == "rq1" else ()
     policies = list(dict.fromkeys(standing.policy for standing in counted))
     return StageResult(name, policies, left_out, counted, [in_paper(task) for task in tasks], similar)
@@ -192,14 +176,10 @@ def _unseen_study(runner: StudyRunner, request: StudyRequest) -> UnseenResult:
         if part in seen and other in unseen
     ]
     if not differences:
-        raise UsageError(
-            "rq5: no task has room for both seen and unseen objects", hint="widen the --operators"
-        )
+        raise UsageError("rq5: no task has room for both seen and unseen objects", hint="widen the --operators")
     policies = list(dict.fromkeys(row.policy for row in differences))
     packs = [pack.name for pack in request.unseen]
-    return UnseenResult(
-        request.study, policies, runner.left_out, packs, differences, paired_tests(differences)
-    )
+    return UnseenResult(request.study, policies, runner.left_out, packs, differences, paired_tests(differences))
 
 
 def _wording_study(runner: StudyRunner, request: StudyRequest) -> wordings.WordingResult:

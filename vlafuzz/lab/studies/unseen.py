@@ -23,11 +23,11 @@ class Difference:
     """A policy in a task with seen and with unseen objects.
 
     Attributes:
-        relative: change of success relative to seen objects, (unseen - seen) / seen; None where seen is 0.
-        points: unseen - seen, with a 95 % percentile bootstrap interval over the scenes from ``low`` to
+        relative: change of success relative to seen objects, (unseen - seen) / seen; None where seen is 0. points:
+        unseen - seen, with a 95 % percentile bootstrap interval over the scenes from ``low`` to
             ``high``; the interval is None where neither varies.
-        transfer_seen, transfer_unseen: Tr_n: of the scenes that reach stage n - 1 (all for the first), the
-            share that reaches stage n; None where there are none.
+        transfer_seen, transfer_unseen: Tr_n: of the scenes that reach stage n - 1 (all for the first), the share that
+            reaches stage n; None where there are none.
     """
 
     task: str
@@ -48,8 +48,8 @@ class PairedTest:
 
     Attributes:
         task: ``all`` for each policy's mean over its tasks.
-        d: Cohen's for paired samples: mean over standard deviation of the differences. Like ``t`` and ``p``
-            it is None where the differences do not vary.
+        d: Cohen's for paired samples: mean over standard deviation of the differences. Like ``t`` and ``p`` it is None
+            where the differences do not vary.
     """
 
     task: str
@@ -119,8 +119,7 @@ def _bootstrap(seen: Standing, unseen: Standing) -> tuple[float | None, float | 
 
     # 1 for each judged scene that succeeded, else 0
     before, after = (
-        np.repeat([1.0, 0.0], [one.stages[-1].count, one.judged - one.stages[-1].count])
-        for one in (seen, unseen)
+        np.repeat([1.0, 0.0], [one.stages[-1].count, one.judged - one.stages[-1].count]) for one in (seen, unseen)
     )
     if min(len(before), len(after)) < 2 or (len({*before}) == 1 and len({*after}) == 1):
         return None, None
@@ -144,10 +143,7 @@ _NOTE = (
     "percentile bootstrap over the scenes. Tr_n: of the scenes that reach stage n - 1, of all for n = "
     "1, the share that reaches stage n."
 )
-_TESTED = (
-    "The t-test is paired, over policies, which it takes as a sample of many; d is Cohen's, of paired "
-    "samples."
-)
+_TESTED = "The t-test is paired, over policies, which it takes as a sample of many; d is Cohen's, of paired samples."
 _FEW = (
     f"With fewer than {ENOUGH} policies there is no test over policies: the bootstrap over scenes says "
     "how certain the difference is for these policies, nothing about others."
@@ -221,8 +217,7 @@ def _transfer_tables(rows: Sequence[Difference]) -> list[Table]:
 def _transfer_row(row: Difference) -> Row:
     rates = zip(row.transfer_seen, row.transfer_unseen, strict=True)
     return {"task": row.task, "policy": row.policy} | {
-        f"Tr_{number}": f"{percent(seen)} > {percent(unseen)}"
-        for number, (seen, unseen) in enumerate(rates, start=1)
+        f"Tr_{number}": f"{percent(seen)} > {percent(unseen)}" for number, (seen, unseen) in enumerate(rates, start=1)
     }
 
 

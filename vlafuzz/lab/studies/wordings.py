@@ -40,8 +40,8 @@ class Reworded(Tested):
     Attributes:
         prompt: ``plain``, or the prompt's name.
         stages: of the scenes that were judged; the last one is success.
-        plain: success with the plain wording in those scenes; ``lost`` of them fail with this wording
-            only, ``gained`` with the plain one only.
+        plain: success with the plain wording in those scenes; ``lost`` of them fail with this wording only, ``gained``
+            with the plain one only.
         p: of the sign test on lost and gained (McNemar's, exact); None for ``plain``.
     """
 
@@ -77,9 +77,7 @@ def prompts(study: Study, task: str) -> list[Prompt]:
         wordings = [*load_wordings()[task][1:], paraphrases[task]]
         return [Prompt(f"paraphrase {number}", (text,)) for number, text in enumerate(wordings, start=1)]
     if task not in two_step:
-        raise UsageError(
-            f"prompts: {task} has one step only", hint="tasks of two steps: " + ", ".join(two_step)
-        )
+        raise UsageError(f"prompts: {task} has one step only", hint="tasks of two steps: " + ", ".join(two_step))
     return [Prompt(TWO_STEP, (two_step[task],)), Prompt(STEP_BY_STEP, tuple(step_by_step[task]))]
 
 
@@ -118,8 +116,7 @@ def compared(
         if prompt.name == PLAIN:
             outcomes = dict(enumerate(plain))
         pairs = [
-            (plain[origin].verdict is Verdict.PASSED, now.verdict is Verdict.PASSED)
-            for origin, now in outcomes.items()
+            (plain[origin].verdict is Verdict.PASSED, now.verdict is Verdict.PASSED) for origin, now in outcomes.items()
         ]
         lost, gained = pairs.count((True, False)), pairs.count((False, True))
         row = Reworded(

@@ -24,9 +24,7 @@ def _two_columns(numbers: Array) -> Rotation:
 def _unit(vectors: Array) -> Array:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (lengths > 1e-9).all():
-        raise ValueError(
-            "six numbers that are no rotation: two columns of a matrix are not parallel, nor zero"
-        )
+        raise ValueError("six numbers that are no rotation: two columns of a matrix are not parallel, nor zero")
     return np.asarray(vectors / lengths)
 
 
@@ -75,9 +73,7 @@ ROTATIONS = {
     "euler_xyz": Numbers(3, lambda n: Rotation.from_euler("XYZ", n), lambda turns: _angles(turns, "XYZ")),
     "quaternion_xyzw": Numbers(4, Rotation.from_quat, _quaternions),
     "quaternion_wxyz": Numbers(
-        4,
-        lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)),
-        lambda turns: np.roll(_quaternions(turns), 1, axis=1),
+        4, lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)), lambda turns: np.roll(_quaternions(turns), 1, axis=1)
     ),
     "rot6d": Numbers(6, _two_columns, lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6)),
     "rot6d_interleaved": Numbers(  # in row-major order
@@ -92,8 +88,8 @@ class Convention:
     """What the numbers of a model's action mean: a position, a rotation and the gripper.
 
     Attributes:
-        pose: the action is a target pose in the frame of the proprioception, instead of a delta.
-        tool: deltas are in the hand's frame, instead of the robot's base.
+        pose: the action is a target pose in the frame of the proprioception, instead of a delta. tool: deltas are in
+        the hand's frame, instead of the robot's base.
         rotation: a name of ``ROTATIONS``.
         position_scale: metres per unit; ``rotation_scale``: radians per unit, only for ``SCALED``.
     """

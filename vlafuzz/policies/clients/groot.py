@@ -146,9 +146,7 @@ class Groot:
             modality: Modality = getattr(self._modalities, kind)
             if set(keys) != set(modality.modality_keys):
                 wanted, ours = ", ".join(modality.modality_keys) or "none", ", ".join(keys) or "none"
-                message = (
-                    f"{self._name}: the model's keys of {kind} are {wanted}, and the options name {ours}"
-                )
+                message = f"{self._name}: the model's keys of {kind} are {wanted}, and the options name {ours}"
                 raise UsageError(message, hint=f"a profile, or the option {prefixes[kind]}_key=…")
             if kind != "action" and len(modality.delta_indices) != 1:
                 message = f"{self._name}: the model wants {len(modality.delta_indices)} time steps of {kind}"

@@ -20,12 +20,7 @@ from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
 from vlafuzz.policies.clients.servers import options_of
 
 PICTURES = "observation.images."
-_GRIPPER = {
-    "open_positive": (-1.0, 1.0),
-    "close_positive": (1.0, -1.0),
-    "open_01": (0.0, 1.0),
-    "close_01": (1.0, 0.0),
-}
+_GRIPPER = {"open_positive": (-1.0, 1.0), "close_positive": (1.0, -1.0), "open_01": (0.0, 1.0), "close_01": (1.0, 0.0)}
 _PLACE, _TURN = ("x", "y", "z"), ("rx", "ry", "rz")  # metres; rotation vector, radians
 _TURNS = {
     "axis_angle": _TURN,

@@ -45,8 +45,8 @@ class LeRobotOptions(ProfiledOptions):
 class Card:
     """What a policy declares about itself; on a CPU it is deterministic.
 
-    ``pictures``: width and height in pixels by key. ``state``, ``actions``: dimensions. ``execute``: actions
-    of a chunk to execute. ``stepwise``: it must see every step, since it keeps a history.
+    ``pictures``: width and height in pixels by key. ``state``, ``actions``: dimensions. ``execute``: actions of a chunk
+    to execute. ``stepwise``: it must see every step, since it keeps a history.
     """
 
     kind: str
@@ -61,8 +61,8 @@ class Card:
 class LeRobot:
     """A policy from a folder, as lerobot saves it, run in this process: ?profile=libero&device=cuda.
 
-    It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise is seeded by
-    the rollout's seed and step, one observation at a time: in a batch it would depend on the other ones.
+    It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise is seeded by the
+    rollout's seed and step, one observation at a time: in a batch it would depend on the other ones.
     """
 
     form: ClassVar[str] = "lerobot:FOLDER"

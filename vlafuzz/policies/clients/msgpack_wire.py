@@ -1,10 +1,10 @@
 """Wire formats in msgpack: openpi's, vla-eval's and GR00T's, which differ in how they write arrays.
 
-openpi: a WebSocket with dictionaries, as in openpi-client 0.1.2, with frames equal byte by byte. The server
-first sends arbitrary metadata. Then every observation gets one reply; an error is sent as text, and ends the
-connection. vla-eval, protocol version 1: a WebSocket per session, with numbered messages. GR00T: as in
-Isaac-GR00T's ``gr00t/policy/server_client.py``. N1.6 writes .npy bytes; N1.7 writes like msgpack-numpy 0.4.8
-and reads both, so we send .npy bytes.
+openpi: a WebSocket with dictionaries, as in openpi-client 0.1.2, with frames equal byte by byte. The server first sends
+arbitrary metadata. Then every observation gets one reply; an error is sent as text, and ends the connection. vla-eval,
+protocol version 1: a WebSocket per session, with numbered messages. GR00T: as in Isaac-GR00T's
+``gr00t/policy/server_client.py``. N1.6 writes .npy bytes; N1.7 writes like msgpack-numpy 0.4.8 and reads both, so we
+send .npy bytes.
 """
 
 import io

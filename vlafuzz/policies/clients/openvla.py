@@ -1,7 +1,7 @@
 """Models behind ``POST /act``, as OpenVLA and OpenVLA-OFT are served.
 
-The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clients encode the JSON as a string
-once more, which servers accept, too.
+The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clients encode the JSON as a string once
+more, which servers accept, too.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ class ActOptions(ProfiledOptions):
     """The user's options for the model. The default keys are OpenVLA's; OFT needs image_key=full_image.
 
     Attributes:
-        unnorm_key: the data set whose statistics scale the actions; None for the model's default.
-        encoded: encode the JSON as a string once more.
+        unnorm_key: the data set whose statistics scale the actions; None for the model's default. encoded: encode the
+        JSON as a string once more.
     """
 
     protocol: ClassVar[str] = "http"

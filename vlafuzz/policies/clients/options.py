@@ -63,8 +63,8 @@ _Count = Annotated[int, Field(ge=1)]
 class CommonOptions(BaseModel):
     """The options of every server's model; docs/servers.md has a row for each.
 
-    ``camera`` is (width, height), (0, 0) for none; ``execute`` is None for all actions of a chunk;
-    ``timeout`` is in seconds, for each of the observations sent at once.
+    ``camera`` is (width, height), (0, 0) for none; ``execute`` is None for all actions of a chunk; ``timeout`` is in
+    seconds, for each of the observations sent at once.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -109,8 +109,8 @@ class CommonOptions(BaseModel):
 class VlaEvalOptions(CommonOptions):
     """Options of a model that declares itself. None means as declared, or else the default.
 
-    ``benchmark``: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends
-    proprioception and the wrist picture to servers that ask for them.
+    ``benchmark``: the one of vla-eval's own benchmarks that sends the same: it names pictures, and sends proprioception
+    and the wrist picture to servers that ask for them.
     """
 
     protocol: ClassVar[str] = "vla-eval"

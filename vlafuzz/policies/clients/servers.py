@@ -37,9 +37,9 @@ class Address:
 class Client(Protocol):
     """The class of a policy behind a model server.
 
-    ``form`` shows how users name it. ``options``: a class of ``CommonOptions``. Without ``schemes``, the
-    policy is in a folder instead of at an address. With ``answers_batches`` set, its servers answer several
-    observations in one call of the model.
+    ``form`` shows how users name it. ``options``: a class of ``CommonOptions``. Without ``schemes``, the policy is in a
+    folder instead of at an address. With ``answers_batches`` set, its servers answer several observations in one call
+    of the model.
     """
 
     form: str

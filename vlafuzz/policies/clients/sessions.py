@@ -80,8 +80,8 @@ class Sessions(ABC):
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         """Send all observations, then receive all replies, so that the server can batch.
 
-        When one of several fails, this raises and keeps the answers: to the same observations one by one, it
-        gives those, since the servers have advanced the rollouts.
+        When one of several fails, this raises and keeps the answers: to the same observations one by one, it gives
+        those, since the servers have advanced the rollouts.
         """
         keys = [(seen.episode, seen.step) for seen in observations]
         new = [seen for seen, key in zip(observations, keys, strict=True) if key not in self._kept]
@@ -106,9 +106,7 @@ class Sessions(ABC):
     def close(self) -> None:
         self.finish([start for start, _ in self._live.values()])
 
-    def _exchange(
-        self, observations: Sequence[Observation]
-    ) -> list[tuple[Observation, ActionChunk | PolicyError]]:
+    def _exchange(self, observations: Sequence[Observation]) -> list[tuple[Observation, ActionChunk | PolicyError]]:
         """Each answer, or why there is none: then the session is closed."""
         try:
             asked = [(seen, self._ask(seen)) for seen in observations]
@@ -129,9 +127,7 @@ class Sessions(ABC):
             return error
         return session
 
-    def _receive(
-        self, seen: Observation, session: Session | PolicyError, until: float
-    ) -> ActionChunk | PolicyError:
+    def _receive(self, seen: Observation, session: Session | PolicyError, until: float) -> ActionChunk | PolicyError:
         if isinstance(session, PolicyError):
             return session
         try:

@@ -184,9 +184,9 @@ def _unsupported(name: str, component: str, declared: str, known: Mapping[str, A
 class VlaEval(Sessions):
     """A model behind a vla-eval server; options follow a question mark: ?camera=256&wrist=1.
 
-    Every live rollout has its own connection, since servers keep action chunks per connection; without it,
-    the rollout cannot continue. The policy is not ``shared``: the server itself batches the observations of
-    several connections, and workers that connect directly save a hop.
+    Every live rollout has its own connection, since servers keep action chunks per connection; without it, the rollout
+    cannot continue. The policy is not ``shared``: the server itself batches the observations of several connections,
+    and workers that connect directly save a hop.
     """
 
     form: ClassVar[str] = "vla-eval:ws://host:port"

@@ -102,8 +102,8 @@ def validated(kind: type[Declared], url: str, what: str, declared: object) -> De
 def with_retries(attempt: Callable[[], T]) -> T:
     """The result of ``attempt``, which is repeated up to twice when it cannot connect.
 
-    The server must not keep state between attempts: retry the opening of a connection, or a request to a
-    stateless server.
+    The server must not keep state between attempts: retry the opening of a connection, or a request to a stateless
+    server.
     """
     for pause in PAUSES:
         try:

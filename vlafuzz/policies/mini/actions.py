@@ -19,8 +19,8 @@ def proprioception(
 ) -> NDArray[np.float32]:
     """``(n, STATE)``: TCP, closing axis as cosine and sine of twice its angle, tilt, opening, change, time.
 
-    ``state``: ``(n, 7)``, see ``PolicySpec.state``. ``before``: ``(n,)`` the opening at the previous
-    observation. ``since``: ``(n,)`` steps since the gripper's command last changed.
+    ``state``: ``(n, 7)``, see ``PolicySpec.state``. ``before``: ``(n,)`` the opening at the previous observation.
+    ``since``: ``(n,)`` steps since the gripper's command last changed.
     """
     matrix = Rotation.from_rotvec(state[:, 3:6].astype(np.float64)).as_matrix()
     yaw = np.arctan2(matrix[:, 1, 1], matrix[:, 0, 1])[:, None]

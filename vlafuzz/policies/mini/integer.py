@@ -1,7 +1,7 @@
 """Convolutions in 8-bit integers, after training: on a CPU about three times as fast as in floating point.
 
-Weights have one scale per output channel, inputs one per layer, from the ranges that scripts/quantize_mini.py
-measures (Jacob et al. 2018, <https://arxiv.org/abs/1712.05877>).
+Weights have one scale per output channel, inputs one per layer, from the ranges that scripts/quantize_mini.py measures
+(Jacob et al. 2018, <https://arxiv.org/abs/1712.05877>).
 """
 
 import os
@@ -52,9 +52,7 @@ class IntegerConv(nn.Module):
                 self._weight, self._steps, self._step, 0, *geometry, list(shape)
             )
         inputs = whole, self._step, 0, self._packed[shape], self._steps, self._zeros, self._bias
-        answer: Tensor = torch.ops.onednn.qconv2d_pointwise(
-            *inputs, *geometry, 1.0, 0, torch.float32, "none", [], ""
-        )
+        answer: Tensor = torch.ops.onednn.qconv2d_pointwise(*inputs, *geometry, 1.0, 0, torch.float32, "none", [], "")
         return answer
 
     def slow(self, whole: Tensor) -> Tensor:

@@ -1,8 +1,7 @@
 """The network: a small convolutional net, conditioned on the instruction by FiLM, with soft keypoints.
 
-A miniature of RT-1 (Brohan et al. 2022, <https://arxiv.org/abs/2212.06817>: FiLM, binned actions) with the
-spatial soft argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and with
-action chunks.
+A miniature of RT-1 (Brohan et al. 2022, <https://arxiv.org/abs/2212.06817>: FiLM, binned actions) with the spatial soft
+argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and with action chunks.
 """
 
 from dataclasses import dataclass
@@ -142,8 +141,8 @@ class Network(nn.Module):
             state: ``(n, STATE)``, see ``actions.proprioception``.
 
         Returns:
-            ``moves`` ``(n, HORIZON, 6, BINS)`` logits, ``gripper`` ``(n, HORIZON)`` logits of open,
-            ``points`` ``(n, views * POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
+            ``moves`` ``(n, HORIZON, 6, BINS)`` logits, ``gripper`` ``(n, HORIZON)`` logits of open, ``points`` ``(n,
+            views * POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
         """
         middle, far = self._see(pictures, told)
         fused = functional.relu(self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0))

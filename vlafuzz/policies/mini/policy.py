@@ -1,7 +1,7 @@
 """Mini as a policy: weights and model card from a folder, images and words in, metric actions out.
 
-Torch, which takes a second to import, is loaded when the network is first asked: a process that leaves the
-rollouts to workers needs the spec only.
+Torch, which takes a second to import, is loaded when the network is first asked: a process that leaves the rollouts to
+workers needs the spec only.
 """
 
 from __future__ import annotations
@@ -19,14 +19,7 @@ from pydantic import BaseModel, Field
 
 from vlafuzz.common.reading import MIB, read_bytes, read_json, validated
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.policies.base import (
-    ActionChunk,
-    ActionSpec,
-    CameraRequest,
-    EpisodeStart,
-    Observation,
-    PolicySpec,
-)
+from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.mini.words import KNOWN, encode
 
 if TYPE_CHECKING:
@@ -80,8 +73,8 @@ class Memory:
 class Mini:
     """A small learned vision-language-action model that runs on a CPU.
 
-    It was trained in these very simulators: something to try a fuzzer on, no evidence about other models.
-    Observations go through the network one at a time, since batching would change the last bits.
+    It was trained in these very simulators: something to try a fuzzer on, no evidence about other models. Observations
+    go through the network one at a time, since batching would change the last bits.
     """
 
     def __init__(self, folder: Path = SHIPPED) -> None:

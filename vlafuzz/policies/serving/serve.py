@@ -22,8 +22,8 @@ def serving(policy: Policy, protocol: str, address: str = "127.0.0.1", port: int
     """Serve a policy within the block; yields the name by which vlafuzz reaches it, with suitable options.
 
     Raises:
-        UsageError: no such protocol, the port is taken, or the policy needs what no client can send.
-        PrerequisiteError: a package must be installed.
+        UsageError: no such protocol, the port is taken, or the policy needs what no client can send. PrerequisiteError:
+        a package must be installed.
     """
     listening = _listening(protocol)
     served = ServedPolicy(policy)

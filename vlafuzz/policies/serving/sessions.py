@@ -45,9 +45,9 @@ class _Pending:
 class RequestGatherer:
     """One policy for many threads; it has no thread of its own.
 
-    The first caller, while nobody else is being served, gathers the requests of the others until none has
-    come for ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the
-    answers. Requests that arrive meanwhile are gathered by the next caller.
+    The first caller, while nobody else is being served, gathers the requests of the others until none has come for
+    ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the answers. Requests
+    that arrive meanwhile are gathered by the next caller.
     """
 
     def __init__(self, policy: Policy, wait: float = WAIT) -> None:

@@ -21,9 +21,9 @@ class ArtRf(OneByOne):
     """After FATE-VLA's description of its hybrid (Kanwal, Valle, Ali, Arrieta 2026, <https://arxiv.org/abs/2606.02307>).
 
     Fixed-size-candidate-set adaptive random testing (Chen, Leung, Mak 2004,
-    <https://doi.org/10.1007/978-3-540-30502-6_23>): of ten random scenes the five farthest from all proposals
-    are kept. Of these, a random forest trained on the outcomes chooses the likeliest failure; before it has
-    seen both a failure and a pass, the farthest is taken.
+    <https://doi.org/10.1007/978-3-540-30502-6_23>): of ten random scenes the five farthest from all proposals are kept.
+    Of these, a random forest trained on the outcomes chooses the likeliest failure; before it has seen both a failure
+    and a pass, the farthest is taken.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:

@@ -21,9 +21,9 @@ Rng = np.random.Generator
 class MapElites(OneByOne):
     """Mouret, Clune 2015 <https://arxiv.org/abs/1504.04909>.
 
-    A niche is a lost stage (or none), the operator farthest from nominal, and the target's square in the
-    4 × 4 grid. Each keeps the scene that fails earliest, or passes latest. Parents are the failing elites;
-    all elites while none fails.
+    A niche is a lost stage (or none), the operator farthest from nominal, and the target's square in the 4 × 4 grid.
+    Each keeps the scene that fails earliest, or passes latest. Parents are the failing elites; all elites while none
+    fails.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:

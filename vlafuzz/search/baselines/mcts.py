@@ -37,9 +37,9 @@ class Node:
 class Mcts(OneByOne):
     """Monte Carlo tree search as in RoboTest, but rewarded for failures. A baseline.
 
-    UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest
-    <https://github.com/scuama/RoboTest> rewards successes. The n-th level of the tree decides how far the
-    n-th operator is from nominal. A pending scene counts as a pass, so that a batch spreads over the tree.
+    UCT: Kocsis, Szepesvári 2006 <https://doi.org/10.1007/11871842_29>. RoboTest <https://github.com/scuama/RoboTest>
+    rewards successes. The n-th level of the tree decides how far the n-th operator is from nominal. A pending scene
+    counts as a pass, so that a batch spreads over the tree.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:

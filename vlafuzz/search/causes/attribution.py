@@ -22,11 +22,11 @@ QUIET = 0.06  # background up to which an answer may rest on the tests that it w
 class Attribution:
     """One failing scene, with what is known about its cause.
 
-    Tests are chosen by how much they tell about the suspects, until one of them is almost sure or that takes
-    too long. Then units are removed one by one from the smallest set that failed, until it takes all of them.
-    That answer, which was chosen for its outcomes, is confirmed by tests that it does not rest on: with all
-    of its units the scene fails more often than by chance, and without any one of them it does not. Of a
-    policy that seems never to fail by chance, the latter may rest on any tests.
+    Tests are chosen by how much they tell about the suspects, until one of them is almost sure or that takes too long.
+    Then units are removed one by one from the smallest set that failed, until it takes all of them. That answer, which
+    was chosen for its outcomes, is confirmed by tests that it does not rest on: with all of its units the scene fails
+    more often than by chance, and without any one of them it does not. Of a policy that seems never to fail by chance,
+    the latter may rest on any tests.
 
     Args:
         confirmed: log likelihood ratio that tests of the answer have to show.
@@ -39,13 +39,7 @@ class Attribution:
     """
 
     def __init__(
-        self,
-        levels: Levels,
-        suspects: Suspects,
-        background: Background,
-        *,
-        confirmed: float,
-        quiet: bool,
+        self, levels: Levels, suspects: Suspects, background: Background, *, confirmed: float, quiet: bool
     ) -> None:
         self.levels, self.suspects = levels, suspects
         self._background, self._confirmed, self._quiet = background, confirmed, quiet
@@ -124,9 +118,7 @@ class Attribution:
     def _evidence(self, kept: Mask) -> float:
         """Log likelihood ratio of the tests of the answer: these units are in a fault, or they are not."""
         if not kept.any():
-            return self.suspects.ratio(
-                self._background.failures, self._background.passes, self._background.chances
-            )
+            return self.suspects.ratio(self._background.failures, self._background.passes, self._background.chances)
         if self._quiet and self._background.rate < QUIET:
             return self.suspects.evidence(kept)
         mark = kept.tobytes()

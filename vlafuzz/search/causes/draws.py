@@ -83,8 +83,8 @@ class Draws:
     def share(self, rule: Rule, units: Units) -> Probability:
         """The share of random scenes that fail for a rule's reason.
 
-        That is the share in the rule's range, times the rate at which random scenes fail there beyond that
-        elsewhere. The interval allows for doubt about range and rate, and for no other reason at its end.
+        That is the share in the rule's range, times the rate at which random scenes fail there beyond that elsewhere.
+        The interval allows for doubt about range and rate, and for no other reason at its end.
         """
         chances = rule.chance(self._random(units), units)
         low = wilson(int((chances >= SURELY).sum()), SAMPLE).low

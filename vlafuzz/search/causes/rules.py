@@ -22,8 +22,8 @@ class Rule:
         levels: of its smallest failing scene.
         inner: ``(units + 1,)`` deviations nearest to the reference that fail.
         values: of categories, those that fail.
-        safe: ``(units,)`` the farthest deviations that pass while the others fail, 0 where none is known.
-        hits: failures that it explains.
+        safe: ``(units,)`` the farthest deviations that pass while the others fail, 0 where none is known. hits:
+        failures that it explains.
     """
 
     kept: Mask

@@ -64,20 +64,13 @@ class Test:
 class Causes:
     """Spends the budget on distinct causes.
 
-    A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the
-    policy passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not
-    attributed, after one test if in doubt. At least 15 % of the proposals are random scenes; up to half of
-    the draws are severe ones, preferably where no rule explains a failure.
+    A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the policy
+    passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not attributed,
+    after one test if in doubt. At least 15 % of the proposals are random scenes; up to half of the draws are severe
+    ones, preferably where no rule explains a failure.
     """
 
-    def __init__(
-        self,
-        space: Source,
-        seed: int,
-        budget: int | None = None,
-        *,
-        stretched: float = STRETCHED,
-    ) -> None:
+    def __init__(self, space: Source, seed: int, budget: int | None = None, *, stretched: float = STRETCHED) -> None:
         self._space, self._seed, self._asked = space, seed, 0
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
@@ -152,9 +145,7 @@ class Causes:
         out = [test for test, _ in self._out.values() if test]
         trials = [test.scene for test in (*self._tests, *out) if test.failure]
         open_ones = [attribution.levels for attribution in self._active]
-        return [
-            self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)
-        ]
+        return [self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)]
 
     @property
     def at_random(self) -> list[int]:

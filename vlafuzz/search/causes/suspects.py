@@ -30,11 +30,11 @@ class Suspects:
     """Sets of units that may be why a scene fails, beside the chance that nothing in it is to blame.
 
     Args:
-        severity: ``(units,)`` chance that a value as far from the reference is in a fault; 0 where it is that
-            of the reference.
+        severity: ``(units,)`` chance that a value as far from the reference is in a fault; 0 where it is that of the
+            reference.
         rates: ``(3,)`` probability of each of ``RATES``.
-        backgrounds: ``(10,)`` probability of each of ``BACKGROUNDS``, the chance that a scene fails with
-            nothing left of what is to blame.
+        backgrounds: ``(10,)`` probability of each of ``BACKGROUNDS``, the chance that a scene fails with nothing left
+            of what is to blame.
         by_chance: probability that the failure is one of these.
 
     Attributes:
@@ -179,9 +179,7 @@ class Suspects:
         halves = rng.random((HALVES, len(self.deviating))) < rng.uniform(0.3, 0.8, (HALVES, 1))
         noisy = float(self.backgrounds @ BACKGROUNDS) > NOISY
         whole = [self.deviating] if noisy else []
-        candidates = np.concatenate(
-            [[*ranked, *unions, *whole], halves & self.deviating, self.deviating & ~ranked]
-        )
+        candidates = np.concatenate([[*ranked, *unions, *whole], halves & self.deviating, self.deviating & ~ranked])
         most = OFTEN if noisy else 1 if self.rate > FIRM else AGAIN
         candidates = candidates[[bool(kept.any()) and self._is_open(kept, most) for kept in candidates]]
         if not len(candidates):

@@ -61,9 +61,7 @@ class Units:
 
     def operators(self, kept: NDArray[np.bool_]) -> tuple[str, ...]:
         """The operators of some units, each once."""
-        return tuple(
-            dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays)
-        )
+        return tuple(dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays))
 
     def levels(self, genome: Genome) -> Levels:
         """The levels of a genome."""
@@ -137,12 +135,10 @@ class Units:
     def deviations(self, levels: NDArray[np.int64]) -> Numbers:
         """``(n, units + 1)`` signed distances from the reference, as shares of the range on that side.
 
-        Of a category 1 + its level, of confounders 1 + their number; 0 for the reference's. The last column
-        is the distance of the nearest confounder from the first target, metres; infinite if there is none.
+        Of a category 1 + its level, of confounders 1 + their number; 0 for the reference's. The last column is the
+        distance of the nearest confounder from the first target, metres; infinite if there is none.
         """
-        return np.stack(
-            [*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1
-        )
+        return np.stack([*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1)
 
     def _nearest(self, levels: NDArray[np.int64]) -> Numbers:
         if len(self._axes) < 2:

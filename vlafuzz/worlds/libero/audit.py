@@ -73,9 +73,7 @@ def _write_sheet(env: LiberoEnv, number: int, place: Path) -> None:
         Image.fromarray(np.vstack(rows)).save(place)
 
 
-def defects(
-    env: LiberoEnv, number: int, begin: Callable[[], None], *, regions: bool = True
-) -> Iterator[Defect]:
+def defects(env: LiberoEnv, number: int, begin: Callable[[], None], *, regions: bool = True) -> Iterator[Defect]:
     """All defects of initial state ``number``, as ``begin`` sets it up; those that cost least come first.
 
     ``regions``: see ``broken_premises``.

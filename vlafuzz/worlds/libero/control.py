@@ -1,8 +1,8 @@
 """One control step of robosuite's operational space controller without its detours: same bits, less time.
 
-robosuite computes the full forward dynamics three times a simulation step: before the controller, in it, and
-in the step itself. Nothing of the first two is used but positions and velocities, so MuJoCo's two half steps,
-with the controller between them, give the same states. Until MuJoCo 3.3.2, nothing can be left out.
+robosuite computes the full forward dynamics three times a simulation step: before the controller, in it, and in the
+step itself. Nothing of the first two is used but positions and velocities, so MuJoCo's two half steps, with the
+controller between them, give the same states. Until MuJoCo 3.3.2, nothing can be left out.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ class Control:
     The environment's own controller is kept; ``_update`` instead of its own method tells it the arm's state.
 
     Attributes:
-        seen: ``(nq,)`` positions that the bodies in robosuite's observation of the last step are at.
-        seen_fingers: ``(2,)`` positions of the fingers in it, metres.
+        seen: ``(nq,)`` positions that the bodies in robosuite's observation of the last step are at. seen_fingers:
+        ``(2,)`` positions of the fingers in it, metres.
     """
 
     def __init__(self, env: Any) -> None:
@@ -54,9 +54,7 @@ class Control:
         self._halves = tuple(getattr(self._mujoco, name) for name in names)
         # robosuite's first action of an episode starts from the arm as built, not from the initial state
         self._start = {
-            name: copy(value)
-            for name, value in vars(self._controller).items()
-            if isinstance(value, np.ndarray | bool)
+            name: copy(value) for name, value in vars(self._controller).items() if isinstance(value, np.ndarray | bool)
         }
         self._first_command = copy(self._gripper.current_action)
         self.reset()

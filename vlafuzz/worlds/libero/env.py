@@ -1,7 +1,7 @@
 """A task of LIBERO as an environment: nominal initial states, control steps, observations, success.
 
-Everything is LIBERO's own but what costs time: a state is restored instead of building everything anew, and a
-control step takes no detours (``control.py``). States are those of LIBERO bit for bit.
+Everything is LIBERO's own but what costs time: a state is restored instead of building everything anew, and a control
+step takes no detours (``control.py``). States are those of LIBERO bit for bit.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class LiberoObservation:
     """What LIBERO's models see.
 
     Attributes:
-        pictures: ``(size, size, 3)`` by the names of ``CAMERAS``, turned by 180° as their training data are.
-        state: ``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians.
+        pictures: ``(size, size, 3)`` by the names of ``CAMERAS``, turned by 180° as their training data are. state:
+        ``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians.
     """
 
     pictures: dict[str, Image]
@@ -62,9 +62,7 @@ class LiberoEnv:
         PrerequisiteError: LIBERO is not installed.
     """
 
-    def __init__(
-        self, task: LiberoTask, *, size: int = 256, quality: str = "full", more: tuple[str, ...] = ()
-    ) -> None:
+    def __init__(self, task: LiberoTask, *, size: int = 256, quality: str = "full", more: tuple[str, ...] = ()) -> None:
         self.task, self.size, self.more = task, size, more
         try:
             states = initial_states(task)
@@ -110,9 +108,7 @@ class LiberoEnv:
         """Begin in a state as of ``state()``, as LIBERO's ``set_init_state`` does."""
         positions = 1 + self.model.nq
         if state.shape != (positions + self.model.nv,):
-            raise SimulatorError(
-                f"a state of {self.task} has {positions + self.model.nv} numbers, got {state.shape}"
-            )
+            raise SimulatorError(f"a state of {self.task} has {positions + self.model.nv} numbers, got {state.shape}")
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
         self._mujoco.mj_setState(self.model, self.data, self._built, kind)
         self.data.time = state[0]

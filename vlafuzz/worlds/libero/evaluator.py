@@ -41,9 +41,7 @@ OPENING = 0.08  # metres between the open fingers
 class LiberoEpisode(Episode):
     """A rollout of a scene in an environment. It begins after the suites' settling steps."""
 
-    def __init__(
-        self, setting: Setting, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions
-    ) -> None:
+    def __init__(self, setting: Setting, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
         self._env, self._spec = setting.env, spec
         setting.begin(scene)
         self._env.settle(SETTLING)
@@ -71,8 +69,7 @@ class LiberoEpisode(Episode):
             step=step,
             instruction=self.instruction,
             images={
-                camera.name: self._noise.degraded(_shown(env, camera), step, camera.name)
-                for camera in spec.cameras
+                camera.name: self._noise.degraded(_shown(env, camera), step, camera.name) for camera in spec.cameras
             },
             state=state,
             fingers=fingers,
@@ -101,8 +98,8 @@ class LiberoEpisode(Episode):
 def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
     """What a policy asks for, turned by 180°.
 
-    As in evaluations of LIBERO, pictures have 256 pixels a side, and are made smaller for models that take
-    smaller ones.
+    As in evaluations of LIBERO, pictures have 256 pixels a side, and are made smaller for models that take smaller
+    ones.
     """
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:
@@ -115,12 +112,7 @@ class LiberoEvaluator(SceneEvaluator):
     """Runs a policy in scenes of one task; a UsageError if it asks for what LIBERO does not have."""
 
     def __init__(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        *,
-        recording: Recording | None = None,
-        checked: bool = True,
+        self, conditions: Conditions, policy: Policy, *, recording: Recording | None = None, checked: bool = True
     ) -> None:
         stages = task_named(conditions.task).stage_names
         super().__init__(conditions, policy, stages, recording=recording, checked=checked)
@@ -208,6 +200,4 @@ def _check_spec(spec: PolicySpec) -> None:
         )
     for camera in spec.cameras:
         if camera.width != camera.height:
-            raise UsageError(
-                f"camera {camera.name!r}: {camera.width} x {camera.height}, LIBERO's pictures are square"
-            )
+            raise UsageError(f"camera {camera.name!r}: {camera.width} x {camera.height}, LIBERO's pictures are square")

@@ -31,8 +31,8 @@ class LiberoTask:
     """A task of a suite.
 
     Attributes:
-        instruction: as LIBERO's evaluations give it to policies; of reworded suites the problem's own.
-        bddl: file of the problem: objects, regions, initial state and goal.
+        instruction: as LIBERO's evaluations give it to policies; of reworded suites the problem's own. bddl: file of
+        the problem: objects, regions, initial state and goal.
         initial: what the problem says of the start, as predicates.
         goal: predicates that all hold where the task is solved.
         interest: names of the objects of interest.

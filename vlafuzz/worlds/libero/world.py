@@ -64,9 +64,7 @@ class Libero(TableWorld):
         return task(name)
 
     def default_policy(self, robot: str) -> str:
-        hint = (
-            "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
-        )
+        hint = "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
         raise UsageError("LIBERO's scenes have no default policy", hint=hint)
 
     def check_pictures(self) -> None:
@@ -75,20 +73,12 @@ class Libero(TableWorld):
     def space_of(self, wanted: Wanted, operators: OperatorSet) -> LiberoSpace:
         return LiberoSpace(operators, wanted.task, wanted.robot)
 
-    def stored_space(
-        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
-    ) -> LiberoSpace:
+    def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> LiberoSpace:
         operators = stored_operators(source, conditions, vary)
         return LiberoSpace(operators, conditions.task, conditions.robot)
 
     def evaluator(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        space: Space | None,
-        *,
-        recording: Recording | None,
-        checked: bool,
+        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
         from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
 

@@ -135,10 +135,10 @@ class Visible(Strict):
     """Bounds within which a target counts as visible: the least that must be seen of it.
 
     Attributes:
-        inside: share of its outline in the picture; ``unhidden``: share of that which nothing hides.
-        area: share of the picture that is seen of it, and that is apart.
-        apart: difference from its surroundings, of 255 grey levels; ``apart_in_outlines``: for policies that
-            get outlines in flat colours.
+        inside: share of its outline in the picture; ``unhidden``: share of that which nothing hides. area: share of the
+        picture that is seen of it, and that is apart.
+        apart: difference from its surroundings, of 255 grey levels; ``apart_in_outlines``: for policies that get
+            outlines in flat colours.
     """
 
     inside: Share

@@ -18,8 +18,8 @@ Options = Span | tuple[str, ...]
 class Extra(Operator):
     """An operator that is off by default. Its fields are ranges or options of the part's fields of that name.
 
-    Nominal is the default of the part's field. While the operator does not vary, digests of operator sets and
-    stored operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
+    Nominal is the default of the part's field. While the operator does not vary, digests of operator sets and stored
+    operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
     """
 
     def spans(self, rig: Rig) -> Mapping[str, Options]:

@@ -25,9 +25,8 @@ class Jitter(Strict):
     """Half widths of uniform distributions about a scene's own values, and the pixel noise's deviation.
 
     Attributes:
-        position: of each object's x and y, metres; ``yaw``: of each object, degrees.
-        camera_position: along each axis, metres; ``camera_orientation``: about each axis, degrees.
-        light: share of the intensity.
+        position: of each object's x and y, metres; ``yaw``: of each object, degrees. camera_position: along each axis,
+        metres; ``camera_orientation``: about each axis, degrees. light: share of the intensity.
         pixel_noise: standard deviation in grey levels.
         joints: of each joint of the arm at the start, degrees.
     """
@@ -51,13 +50,9 @@ class Jitter(Strict):
             targets=tuple(self._placed(rng, target) for target in scene.targets),
             confounders=tuple(self._placed(rng, confounder) for confounder in scene.confounders),
             light=Light(scene.light.intensity * (1 + float(rng.uniform(-self.light, self.light)))),
-            camera=scene.camera
-            if setup.photos
-            else self._moved(rng, scene.camera),  # photos fit one view only
+            camera=scene.camera if setup.photos else self._moved(rng, scene.camera),  # photos fit one view only
             noise=replace(scene.noise, grain=math.hypot(scene.noise.grain, self.pixel_noise)),
-            initial_pose=InitialPose(
-                **{f"j{index}": value for index, value in enumerate(joints.tolist(), 1)}
-            ),
+            initial_pose=InitialPose(**{f"j{index}": value for index, value in enumerate(joints.tolist(), 1)}),
         )
 
     def _placed(self, rng: np.random.Generator, placement: Placement) -> Placement:

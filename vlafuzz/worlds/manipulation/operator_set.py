@@ -93,9 +93,7 @@ class OperatorSet:
     def decisive(self) -> dict[str, Operator]:
         """The operators without extras that do not vary: those decide nothing."""
         return {
-            name: operator
-            for name, operator in self.operators.items()
-            if name in self.varied or name not in EXTRAS
+            name: operator for name, operator in self.operators.items() if name in self.varied or name not in EXTRAS
         }
 
     @cached_property
@@ -171,8 +169,7 @@ def _make(path: Path, file: _File) -> OperatorSet:
     _known(path, "tasks", file.tasks, TASKS)
     whole = _ranges(path, "", file, frozenset(vary))
     tasks = {
-        name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied)
-        for name, part in file.tasks.items()
+        name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied) for name, part in file.tasks.items()
     }
     try:
         return replace(whole, tasks=tasks).only(vary)
@@ -246,9 +243,7 @@ def operators_json(operators: OperatorSet) -> str:
     return json.dumps(kept, sort_keys=True)
 
 
-def stored_operators(
-    source: Path, conditions: Conditions, vary: Collection[str] | None = None
-) -> OperatorSet:
+def stored_operators(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> OperatorSet:
     """The operators that ``operators_json`` wrote, of which those in ``vary`` vary, by default as then.
 
     ``source`` is the store or corpus, for messages.

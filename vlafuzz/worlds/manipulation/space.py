@@ -17,13 +17,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.worlds.manipulation.composer import camera
 from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
 from vlafuzz.worlds.manipulation.jitter import load_jitter
-from vlafuzz.worlds.manipulation.operator_set import (
-    MIN_DISTANCE,
-    VISIBLE,
-    OperatorSet,
-    operators_json,
-    visible_json,
-)
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, operators_json, visible_json
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
     OPERATORS,
@@ -74,10 +68,7 @@ class TableSpace(Space):
     def conditions(self) -> dict[str, Any]:
         operators = self.operators
         return {
-            "world": {
-                MIN_DISTANCE.name: operators.min_distance,
-                VISIBLE.name: visible_json(operators.visible),
-            },
+            "world": {MIN_DISTANCE.name: operators.min_distance, VISIBLE.name: visible_json(operators.visible)},
             "operators": operators_json(operators),
             "operators_digest": operators.digest,
         }

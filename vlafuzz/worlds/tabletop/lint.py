@@ -45,8 +45,7 @@ MEANS = {
     "solved already": "solved after settling, fair or not",
     "as published": "the same by the published criteria",
     **dict.fromkeys(
-        (f"< {metres} m" for metres in CLOSER),
-        "with two centres closer than that, of those with several objects",
+        (f"< {metres} m" for metres in CLOSER), "with two centres closer than that, of those with several objects"
     ),
 }
 
@@ -55,8 +54,8 @@ MEANS = {
 class Verdicts:
     """The verdicts on a file.
 
-    ``nearest``: the least distance of two centres in each scene with several objects, metres. ``overlaps``:
-    whether footprints of it overlap; None if an object is not in the catalogue. ``settled``: settled scenes.
+    ``nearest``: the least distance of two centres in each scene with several objects, metres. ``overlaps``: whether
+    footprints of it overlap; None if an object is not in the catalogue. ``settled``: settled scenes.
     """
 
     path: Path
@@ -102,8 +101,8 @@ def lint(
 
     Args:
         min_distance: to keep between the centres of any two objects, metres.
-        visible: bounds within which the targets count as visible; None to skip that check.
-        placement: how objects are placed before they settle; None to skip settling.
+        visible: bounds within which the targets count as visible; None to skip that check. placement: how objects are
+        placed before they settle; None to skip settling.
     """
     path, problems = source.path, list[Problem]()
     nearest, overlaps = list[float](), list[bool | None]()
@@ -156,9 +155,7 @@ def _overlap(things: Sequence[Placement], catalogue: Catalogue) -> bool | None:
     return any(not apart(a, b) for a, b in combinations(outlines, 2))
 
 
-def _settle(
-    scenes: dict[int, Scene], catalogue: Catalogue, placement: str, watch: Watch
-) -> dict[int, Settled]:
+def _settle(scenes: dict[int, Scene], catalogue: Catalogue, placement: str, watch: Watch) -> dict[int, Settled]:
     from vlafuzz.worlds.tabletop.sim.evaluator import settled
 
     results = {}

@@ -98,9 +98,7 @@ def check_renderer() -> None:
     """Raise a PrerequisiteError where no pictures can be drawn."""
     renderer = probe_once()
     if not renderer.works:
-        raise PrerequisiteError(
-            f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install"
-        )
+        raise PrerequisiteError(f"pictures need a renderer: {renderer}", hint="`vlafuzz doctor` says what to install")
 
 
 def _draw() -> None:

@@ -1,8 +1,8 @@
 """The scenes of a task as a space: values to scenes and back, and random generation by VLATest's Algorithm 1.
 
-Random scenes meet every precondition that the paper states. Objects are drawn without replacement by their
-spoken names. Draws that the task does not allow (``semantic_valid``) or that have no room (``safe_dist``) are
-rejected. Rejection is bounded: first a position is redrawn, then the whole scene, then generation fails.
+Random scenes meet every precondition that the paper states. Objects are drawn without replacement by their spoken
+names. Draws that the task does not allow (``semantic_valid``) or that have no room (``safe_dist``) are rejected.
+Rejection is bounded: first a position is redrawn, then the whole scene, then generation fails.
 """
 
 import math
@@ -63,9 +63,7 @@ class Composer(TableComposer):
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
         layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
-        super().__init__(
-            layout, (gene for name in OPERATORS for gene in operators.operators[name].genes(layout))
-        )
+        super().__init__(layout, (gene for name in OPERATORS for gene in operators.operators[name].genes(layout)))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         slots = self.layout.used(int(values["confounders"]))
@@ -114,18 +112,14 @@ class Composer(TableComposer):
         return next(free, names[index])
 
 
-def _slots(
-    operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand
-) -> dict[str, tuple[str, ...]]:
+def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:
     """The slots of a task's scenes, with the names allowed in each."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
     takes = tuple(name for name in catalogue.graspable() if _takes(hand, catalogue[name]))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
-    names = _narrowed(
-        "confounder-type: names", catalogue.names("graspable", "obstacle"), around.names, catalogue
-    )
+    names = _narrowed("confounder-type: names", catalogue.names("graspable", "obstacle"), around.names, catalogue)
     return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
 
 
@@ -211,8 +205,8 @@ class SearchSpace(TableSpace):
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
         """The scene with as little redrawn as it takes to pass these checks; None when there is no room.
 
-        Objects are placed in order, targets first, so that confounders give way to targets. A scene whose
-        targets cannot be seen is not repaired: None. Values beyond their ranges become those at the ends.
+        Objects are placed in order, targets first, so that confounders give way to targets. A scene whose targets
+        cannot be seen is not repaired: None. Values beyond their ranges become those at the ends.
 
         Raises:
             SceneError: it has a value that no operator gives.
@@ -270,8 +264,8 @@ class Attempt:
     def keep(self, slot: str, values: Values) -> bool:
         """Place a slot's object as it is, or with as little redrawn as necessary; return whether it worked.
 
-        An object that the task does not allow beside those placed before gets another rest pose, else another
-        type. One without room is moved, each time a little farther from where it was.
+        An object that the task does not allow beside those placed before gets another rest pose, else another type. One
+        without room is moved, each time a little farther from where it was.
         """
         name = self._choose(slot, values, values.copy())
         if name is None:

@@ -20,8 +20,8 @@ PLACEMENT = Setting("placement", PLACEMENTS[0], PLACEMENTS)
 class State:
     """A snapshot. Objects are in the scene's order: targets, then confounders. Metres.
 
-    ``contacts``: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs
-    of objects in both orders. Only of object 0 and of the hand; empty until the gripper first closes.
+    ``contacts``: pairs (object index, what it touches: another index, ``table``, ``hand`` or ``arm``); pairs of objects
+    in both orders. Only of object 0 and of the hand; empty until the gripper first closes.
     """
 
     positions: Array  # (n, 3) of the objects' origins

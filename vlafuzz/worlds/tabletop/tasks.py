@@ -84,8 +84,7 @@ def _least_gap(s: Situation) -> float:
 def _gap(models: tuple[ObjectModel, ...], state: State) -> float:
     """Gap between the two targets' footprints in metres; negative if they overlap.
 
-    The distance of two convex sets is their largest separation over all directions; 64 directions are exact
-    to 0.12 %.
+    The distance of two convex sets is their largest separation over all directions; 64 directions are exact to 0.12 %.
     """
     a, b = (corners(models[index], state, index)[:, :2] @ _DIRECTIONS for index in (A, B))
     return float((b.min(axis=0) - a.max(axis=0)).max())
@@ -189,11 +188,7 @@ PICK_UP = TableTask(
 MOVE_NEAR = TableTask(
     "move-near",
     2,
-    (
-        GRASP,
-        Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED),
-        Stage("success", _is_near, _nearing),
-    ),
+    (GRASP, Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED), Stage("success", _is_near, _nearing)),
     _published_move_near,
 )
 PUT_ON = TableTask(
@@ -235,8 +230,7 @@ def load_wordings(path: Path | None = None) -> Mapping[str, tuple[str, ...]]:
             for slot in _SLOTS[: task.targets]:
                 if slot not in wording:
                     raise CatalogueError(
-                        f"{path}: {name}: {wording!r} does not say {slot}",
-                        hint="every wording names all targets",
+                        f"{path}: {name}: {wording!r} does not say {slot}", hint="every wording names all targets"
                     )
     return {name: tuple(wordings[name]) for name in TASKS}
 

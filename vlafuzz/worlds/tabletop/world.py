@@ -69,9 +69,7 @@ class Tabletop(TableWorld):
     @property
     def simulator(self) -> str:
         installed = versions()
-        return "/".join(
-            f"{package} {installed.get(package)}" for package in ("vlafuzz", "mani_skill", "sapien")
-        )
+        return "/".join(f"{package} {installed.get(package)}" for package in ("vlafuzz", "mani_skill", "sapien"))
 
     def renderer(self) -> str:
         return in_use()
@@ -108,20 +106,12 @@ class Tabletop(TableWorld):
             assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
         return SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
 
-    def stored_space(
-        self, source: Path, conditions: Conditions, vary: Collection[str] | None = None
-    ) -> SearchSpace:
+    def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> SearchSpace:
         operators = stored_operators(source, conditions, vary)
         return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
 
     def evaluator(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        space: Space | None,
-        *,
-        recording: Recording | None,
-        checked: bool,
+        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
         from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
@@ -157,9 +147,7 @@ class Tabletop(TableWorld):
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
-        packs = tuple(
-            pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name)
-        )
+        packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
         for pack in packs:
             for lack in _lacks(pack):
                 watch.note(f"note: {pack.name}: {lack}")
@@ -241,9 +229,7 @@ def _lacks(pack: Pack) -> Iterable[str]:
 
 
 def _listed(model: ObjectModel) -> ListedObject:
-    poses = {
-        pose.name: min((grasp.width for grasp in pose.grasps), default=None) for pose in model.stable_poses
-    }
+    poses = {pose.name: min((grasp.width for grasp in pose.grasps), default=None) for pose in model.stable_poses}
     return ListedObject(
         name=model.name,
         spoken=model.spoken,

@@ -51,16 +51,12 @@ UNFAIR = {
     "apple: the quaternion (1.0, 1.0, 0.0, 0.0) is not of length 1": scene(
         "pick-up", replace(at("apple"), quaternion=(1.0, 1.0, 0.0, 0.0))
     ),
-    "'apple' and 'apple' cannot be told apart by name": scene(
-        "pick-up", at("apple"), confounders=(at("apple"),)
-    ),
+    "'apple' and 'apple' cannot be told apart by name": scene("pick-up", at("apple"), confounders=(at("apple"),)),
     "'plate' and 'large plate' cannot be told apart by name": scene(
         "put-on", at("apple"), at("plate"), confounders=(at("large_plate"),)
     ),
     "plate is not graspable": scene("pick-up", at("plate")),
-    "sponge, flat, is 0.140 m wide: the gripper takes up to 0.074 m": scene(
-        "pick-up", at("sponge", scale=2.0)
-    ),
+    "sponge, flat, is 0.140 m wide: the gripper takes up to 0.074 m": scene("pick-up", at("sponge", scale=2.0)),
     "nothing can be put on apple": scene("put-on", at("spoon"), at("apple")),
     "nothing can be put on basket": scene("put-on", at("spoon"), at("basket")),
     "nothing can be put into plate": scene("put-in", at("spoon"), at("plate")),

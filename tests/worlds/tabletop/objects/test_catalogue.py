@@ -122,9 +122,7 @@ def test_each_object_looks_most_like_its_own_colour(catalogue):
     # A policy that sees mean colours only must be able to tell them apart
     for name in GRASPABLE:
         pixels = np.asarray(paint(specs[name]), dtype=np.float64)[100:-100] / 255
-        off = {
-            other: np.linalg.norm(pixels.mean(axis=(0, 1)) - catalogue[other].colour) for other in GRASPABLE
-        }
+        off = {other: np.linalg.norm(pixels.mean(axis=(0, 1)) - catalogue[other].colour) for other in GRASPABLE}
         assert min(off, key=off.get) == name
 
 
@@ -149,9 +147,7 @@ def test_processes_that_build_at_once_get_the_same_object(tmp_path):
     )
     command = [sys.executable, "-c", code]
     environment = {"VLAFUZZ_CACHE": str(tmp_path), "PATH": "/usr/bin", "PYTHONPATH": ":".join(sys.path)}
-    started = [
-        subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)
-    ]
+    started = [subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) for _ in range(3)]
     outputs = {process.communicate(timeout=60)[0] for process in started}
     assert all(process.returncode == 0 for process in started)
     assert len(outputs) == 1

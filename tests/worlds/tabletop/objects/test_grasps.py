@@ -46,12 +46,7 @@ def test_the_best_grasp_is_near_the_centre_of_mass():
 
 @pytest.mark.parametrize(
     ("size", "possible"),
-    [
-        ((0.03, 0.03, 0.03), True),
-        ((0.09, 0.09, 0.03), False),
-        ((0.2, 0.03, 0.03), True),
-        ((0.03, 0.03, 0.002), False),
-    ],
+    [((0.03, 0.03, 0.03), True), ((0.09, 0.09, 0.03), False), ((0.2, 0.03, 0.03), True), ((0.03, 0.03, 0.002), False)],
 )
 def test_what_is_too_wide_for_the_gripper_has_no_grasp(size, possible):
     centre = np.array([0, 0, size[2] / 2])

@@ -8,9 +8,7 @@ from sapien import physx
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 CATALOGUE = load_catalogue()
-POSES = [
-    (model.name, pose.name) for model in map(CATALOGUE.__getitem__, CATALOGUE) for pose in model.stable_poses
-]
+POSES = [(model.name, pose.name) for model in map(CATALOGUE.__getitem__, CATALOGUE) for pose in model.stable_poses]
 
 
 def body(model) -> physx.PhysxRigidDynamicComponent:
@@ -34,9 +32,7 @@ def settle(model, starts: list[sapien.Pose]) -> list[sapien.Pose]:
     scene.timestep = 0.01
     table = physx.PhysxRigidStaticComponent()
     table.attach(physx.PhysxCollisionShapeBox([9, 9, 0.1], physx.PhysxMaterial(0.6, 0.6, 0.0)))
-    entities = [sapien.Entity().add_component(table)] + [
-        sapien.Entity().add_component(body(model)) for _ in starts
-    ]
+    entities = [sapien.Entity().add_component(table)] + [sapien.Entity().add_component(body(model)) for _ in starts]
     for entity, pose in zip(entities, [sapien.Pose([0, 0, -0.1]), *starts], strict=True):
         entity.pose = pose
         scene.add_entity(entity)
@@ -49,10 +45,7 @@ def settle(model, starts: list[sapien.Pose]) -> list[sapien.Pose]:
 def test_it_stays_where_it_is_put(name, rest):
     model = CATALOGUE[name]
     pose = model.stable_pose(rest)
-    starts = [
-        sapien.Pose([k - 4, 0, pose.height]) * turned(45 * k) * sapien.Pose(q=pose.quaternion)
-        for k in range(8)
-    ]
+    starts = [sapien.Pose([k - 4, 0, pose.height]) * turned(45 * k) * sapien.Pose(q=pose.quaternion) for k in range(8)]
     for moved in settle(model, starts):
         assert np.linalg.norm(moved.p) < 0.002
         assert 2 * np.degrees(np.arccos(min(1.0, abs(moved.q[0])))) < 2

@@ -33,10 +33,7 @@ def write(folder: Path, text: str = "", **changes: object) -> Path:
         ({"rests": {}}, "objects.apple.rests: dictionary should have at least 1 item"),
         ({"rests": {"r": {"up": [0, 0, 0]}}}, "objects.apple.rests.r: up must not be zero"),
         ({"look": {"pattern": "checks"}}, "objects.apple: look: a ball can be painted plain, label"),
-        (
-            {"shape": {"kind": "bal"}},
-            "objects.apple.shape: input tag 'bal' found using 'kind' does not match",
-        ),
+        ({"shape": {"kind": "bal"}}, "objects.apple.shape: input tag 'bal' found using 'kind' does not match"),
         ({"shape": {"kind": "ball", "height": 1}}, "objects.apple.shape.ball.diameter: field required"),
         (
             {"shape": {"kind": "egg", "length": 0.05, "radius": 0.03, "tip": 0.01}},
@@ -53,11 +50,7 @@ def test_a_wrong_value_is_named_with_file_and_key(tmp_path, changes, message):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [
-        ("objects: [", "not YAML"),
-        ("objects:\n  Big Apple: {}\n", "Big Apple"),
-        ("objekts: {}\n", "objects: "),
-    ],
+    [("objects: [", "not YAML"), ("objects:\n  Big Apple: {}\n", "Big Apple"), ("objekts: {}\n", "objects: ")],
 )
 def test_a_file_of_the_wrong_form_is_named(tmp_path, text, message):
     file = write(tmp_path, text)
@@ -77,9 +70,7 @@ def test_the_digest_changes_with_any_value_and_only_then(tmp_path):
 def test_a_pose_that_is_not_stable_is_refused(tmp_path):
     egg = {"kind": "egg", "length": 0.08, "radius": 0.02, "tip": 0.012}
     file = write(tmp_path, shape=egg, rests={"upright": {"up": [1, 0, 0]}})
-    with pytest.raises(
-        CatalogueError, match=r"objects\.apple\.rests\.upright: no stable face near this pose"
-    ):
+    with pytest.raises(CatalogueError, match=r"objects\.apple\.rests\.upright: no stable face near this pose"):
         load_catalogue(file)["apple"]
 
 

@@ -65,11 +65,7 @@ def is_lifted(observation: Observation) -> bool:
 
 
 def evaluate(
-    policy: Policy,
-    *scenes: Scene,
-    checked: bool = True,
-    recording: Recording | None = None,
-    **conditions: object,
+    policy: Policy, *scenes: Scene, checked: bool = True, recording: Recording | None = None, **conditions: object
 ) -> list[Outcome]:
     under = Conditions(**{"task": scenes[0].task, "world": {"min_distance": 0.15}} | conditions)
     evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked, recording=recording)

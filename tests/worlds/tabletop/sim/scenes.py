@@ -26,13 +26,9 @@ def put(name: str, x: float, y: float, yaw: float = 0.0, rest: str | None = None
     return Placement(name, rest or CATALOGUE[name].stable_poses[0].name, x, y, yaw, **more)
 
 
-def pick_up(
-    target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = NOT_MOVED
-) -> Scene:
+def pick_up(target: Placement, *confounders: Placement, light: float = 1.0, camera: Camera = NOT_MOVED) -> Scene:
     instruction = f"pick up {CATALOGUE[target.object].spoken}"
-    return Scene(
-        "pick-up", (target,), instruction, confounders=confounders, light=Light(light), camera=camera
-    )
+    return Scene("pick-up", (target,), instruction, confounders=confounders, light=Light(light), camera=camera)
 
 
 # Six objects around and under the hand at rest: tall, low and rolling ones, and one that the fingers hit.
@@ -50,8 +46,7 @@ def random_scene(rng: np.random.Generator) -> Scene:
     """One to five objects anywhere, at times into each other."""
     names = rng.choice(CATALOGUE.names(), size=rng.integers(1, 6), replace=False)
     placed = [
-        put(str(name), rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180))
-        for name in names
+        put(str(name), rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)) for name in names
     ]
     return pick_up(*placed, light=float(rng.uniform(0.5, 2)))
 

@@ -8,16 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import (
-    CROWD,
-    STILL,
-    make_env,
-    nominal,
-    play,
-    pushes,
-    random_scene,
-    states_hash,
-)
+from tests.worlds.tabletop.sim.scenes import CROWD, STILL, make_env, nominal, play, pushes, random_scene, states_hash
 from vlafuzz.policies.base import CameraRequest
 
 # No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.

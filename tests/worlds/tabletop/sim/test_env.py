@@ -27,12 +27,7 @@ def test_every_task_has_an_environment_of_its_own_that_resets_without_options(ta
     env = make_env(task)
     _, info = env.reset()
     env.close()
-    assert gym_id(task) in (
-        "VlaFuzz-PickUp-v1",
-        "VlaFuzz-MoveNear-v1",
-        "VlaFuzz-PutOn-v1",
-        "VlaFuzz-PutIn-v1",
-    )
+    assert gym_id(task) in ("VlaFuzz-PickUp-v1", "VlaFuzz-MoveNear-v1", "VlaFuzz-PutOn-v1", "VlaFuzz-PutIn-v1")
     assert info["applied"]["instruction"] == nominal(task).instruction
     assert len(info["applied"]["objects"]) == TASKS[task].targets
 
@@ -110,9 +105,7 @@ def test_a_scene_of_another_task_is_refused(env):
         env.reset(options={"scene": nominal("put-in")})
 
 
-@pytest.mark.parametrize(
-    "broken", [Placement("orange", "standing", 0.0, 0.1), Placement("banana", "lying", 0.0, 0.1)]
-)
+@pytest.mark.parametrize("broken", [Placement("orange", "standing", 0.0, 0.1), Placement("banana", "lying", 0.0, 0.1)])
 def test_after_a_scene_that_cannot_be_built_the_next_one_is_as_ever(env, broken):
     known = states_hash(env)
     with pytest.raises(CatalogueError):

@@ -197,9 +197,7 @@ def test_a_scaled_object_is_judged_at_its_own_size():
 def broken_first() -> Callable[[Meddle], list[Outcome]]:
     """NOMINAL with a broken policy, then ANOTHER with a sound one, in the same evaluator."""
     policy = Meddled(raising)
-    evaluator = ManiSkillEvaluator(
-        Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE
-    )
+    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE)
 
     def play(meddle: Meddle) -> list[Outcome]:
         policy.become(meddle, episodes=1)

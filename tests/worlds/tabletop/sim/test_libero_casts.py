@@ -33,9 +33,7 @@ BASKET = replace(
 
 
 def scene(*things: str, added: tuple[str, ...] = ()) -> Scene:
-    targets, confounders = (
-        tuple(Placement(name, REST, 0.0, 0.0) for name in names) for names in (things, added)
-    )
+    targets, confounders = (tuple(Placement(name, REST, 0.0, 0.0) for name in names) for names in (things, added))
     return Scene("libero_goal/8", targets, "put the bowl on the plate", confounders=confounders)
 
 
@@ -82,10 +80,7 @@ def test_nothing_is_added_that_is_there_or_could_be_taken_for_what_is_said():
 @pytest.mark.parametrize(
     ("given", "problem"),
     [
-        (
-            scene("apple", "plate_1", "wine_bottle_1"),
-            "targets: apple, .* are not the things of libero_goal/8",
-        ),
+        (scene("apple", "plate_1", "wine_bottle_1"), "targets: apple, .* are not the things of libero_goal/8"),
         (scene("akita_black_bowl_1", "plate_1"), "targets: akita_black_bowl_1, plate_1 are not the things"),
         (scene("akita_black_bowl_1", "yellow_plate", "wine_bottle_1"), "are not the things of"),
         (scene(*BOWL.things, added=("apple",)), "'apple' cannot be added to libero_goal/8"),

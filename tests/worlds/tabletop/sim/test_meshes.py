@@ -68,8 +68,7 @@ def test_every_part_keeps_its_colours_and_to_a_pixel_its_size(light):
         ours, stock = map(trimesh.load_scene, pair)
         assert np.abs(ours.bounds - stock.bounds).max() < PIXEL
         colours = [
-            [mesh.visual.material.main_color.tolist() for mesh in part.geometry.values()]
-            for part in (ours, stock)
+            [mesh.visual.material.main_color.tolist() for mesh in part.geometry.values()] for part in (ours, stock)
         ]
         assert colours[0] == colours[1]
 

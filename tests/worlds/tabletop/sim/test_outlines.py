@@ -37,17 +37,14 @@ def test_the_hand_hides_what_is_behind_it(env):
 
 
 def test_colours_scale_with_the_light_and_saturate(env):
-    dim, nominal, glare = (
-        see(env, put("orange", 0.05, 0.1), light=light).things[0].colour for light in (0.1, 1, 20)
-    )
+    dim, nominal, glare = (see(env, put("orange", 0.05, 0.1), light=light).things[0].colour for light in (0.1, 1, 20))
     assert dim == pytest.approx(nominal * 0.1)
     assert glare.max() == 1.0
 
 
 def test_a_turned_camera_shifts_everything_the_other_way(env):
     level, turned = (
-        see(env, put("orange", 0.0, 0.1), camera=Camera(yaw=yaw)).things[0].pixels.mean(axis=0)
-        for yaw in (0.0, 5.0)
+        see(env, put("orange", 0.0, 0.1), camera=Camera(yaw=yaw)).things[0].pixels.mean(axis=0) for yaw in (0.0, 5.0)
     )
     shift = np.tan(np.radians(5)) / (2 * np.tan(np.radians(30)))
     assert turned[0] - level[0] == pytest.approx(shift, abs=0.02)

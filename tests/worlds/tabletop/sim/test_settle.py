@@ -80,9 +80,7 @@ def shifts(scene: Scene, *, dropped: bool = True) -> list[float]:
 
 
 def test_what_has_room_falls_where_the_scene_has_it():
-    scene = pick_up(
-        put("coke_can", -0.05, 0.0), put("sponge", 0.05, 0.2), put("pepsi_can", 0.0, -0.2, 30.0, "lying")
-    )
+    scene = pick_up(put("coke_can", -0.05, 0.0), put("sponge", 0.05, 0.2), put("pepsi_can", 0.0, -0.2, 30.0, "lying"))
     assert max(shifts(scene)) < 0.005
     assert max(shifts(scene, dropped=False)) < 1e-6
 

@@ -41,9 +41,7 @@ def test_the_nearest_genome_of_a_scene_of_the_space_is_its_own(task: str, seed: 
 @tasks
 @quickly
 @given(seed=seeds)
-def test_of_a_scene_from_elsewhere_the_nearest_genome_is_half_a_step_off_at_most(
-    task: str, seed: int
-) -> None:
+def test_of_a_scene_from_elsewhere_the_nearest_genome_is_half_a_step_off_at_most(task: str, seed: int) -> None:
     one, rng = space(task), np.random.default_rng(seed)
     scene = one.sample(rng)
     step = one.by_path["targets.0.x"].grid.step
@@ -82,9 +80,7 @@ def moves(one: SearchSpace, scene: Scene) -> list[Scene]:
             continue
         step = -1 if level > gene.grid.nominal_level else 1
         near = gene.grid.nominal if gene.kind == "category" else gene.grid.value(level + step)
-        names = path.endswith(".object") and any(
-            values[other] == near for other in values if other.endswith(".object")
-        )
+        names = path.endswith(".object") and any(values[other] == near for other in values if other.endswith(".object"))
         if not names:  # a name that is taken cannot be moved to alone
             found.append(one.composer.compose(one.nominal_values | values | {path: near}))
     return found

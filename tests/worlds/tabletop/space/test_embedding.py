@@ -60,8 +60,7 @@ def test_angles_have_no_seam():
 def test_a_camera_that_is_hardly_moved_is_near_whatever_its_direction():
     nominal = space().nominal()
     near, far = (
-        [replace(nominal, camera=Camera(distance, azimuth)) for azimuth in (1.0, -179.0)]
-        for distance in (0.001, 0.05)
+        [replace(nominal, camera=Camera(distance, azimuth)) for azimuth in (1.0, -179.0)] for distance in (0.001, 0.05)
     )
     assert apart(*near) == pytest.approx(0.02)
     assert apart(*far) == pytest.approx(1.0)

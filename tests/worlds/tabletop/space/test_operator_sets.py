@@ -153,9 +153,7 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
         ("[light]", "the file: ", ""),
     ],
 )
-def test_a_wrong_file_is_a_sentence_with_file_and_key(
-    tmp_path: Path, text: str, says: str, hint: str
-) -> None:
+def test_a_wrong_file_is_a_sentence_with_file_and_key(tmp_path: Path, text: str, says: str, hint: str) -> None:
     whole = hint == "extends" or text.startswith(("extends", "["))
     path = write(tmp_path, text if whole else f"extends: tabletop\n{text}")
     with pytest.raises(CatalogueError) as caught:

@@ -64,9 +64,7 @@ def test_where_positions_do_not_vary_nothing_is_moved():
     crowd = one.decode(np.array([0.0, 0.5, 0.9, 0.99]))
     assert len(crowd.confounders) == 3
     repaired = one.repaired(crowd, rng())
-    assert repaired is None or [(e.x, e.y) for e in repaired.placements] == [
-        (e.x, e.y) for e in crowd.placements
-    ]
+    assert repaired is None or [(e.x, e.y) for e in repaired.placements] == [(e.x, e.y) for e in crowd.placements]
 
 
 @pytest.mark.parametrize("far", [9.0, -50.0, 1e6])

@@ -9,9 +9,7 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.state import HAND, TABLE, State, StateMonitor
 
 CATALOGUE = load_catalogue()
-CAN, CUBE, PLATE, BASKET, SPONGE = (
-    CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge")
-)
+CAN, CUBE, PLATE, BASKET, SPONGE = (CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge"))
 REST = {model.name: model.stable_poses[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}
 HELD = {(0, HAND)}
 

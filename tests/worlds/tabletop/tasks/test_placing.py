@@ -103,12 +103,7 @@ class TestPutIn:
 
     @pytest.mark.parametrize(
         "more",
-        [
-            {"touching": {(0, 1), (0, HAND)}},
-            {"touching": {(0, 1), (0, TABLE)}},
-            {"touching": set()},
-            {"speed": 0.02},
-        ],
+        [{"touching": {(0, 1), (0, HAND)}}, {"touching": {(0, 1), (0, TABLE)}}, {"touching": set()}, {"speed": 0.02}],
         ids=["in the hand", "on the table", "touching nothing", "moving"],
     )
     def test_it_must_be_released_and_at_rest_in_it(self, more):

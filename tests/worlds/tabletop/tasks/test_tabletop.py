@@ -114,9 +114,7 @@ class TestMoveNear:
         monitor = watch(self.monitor(), *[self.at(0.14, turned=turned)] * 2)
         assert monitor.reached == (["grasp", "move", "success"] if counts else [])
 
-    @pytest.mark.parametrize(
-        ("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)]
-    )
+    @pytest.mark.parametrize(("y", "other", "moved"), [(0.031, 0.0, True), (0.029, 0.0, False), (0.05, 0.06, False)])
     def test_the_move_is_three_centimetres_and_more_than_anything_else_moved(self, y, other, moved):
         c = (0.1, -0.2 - other, 0.015)
         states = [state((0.0, 0.0, 0.015), self.b, self.c, held=0)] * 2
@@ -163,10 +161,7 @@ def test_progress_is_in_zero_to_one_and_never_one_without_success_whatever_happe
         for _ in range(12):
             moved = np.array(spots) + rng.normal(0, 0.1, (len(spots), 3)) * [1, 1, 0.3]
             touching = {(0, everything[index]) for index in rng.choice([1, 2, 3], rng.integers(0, 3))}
-            watch(
-                monitor,
-                state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)),
-            )
+            watch(monitor, state(*moved, held=rng.choice([None, 0, 0]), touching=touching, tcp=rng.normal(0, 0.3, 3)))
         assert monitor.trace.min() >= 0
         assert (monitor.trace.max() == 1.0) == monitor.success_once
         assert monitor.progress == monitor.trace.max() <= 1.0
@@ -181,7 +176,6 @@ def test_no_task_is_solved_where_its_objects_stand_apart():
 
 def test_at_rest_is_slower_than_a_centimetre_and_a_tenth_of_a_radian_a_second():
     at_rest = [
-        state((0, 0, 0), speed=speed, spin=spin).at_rest(0)
-        for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]
+        state((0, 0, 0), speed=speed, spin=spin).at_rest(0) for speed, spin in [(0.009, 0.09), (0.011, 0), (0, 0.11)]
     ]
     assert at_rest == [True, False, False]

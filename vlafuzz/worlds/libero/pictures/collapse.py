@@ -1,8 +1,8 @@
 """Fewer triangles: edges collapse where that moves the surface, its texture and its shading least.
 
-One end of an edge moves into the other one, so that what remains keeps its position, normal and texture
-coordinates. The error is a quadric (Garland and Heckbert, 1998) in a space of position, texture and normal.
-Seams, where a point has several normals or texture coordinates, collapse along themselves, and never open.
+One end of an edge moves into the other one, so that what remains keeps its position, normal and texture coordinates.
+The error is a quadric (Garland and Heckbert, 1998) in a space of position, texture and normal. Seams, where a point has
+several normals or texture coordinates, collapse along themselves, and never open.
 """
 
 from __future__ import annotations
@@ -63,14 +63,12 @@ class _Edges(NamedTuple):
     of: Ints
 
 
-def collapsed(
-    positions: Floats, normals: Floats, textures: Floats, tolerances: Sequence[float]
-) -> Iterator[Mesh]:
+def collapsed(positions: Floats, normals: Floats, textures: Floats, tolerances: Sequence[float]) -> Iterator[Mesh]:
     """The same mesh with ever fewer triangles, one for each tolerance.
 
     Args:
-        positions, normals: ``(n, 3, 3)`` of each triangle's corners; ``textures``: ``(n, 3, 2)``, or zeros.
-        tolerances: rising root mean squares by which the surface around a point may move, metres.
+        positions, normals: ``(n, 3, 3)`` of each triangle's corners; ``textures``: ``(n, 3, 2)``, or zeros. tolerances:
+        rising root mean squares by which the surface around a point may move, metres.
     """
     at, mesh, owner = _welded(positions, normals, textures)
     places = np.concatenate([mesh.points, _scaled(mesh), SHADING * mesh.normals], axis=1).astype(np.float64)
@@ -140,9 +138,7 @@ def _solid(triangles: Ints) -> NDArray[np.bool_]:
 def _quadrics(places: Floats, triangles: Ints) -> _Quadrics:
     """Distances from the planes of the triangles, and at seams and borders from planes upright on them."""
     count, space = places.shape
-    quadrics = _Quadrics(
-        np.zeros((count, space, space)), np.zeros((count, space)), np.zeros(count), np.zeros(count)
-    )
+    quadrics = _Quadrics(np.zeros((count, space, space)), np.zeros((count, space)), np.zeros(count), np.zeros(count))
     first, second, third = (places[triangles[:, k]] for k in range(3))
     across = _across(places[triangles][..., :3])
     area = 0.5 * np.linalg.norm(across, axis=1)

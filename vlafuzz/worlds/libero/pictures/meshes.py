@@ -98,9 +98,7 @@ def _shown(model: Any) -> dict[int, bool]:
     visible = (model.geom_group > 0) & (model.geom_type == 7)  # mjGEOM_MESH
     for mesh, material in zip(model.geom_dataid[visible], model.geom_matid[visible], strict=True):
         if model.mesh_facenum[mesh] >= SMALL:
-            textured = (
-                model.mesh_texcoordadr[mesh] >= 0 and material >= 0 and (model.mat_texid[material] >= 0).any()
-            )
+            textured = model.mesh_texcoordadr[mesh] >= 0 and material >= 0 and (model.mat_texid[material] >= 0).any()
             meshes[int(mesh)] = meshes.get(int(mesh), False) or bool(textured)
     return meshes
 
@@ -118,9 +116,7 @@ def _coarser(model: Any, mesh: int, *, textured: bool) -> list[Mesh]:
     for part in parts:
         digest.update(part.tobytes())
     folder = assets.made_once(
-        f"libero/{digest.hexdigest()[:20]}",
-        partial(_fill, parts),
-        lambda folder: (folder / "meshes.npz").is_file(),
+        f"libero/{digest.hexdigest()[:20]}", partial(_fill, parts), lambda folder: (folder / "meshes.npz").is_file()
     )
     with np.load(folder / "meshes.npz") as kept:
         return [Mesh(*(kept[f"{level} {name}"] for name in Mesh._fields)) for level in range(len(LEVELS))]

@@ -1,8 +1,8 @@
 """Pictures of LIBERO's two cameras for a CPU, several times as fast as LIBERO's own and nearly the same.
 
-What stands still before a camera that stands still is drawn once, as LIBERO draws it. Meshes are as coarse as
-a pixel allows. For a camera that moves, edges are smoothed by drawing several pixels for one, which costs
-less than LIBERO's samples. A picture depends on nothing but the state, as LIBERO's own do.
+What stands still before a camera that stands still is drawn once, as LIBERO draws it. Meshes are as coarse as a pixel
+allows. For a camera that moves, edges are smoothed by drawing several pixels for one, which costs less than LIBERO's
+samples. A picture depends on nothing but the state, as LIBERO's own do.
 """
 
 from __future__ import annotations

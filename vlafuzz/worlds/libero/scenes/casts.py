@@ -61,13 +61,10 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
     if len(set(things)) < len(things):
         raise SceneError(f"targets: {', '.join(things)}: one thing is there twice")
     initial, goal = (
-        tuple(tuple(names.get(word, word) for word in atom) for atom in atoms)
-        for atoms in (task.initial, task.goal)
+        tuple(tuple(names.get(word, word) for word in atom) for atom in atoms) for atoms in (task.initial, task.goal)
     )
     interest = tuple(names.get(name, name) for name in task.interest)
-    return replace(
-        task, instruction=instruction, initial=initial, goal=goal, interest=interest, things=things
-    )
+    return replace(task, instruction=instruction, initial=initial, goal=goal, interest=interest, things=things)
 
 
 def cast(task: LiberoTask, scene: Scene) -> LiberoTask:

@@ -66,10 +66,7 @@ class Fairness:
             setting.begin(scene)
             if scene.start.state not in self._own:
                 usual = self._of(own)
-                self._own[scene.start.state] = (
-                    {defect.kind for defect in _defects(usual, own)},
-                    _shown(usual, own),
-                )
+                self._own[scene.start.state] = ({defect.kind for defect in _defects(usual, own)}, _shown(usual, own))
         except SceneError as error:
             return Rejection("semantic", error.message)
         if scene == own:

@@ -19,8 +19,8 @@ class Objects:
     """The content of ``libero-objects.yaml``.
 
     Attributes:
-        classes: by class and object, how instructions say the object; the first words are ours.
-        added: the objects that may be added to a task.
+        classes: by class and object, how instructions say the object; the first words are ours. added: the objects that
+        may be added to a task.
         fixed: what else instructions say.
     """
 

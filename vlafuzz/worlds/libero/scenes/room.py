@@ -34,8 +34,8 @@ class Room:
     """Where things stand in the initial states, and how far they reach. All numbers are in metres.
 
     Attributes:
-        places: ``(states, things, 2)`` of their middles; ``radii``: ``(things,)`` of circles about them.
-        base: ``(2,)`` of the robot.
+        places: ``(states, things, 2)`` of their middles; ``radii``: ``(things,)`` of circles about them. base: ``(2,)``
+        of the robot.
         taken: ``(n, 2)`` points on furniture, and where something is to be put.
     """
 

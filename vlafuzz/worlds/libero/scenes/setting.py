@@ -79,9 +79,7 @@ class Setting:
     def _place(self, scene: Scene, positions: Array) -> None:
         """Move things and joints in the ``(nq,)`` positions of an initial state."""
         placed, riders = {placement.object: placement for placement in scene.targets}, self.env.task.riders
-        start = {
-            name: positions[at : at + 2].copy() for name, at in self._addresses.items() if name in placed
-        }
+        start = {name: positions[at : at + 2].copy() for name, at in self._addresses.items() if name in placed}
         for name in placed:
             at, carrier, chain = self._addresses[name], riders.get(name), [placed[name]]
             while carrier is not None:  # what stands on something goes along with it

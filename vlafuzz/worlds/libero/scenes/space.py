@@ -42,9 +42,7 @@ OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 # Of the suite's own things; other operators have the genes of the tabletop. LIBERO has none of our backdrops.
 _OWN = (TargetPosition.name, TargetOrientation.name, BystanderPosition.name, BystanderOrientation.name)
-_SHARED = [name for name in OPERATORS if name not in _OWN and name not in EXTRAS] + sorted(
-    EXTRAS - {"backdrop", *_OWN}
-)
+_SHARED = [name for name in OPERATORS if name not in _OWN and name not in EXTRAS] + sorted(EXTRAS - {"backdrop", *_OWN})
 
 
 def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
@@ -146,9 +144,7 @@ def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...
     types, around = operators.get(TargetType).names, operators.get(ConfounderType).names
     _check_names(TargetType.name, types, load_objects().words)
     _check_names(ConfounderType.name, around, load_objects().added)
-    targets = [
-        (names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)
-    ]
+    targets = [(names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)]
     added = tuple(name for name in extras(task) if around is None or name in around)
     slots = {f"targets.{number}": names for number, names in enumerate(targets)}
     count = min(operators.get(ConfounderCount).high, len(added))

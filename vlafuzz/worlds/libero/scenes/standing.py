@@ -42,8 +42,7 @@ class Standing:
     def show(self, name: str) -> Array:
         """Turn a thing as LIBERO's samplers do, alone in the middle of everything; returns its quaternion.
 
-        They turn it by the first end of each range of angles, and write x, y, z, w, which MuJoCo takes for w,
-        x, y, z.
+        They turn it by the first end of each range of angles, and write x, y, z, w, which MuJoCo takes for w, x, y, z.
         """
         thing = self._env.robosuite.objects_dict[name]
         turns = thing.rotation if isinstance(thing.rotation, dict) else {thing.rotation_axis: thing.rotation}

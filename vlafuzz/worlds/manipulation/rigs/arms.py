@@ -21,8 +21,7 @@ _NOTHING = (0.0, 0.0, 0.0)
 # Palm and fingers in the frame of the tool centre point, as outlines show them: z points down, metres.
 _PALM = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])
 _FINGERS = [
-    np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)])
-    for s in (1, -1)
+    np.array([[x, s * y, z] for x in (-0.01, 0.01) for y in (0.0, 0.022) for z in (-0.05, 0.008)]) for s in (1, -1)
 ]
 
 

@@ -36,9 +36,7 @@ class CameraPose:
     def back_project(self, uv: Array, height: float) -> Array:
         """Where the rays through ``(n, 2)`` image points hit the plane z = ``height``: ``(n, 3)`` metres."""
         scale = 2 * math.tan(math.radians(self.fov) / 2)
-        local = np.stack(
-            [np.ones(len(uv)), (0.5 - uv[:, 0]) * scale * self.aspect, (0.5 - uv[:, 1]) * scale], axis=1
-        )
+        local = np.stack([np.ones(len(uv)), (0.5 - uv[:, 0]) * scale * self.aspect, (0.5 - uv[:, 1]) * scale], axis=1)
         rays = local @ self.axes
         return np.asarray(self.position + rays * ((height - self.position[2]) / rays[:, 2])[:, None])
 

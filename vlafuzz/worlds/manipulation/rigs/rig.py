@@ -58,8 +58,8 @@ MAX_LEAN = 0.55  # radians
 class LeanModel:
     """The outward lean of a hand whose arm cannot point it straight down everywhere.
 
-    It is zero up to ``straight_reach`` metres of effective distance from the base, and grows by ``slope``
-    radians a metre beyond: horizontal distance plus ``height_weight`` times the height over the table.
+    It is zero up to ``straight_reach`` metres of effective distance from the base, and grows by ``slope`` radians a
+    metre beyond: horizontal distance plus ``height_weight`` times the height over the table.
     """
 
     height_weight: float
@@ -79,14 +79,14 @@ class Hand:
     Grasps are computed for the Panda's gripper (``objects/grasps.py``); these limits adapt them to others.
 
     Attributes:
-        widest: the widest object that fits between the fingers with 3 mm clearance on either side.
-        thinnest: the thinnest object that the gripper holds; not all fingers close completely.
-        lowest: height of the TCP over the table at which the fingertips clear it.
-        highest: height of a grasp over the table up to which the arm can still lift and carry.
-        deep: how far an object may stick up between the fingers.
+        widest: the widest object that fits between the fingers with 3 mm clearance on either side. thinnest: the
+        thinnest object that the gripper holds; not all fingers close completely. lowest: height of the TCP over the
+        table at which the fingertips clear it.
+        highest: height of a grasp over the table up to which the arm can still lift and carry. deep: how far an object
+        may stick up between the fingers.
         lead: factor on commanded displacements, to compensate for the hand lagging behind.
-        fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides;
-            span of heights.
+        fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides; span of
+            heights.
     """
 
     widest: float = 0.074
@@ -117,14 +117,14 @@ class Rig:
         reach: largest horizontal distance from the base that the hand reaches, metres.
         opening: width of the fully open gripper, metres.
         rest: joint positions at the start of an episode, radians and metres.
-        joints: joint names in the order of ``rest``; empty if ``rest`` is in the simulator's order.
-        neutral: ``neutral_yaw`` relative to the direction from the base to the hand, radians.
-        physics_hz: physics steps per second.
-        control_hz: control steps per second if the robot's controller fixes them; None to follow the policy.
-        seconds: length of a rollout.
-        urdf: the robot's file below ``robots/`` in a pack; None for robots that come with ManiSkill.
-        surface: the larger area in which imported scenes may place objects; None if it is the workspace.
-        photos: by task, the photo below ``overlays/`` in a pack that replaces the background of the
+        joints: joint names in the order of ``rest``; empty if ``rest`` is in the simulator's order. neutral:
+        ``neutral_yaw`` relative to the direction from the base to the hand, radians. physics_hz: physics steps per
+        second.
+        control_hz: control steps per second if the robot's controller fixes them; None to follow the policy. seconds:
+        length of a rollout.
+        urdf: the robot's file below ``robots/`` in a pack; None for robots that come with ManiSkill. surface: the
+        larger area in which imported scenes may place objects; None if it is the workspace. photos: by task, the photo
+        below ``overlays/`` in a pack that replaces the background of the
             third-person camera. Matches the nominal view only.
         operators: name of the operator set that is used by default.
         initial_states: that a task has of its own; 0 where the operators say how it begins.

@@ -1,23 +1,15 @@
 """The available rigs, as data: the Panda, and VLATest's two robots, the WidowX 250s and the Google robot.
 
-The last two need robot files from a pack. In the ``-photo`` variants, the third-person camera sees a photo
-behind robot and objects, as in the reference. Sources: G, BE and PO are VLATest's
-``grasp_single_in_scene_customizable.py``, ``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
+The last two need robot files from a pack. In the ``-photo`` variants, the third-person camera sees a photo behind robot
+and objects, as in the reference. Sources: G, BE and PO are VLATest's ``grasp_single_in_scene_customizable.py``,
+``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
 """
 
 import math
 from dataclasses import replace
 
 from vlafuzz.errors import SceneError, suggestion
-from vlafuzz.worlds.manipulation.rigs.rig import (
-    Hand,
-    LeanModel,
-    Lights,
-    Rig,
-    Table,
-    View,
-    Workspace,
-)
+from vlafuzz.worlds.manipulation.rigs.rig import Hand, LeanModel, Lights, Rig, Table, View, Workspace
 
 # The workspace is the operators' default ranges plus a margin. Reach and opening are from the Panda's data
 # sheet (0.855 m to the wrist, 0.08 m), less what pointing down costs, measured with the inverse kinematics at

@@ -13,9 +13,7 @@ FRESNEL = 0.04  # what a material of glTF reflects head on
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def shown(
-    albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, gloss: Array | None = None
-) -> Array:
+def shown(albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, gloss: Array | None = None) -> Array:
     """Pixel values (n, 3) in [0, 255] of surfaces of linear ``albedo`` (n, 3) under light × ``intensity``.
 
     Args:

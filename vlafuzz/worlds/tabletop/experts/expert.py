@@ -85,8 +85,8 @@ ATTEMPTS = GRASPS * len(LEANS)
 def controller(start: EpisodeStart, attempt: int, *, fluent: bool = False) -> PickPlaceController:
     """A controller whose first grasp is that of an attempt.
 
-    The attempts are the ``GRASPS`` best grasps from straight above, then the same with the hand leaning one
-    way, then the other way.
+    The attempts are the ``GRASPS`` best grasps from straight above, then the same with the hand leaning one way, then
+    the other way.
     """
     lean = LEANS[attempt // GRASPS]
     return PickPlaceController(
@@ -97,8 +97,7 @@ def controller(start: EpisodeStart, attempt: int, *, fluent: bool = False) -> Pi
 class Expert(Scripted):
     """A scripted controller that reads the simulator's state: it plans grasps, avoids obstacles and retries.
 
-    ``attempt``: of the next rollouts, see ``controller``. ``fluent``: see ``PickPlaceController``; for
-    demonstrations.
+    ``attempt``: of the next rollouts, see ``controller``. ``fluent``: see ``PickPlaceController``; for demonstrations.
     """
 
     def __init__(self, *, fluent: bool = False) -> None:

@@ -88,13 +88,11 @@ class Steering:
 class PickPlaceController:
     """Grasps and places in one rollout. Actions are metric, relative to the hand's current pose.
 
-    ``fluent``: never wait, and descend while still aligning: actions then hardly depend on the past, so that
-    a memoryless policy can learn them. ``attempt``: rank of the first grasp. ``lean``: see ``Steering``.
+    ``fluent``: never wait, and descend while still aligning: actions then hardly depend on the past, so that a
+    memoryless policy can learn them. ``attempt``: rank of the first grasp. ``lean``: see ``Steering``.
     """
 
-    def __init__(
-        self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0
-    ) -> None:
+    def __init__(self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0) -> None:
         self._task, self._rig, self._fluent = task, rig, fluent
         self._hand = Steering(rig, lean)
         self._phase: Callable[[Belief], Array] = self._approach
@@ -174,9 +172,7 @@ class PickPlaceController:
         over = np.array([*self._target_xy(belief), max(self._carry_height(belief), 0.0)])
         self._waited += 1
         level = _level(over, belief.tcp)
-        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(
-            belief, self._goal_yaw
-        ):
+        if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(belief, self._goal_yaw):
             self._enter(self._lower)
             return self._lower(belief)
         if self._fluent:
@@ -234,9 +230,7 @@ class PickPlaceController:
             grasps = planning.reaches(belief.a, belief.around, self._hand.yaw(belief), self._rig)
             if self._plan is not None and grasps:  # it moved a little: keep to the same kind of grasp
                 yaw, nearest = self._plan.yaw, planning.nearest_yaw
-                self._plan = min(
-                    grasps, key=lambda grasp: abs(nearest(grasp.yaw, yaw) - yaw) + 0.2 * grasp.cost
-                )
+                self._plan = min(grasps, key=lambda grasp: abs(nearest(grasp.yaw, yaw) - yaw) + 0.2 * grasp.cost)
             else:
                 self._plan = grasps[self.attempt % len(grasps)] if grasps else self._blind(belief)
             self._planned_for = belief.a.position.copy()

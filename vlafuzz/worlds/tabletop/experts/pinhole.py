@@ -36,14 +36,14 @@ _GRID = np.stack(np.meshgrid(_TICKS, _TICKS), axis=-1).reshape(-1, 2)
 class Pinhole(Scripted):
     """A scripted controller that sees outlines through a camera which it assumes to be at its nominal pose.
 
-    It is given no positions. It knows the shapes and colours of the catalogue, picks the outline whose colour
-    and size are most like the named object's, estimates the stable pose and yaw from the outline, and locates
-    it by back-projection through the nominal camera. It sees its own hand through the same camera and
-    corrects a fixed share of the offset.
+    It is given no positions. It knows the shapes and colours of the catalogue, picks the outline whose colour and size
+    are most like the named object's, estimates the stable pose and yaw from the outline, and locates it by
+    back-projection through the nominal camera. It sees its own hand through the same camera and corrects a fixed share
+    of the offset.
 
-    So it fails for physical reasons: a displaced camera shifts what it reaches for; darkness and glare hide
-    or confuse colours; other objects occlude, look alike or stand in the way, since it avoids nothing; an
-    instruction that names the objects in another order makes it take the wrong one. It is deterministic.
+    So it fails for physical reasons: a displaced camera shifts what it reaches for; darkness and glare hide or confuse
+    colours; other objects occlude, look alike or stand in the way, since it avoids nothing; an instruction that names
+    the objects in another order makes it take the wrong one. It is deterministic.
     """
 
     def __init__(self) -> None:
@@ -99,9 +99,7 @@ class _Episode:
     def _look(self, instruction: str, outlines: Outlines) -> list[Thing]:
         """The named objects where they were first seen in this attempt; those not seen yet are left out."""
         named = _named(instruction, self._models)
-        things = {
-            model.name: self._seen.get(model.name) or self._localizer.find(model, outlines) for model in named
-        }
+        things = {model.name: self._seen.get(model.name) or self._localizer.find(model, outlines) for model in named}
         if all(things.values()):
             self._seen = {name: thing for name, thing in things.items() if thing}
         return [self._seen[model.name] for model in named if model.name in self._seen]
@@ -110,9 +108,7 @@ class _Episode:
 def _named(instruction: str, models: Sequence[ObjectModel]) -> list[ObjectModel]:
     """The objects that an instruction names, in their order; of overlapping names, the longer one."""
     text = instruction.lower()
-    places = [
-        (text.find(model.spoken), -len(model.spoken), model) for model in models if model.spoken in text
-    ]
+    places = [(text.find(model.spoken), -len(model.spoken), model) for model in models if model.spoken in text]
     named: list[ObjectModel] = []
     end = 0
     for start, length, model in sorted(places, key=lambda place: place[:2]):
@@ -150,8 +146,8 @@ class OutlineLocalizer:
     def _pose(self, model: ObjectModel, pixels: Array) -> tuple[Thing, float]:
         """The object's pose if these are its pixels, and the ratio of their extent to the expected one.
 
-        Rest pose and yaw are those whose outline has the most similar covariance; the position is where the
-        ray through the mean pixel meets the plane at half the object's height.
+        Rest pose and yaw are those whose outline has the most similar covariance; the position is where the ray through
+        the mean pixel meets the plane at half the object's height.
         """
         seen = np.cov(pixels.T)
         best, best_error, best_ratio = None, np.inf, 1.0

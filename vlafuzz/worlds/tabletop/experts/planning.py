@@ -153,9 +153,7 @@ def _long_axis(thing: Thing) -> tuple[float, float]:
     return float(np.arctan2(vectors[1, -1], vectors[0, -1])), np.sqrt(values[-1] / max(values[0], 1e-9))
 
 
-def goal_near(
-    a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False
-) -> Goal:
+def goal_near(a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False) -> Goal:
     """Beside b: the nearest free place with the right gap to b and without the fingers between the two.
 
     ``in_view``: prefer places that are not between b and the camera.

@@ -178,9 +178,9 @@ GONE = 0.07  # share of an object's outline in which the table is seen, above wh
 class SeeingExpert(Scripted):
     """A scripted controller that sees outlines through the true camera and knows the light, but no positions.
 
-    It shows that a scene can be solved by what the camera shows. It knows which objects are the targets and
-    the catalogue's shapes and colours, finds objects by their apparent colour and fits their poses to their
-    outlines, avoids the others as the ``Expert`` does, and looks again for what is no longer where it was.
+    It shows that a scene can be solved by what the camera shows. It knows which objects are the targets and the
+    catalogue's shapes and colours, finds objects by their apparent colour and fits their poses to their outlines,
+    avoids the others as the ``Expert`` does, and looks again for what is no longer where it was.
 
     ``attempt``: see ``Expert``.
     """

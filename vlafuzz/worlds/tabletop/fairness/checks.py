@@ -30,17 +30,12 @@ _ROUNDING = 1e-9
 
 
 def check_static(
-    scene: Scene,
-    catalogue: Catalogue,
-    min_distance: float,
-    visible: Visible | None = None,
-    *,
-    outlines: bool = False,
+    scene: Scene, catalogue: Catalogue, min_distance: float, visible: Visible | None = None, *, outlines: bool = False
 ) -> Rejection | None:
     """Run the checks that need no simulator, cheapest first.
 
-    ``min_distance``: of centres, metres. ``visible``: None to skip that check. ``outlines``: whether the
-    policy gets outlines in flat colours instead of pictures.
+    ``min_distance``: of centres, metres. ``visible``: None to skip that check. ``outlines``: whether the policy gets
+    outlines in flat colours instead of pictures.
     """
     rejection = check_semantic(scene, catalogue) or check_geometry(scene, catalogue, min_distance)
     if rejection or visible is None:
@@ -123,18 +118,14 @@ def cannot_grasp(a: Placement, model: ObjectModel, hand: Hand) -> str | None:
     return None
 
 
-def cannot_place(
-    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
-) -> str | None:
+def cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
     """Why ``a`` in its orientation cannot stay on the ``support`` or in the ``container`` ``b``."""
     a, b = (replace(placement, x=0.0, y=0.0, yaw=0.0) for placement in (a, b))
     return _cannot_place(onto, a, model_a, b, model_b)
 
 
 @lru_cache(maxsize=4096)
-def _cannot_place(
-    onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel
-) -> str | None:
+def _cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
     if onto == "container":
         return _cannot_put_in(a, model_a, b, model_b)
     if not model_b.supports:

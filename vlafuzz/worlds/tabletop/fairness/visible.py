@@ -139,9 +139,7 @@ class Picture:
             return 0.0, "what is around it"
         around, passed = list(self._surroundings(index)), 0
         total = sum(count for *_, count in around)
-        differences = [
-            (_difference(colours, areas, shades, least), name, count) for name, shades, count in around
-        ]
+        differences = [(_difference(colours, areas, shades, least), name, count) for name, shades, count in around]
         for difference, name, count in sorted(differences):
             passed += count
             if passed >= total / 2:

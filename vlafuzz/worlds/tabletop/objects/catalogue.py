@@ -155,9 +155,7 @@ def _array(values: list[Any]) -> Any:
 
 def packs_json(packs: Iterable[Pack]) -> str:
     """Packs as a field of conditions: the digest says what they are, the folder where to look first."""
-    return json.dumps(
-        [{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs]
-    )
+    return json.dumps([{"name": pack.name, "digest": pack.digest, "folder": str(pack.folder)} for pack in packs])
 
 
 def stored_catalogue(*several: Conditions) -> Catalogue:

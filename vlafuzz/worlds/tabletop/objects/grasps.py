@@ -1,7 +1,7 @@
 """Top-down grasps for a parallel gripper, found from the geometry alone.
 
-The gripper is the Panda's: it opens 0.08 m, its pads are 20 mm wide and reach 9 mm above and below the tool
-centre point (TCP), and its palm is 38 mm above the TCP. The grasps also suit other grippers of this size.
+The gripper is the Panda's: it opens 0.08 m, its pads are 20 mm wide and reach 9 mm above and below the tool centre
+point (TCP), and its palm is 38 mm above the TCP. The grasps also suit other grippers of this size.
 """
 
 from collections.abc import Iterable, Iterator, Sequence

@@ -27,8 +27,8 @@ def corners(points: Array) -> Array:
 def triangles(points: Array) -> Faces:
     """The triangles ``(k, 3)`` of the hull of points ``(n, 3)``, oriented outwards.
 
-    Flat faces are cut into fans from their first corner, and everything is sorted, so that the result is
-    independent of Qhull's version.
+    Flat faces are cut into fans from their first corner, and everything is sorted, so that the result is independent of
+    Qhull's version.
     """
     hull = ConvexHull(points)
     faces: set[tuple[int, int, int]] = set()

@@ -1,7 +1,7 @@
 """Builds an object of a pack from its meshes alone: convex parts, stable poses and grasps are measured.
 
-As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's environments and ManiSkill's
-``ycb.py``), each connected part of the collision mesh becomes its convex hull.
+As in the reference (``add_multiple_convex_collisions_from_file`` in SIMPLER's environments and ManiSkill's ``ycb.py``),
+each connected part of the collision mesh becomes its convex hull.
 """
 
 import colorsys

@@ -131,13 +131,7 @@ def _rotation(quaternion: Sequence[float] | Array) -> Array:
 def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
     cavity = model.container
     poses = tuple(
-        replace(
-            pose,
-            height=pose.height * scale,
-            top=pose.top * scale,
-            footprint=pose.footprint * scale,
-            grasps=(),
-        )
+        replace(pose, height=pose.height * scale, top=pose.top * scale, footprint=pose.footprint * scale, grasps=())
         for pose in model.stable_poses
     )
     return replace(

@@ -4,8 +4,7 @@
     FOLDER/models/NAME/collision.*  the collision mesh: obj or ply
     FOLDER/models/NAME/textured.*   the visual mesh: glb, dae or obj, with textures beside it; optional
 
-In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the built-in objects have similar
-names.
+In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the built-in objects have similar names.
 """
 
 import hashlib

@@ -1,7 +1,7 @@
 """The files that a mesh or a robot names: materials, textures, buffers, which SAPIEN reads wherever they are.
 
-Where its readers and Python's could understand a file differently, every name that either may find in it
-counts, or the file is refused.
+Where its readers and Python's could understand a file differently, every name that either may find in it counts, or the
+file is refused.
 """
 
 import io
@@ -24,8 +24,7 @@ _NUMBERS = re.compile(r"[-+.\deE\s]*")
 # SAPIEN's readers of OBJ and MTL end lines at \r, \f and \0, too, and compare only the start of a keyword
 _LIBRARIES = re.compile(rb"(?:^|[\r\f\0])[ \t]*mtllib[ \t]+([^\r\n\f\0]+)", re.MULTILINE)
 _TEXTURES = re.compile(
-    rb"(?:^|[\r\f\0])[ \t]*(?:map_|bump|disp|decal|norm|refl)[^\s\0]*[ \t]+([^\r\n\f\0]+)",
-    re.MULTILINE | re.IGNORECASE,
+    rb"(?:^|[\r\f\0])[ \t]*(?:map_|bump|disp|decal|norm|refl)[^\s\0]*[ \t]+([^\r\n\f\0]+)", re.MULTILINE | re.IGNORECASE
 )
 _CONTINUED = re.compile(rb"\\[\r\n\f\0]")
 

@@ -131,9 +131,7 @@ class Basket(Strict):
     wall: Length
 
 
-Shape = Annotated[
-    Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")
-]
+Shape = Annotated[Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")]
 FLAT_PATTERNS = ("plain", "pores", "checks", "stripes")
 ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "calyx")
 
@@ -141,9 +139,7 @@ ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "c
 class Look(Strict):
     """The pattern painted over the object's base colour. ``motif`` decorates a label."""
 
-    pattern: Literal[
-        "label", "plain", "fruit", "peel", "pores", "checks", "stripes", "weave", "rim", "rings", "calyx"
-    ]
+    pattern: Literal["label", "plain", "fruit", "peel", "pores", "checks", "stripes", "weave", "rim", "rings", "calyx"]
     accent: Colour = (1.0, 1.0, 1.0)
     ink: Colour = (1.0, 1.0, 1.0)
     word: str = ""

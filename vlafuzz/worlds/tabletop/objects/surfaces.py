@@ -1,7 +1,7 @@
 """The visual mesh of every kind of shape, smooth and with a UV map, written as GLB. Lengths in metres.
 
-All surfaces of revolution share one unwrapping: u runs once around, with +x in the middle; v is specified per
-ring, so that labels do not depend on the dimensions of lids. v = 0 is the bottom row.
+All surfaces of revolution share one unwrapping: u runs once around, with +x in the middle; v is specified per ring, so
+that labels do not depend on the dimensions of lids. v = 0 is the bottom row.
 """
 
 from collections.abc import Sequence
@@ -174,9 +174,7 @@ def stalk(shape: schema.Ball) -> list[Surface]:
     thin = turned([(0.0012, foot - 0.002, 0.99), (0.0016, foot + 0.012, 0.99), (0.0, foot + 0.0121, 0.99)])
     along = np.linspace(0, 1, 9)
     side = 0.008 * np.sin(np.pi * along)
-    spine = np.stack(
-        [0.001 + 0.026 * along, 0.002 + 0.010 * along, foot + 0.007 + 0.006 * np.sin(2.6 * along)], axis=1
-    )
+    spine = np.stack([0.001 + 0.026 * along, 0.002 + 0.010 * along, foot + 0.007 + 0.006 * np.sin(2.6 * along)], axis=1)
     across = np.array([-0.36, 0.93, 0.0])
     vertices = np.concatenate([spine + side[:, None] * across, spine - side[:, None] * across])
     i = np.arange(8)

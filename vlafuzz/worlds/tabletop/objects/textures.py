@@ -45,9 +45,7 @@ class Canvas:
                 break
             size -= 4
         at, ink = ((left + right - x - x2) / 2, (top + bottom - y - y2) / 2), rgb(self.look.ink)
-        self.draw.multiline_text(
-            at, word, ink, font, spacing=gap, align="center", stroke_width=bold, stroke_fill=ink
-        )
+        self.draw.multiline_text(at, word, ink, font, spacing=gap, align="center", stroke_width=bold, stroke_fill=ink)
 
     def speckle(self, strength: float, grain: int = 2) -> None:
         """Apply fixed noise to the whole picture."""
@@ -124,9 +122,7 @@ def motif_checks(canvas: Canvas) -> None:
     width, height = canvas.width, canvas.height
     for x, y in ((0.0, 0.0), (0.5 * width, 0.5 * height)):
         right, low, slant = x + width / 2, y + height / 2, 0.08 * height
-        canvas.draw.polygon(
-            [(x, y), (right, y - slant), (right, low - slant), (x, low)], rgb(canvas.look.accent)
-        )
+        canvas.draw.polygon([(x, y), (right, y - slant), (right, low - slant), (x, low)], rgb(canvas.look.accent))
 
 
 _ALL_MOTIFS = (motif_none, motif_wave, motif_ribbon, motif_disc, motif_bubbles, motif_splash, motif_checks)
@@ -193,9 +189,7 @@ def paint_rings(canvas: Canvas) -> None:
     width, height = canvas.width, canvas.height
     for x, y, length in np.random.default_rng(5).random((70, 3)):
         left, row = x * width, y * height
-        canvas.draw.line(
-            [(left, row), (left + (0.05 + 0.2 * length) * width, row)], rgb(canvas.colour, 0.72), 2
-        )
+        canvas.draw.line([(left, row), (left + (0.05 + 0.2 * length) * width, row)], rgb(canvas.colour, 0.72), 2)
     canvas.fill(0, height * 0.95, width, height, rgb(canvas.look.accent))
 
 

@@ -1,7 +1,6 @@
 """MetricArm: an end-effector controller in metres.
 
-ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips; this one does
-neither.
+ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips; this one does neither.
 """
 
 import math
@@ -57,10 +56,9 @@ class Pace:
 class MetricArm:
     """Converts metric actions to joint targets by inverse kinematics, starting from the last targets.
 
-    An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians
-    about these axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped;
-    deltas are added to the last *target*. With ``yields``, the hand approaches a target out of reach as
-    far as it can, instead of staying.
+    An action has seven numbers: dx, dy, dz in metres along the base's axes, a rotation vector in radians about these
+    axes through the tool centre point, and the gripper in [-1, 1], 1 open. Nothing is clipped; deltas are added to the
+    last *target*. With ``yields``, the hand approaches a target out of reach as far as it can, instead of staying.
     """
 
     def __init__(
@@ -125,9 +123,7 @@ class MetricArm:
             qpos[:-2] = np.clip(qpos[:-2], low, high)
             self._model.compute_forward_kinematics(qpos)
             off = self._model.get_link_pose(self._tcp).inv() * target
-            twist = (
-                np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()]) * TWIST_WEIGHTS
-            )
+            twist = np.concatenate([off.p, Rotation.from_quat(off.q[[1, 2, 3, 0]]).as_rotvec()]) * TWIST_WEIGHTS
             if np.abs(twist).max() < 1e-4:
                 break
             jacobian = self._model.compute_single_link_local_jacobian(qpos, self._tcp)[:, :-2]

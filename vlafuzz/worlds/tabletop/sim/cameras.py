@@ -57,18 +57,14 @@ class Cameras:
         """The camera of ManiSkill's ``render``."""
         return self._config("render_camera", 512, 512)
 
-    def picture(
-        self, name: str, camera: sapien.render.RenderCameraComponent, visible: Sequence[int]
-    ) -> Picture:
+    def picture(self, name: str, camera: sapien.render.RenderCameraComponent, visible: Sequence[int]) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, in the requested size.
 
         ``visible``: SAPIEN's numbers of the bodies in front of the photo.
         """
         camera.take_picture()
         colour = camera.get_picture("Color")[..., :3]
-        image = np.asarray(
-            np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8
-        )
+        image = np.asarray(np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8)
         request = self._requests[name]
         if self._photo is not None and request.role == "third_person":
             foreground = np.isin(camera.get_picture("PositionSegmentation")[..., 3], visible)

@@ -34,9 +34,9 @@ class Pose(NamedTuple):
 class TabletopDemonstrator:
     """Decides as often as the expert does, and spreads each of its moves over the policy's control steps.
 
-    Actions are rounded as the policy's interface writes them, so that what is executed is what was written.
-    The second half of its attempts are those of the expert that waits, which solves what the fluent one does
-    not. See ``worlds.base.Demonstrator``.
+    Actions are rounded as the policy's interface writes them, so that what is executed is what was written. The second
+    half of its attempts are those of the expert that waits, which solves what the fluent one does not. See
+    ``worlds.base.Demonstrator``.
     """
 
     tries = 2 * ATTEMPTS
@@ -47,9 +47,7 @@ class TabletopDemonstrator:
         self.attempt, self.written = 0, list[Written]()
         # An action is given in what the spec of the policy says; pictures are not needed.
         flat = interface.spec.silhouettes and not interface.spec.cameras
-        self.spec = PolicySpec(
-            "expert", action=interface.spec.action, silhouettes=flat, state=True, privileged=True
-        )
+        self.spec = PolicySpec("expert", action=interface.spec.action, silhouettes=flat, state=True, privileged=True)
         self._parts = max(1, self.spec.action.hz // ActionSpec().hz)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:

@@ -1,7 +1,7 @@
 """The ManiSkill 3 environment of all four tasks: ``VlaFuzz-PickUp-v1`` and so on in gymnasium.
 
-``reset(options={"scene": Scene})`` builds that scene and reports in ``info["applied"]`` what the simulator
-contains. vlafuzz itself uses ``begin`` and ``advance``: the same physics without gymnasium's batched tensors.
+``reset(options={"scene": Scene})`` builds that scene and reports in ``info["applied"]`` what the simulator contains.
+vlafuzz itself uses ``begin`` and ``advance``: the same physics without gymnasium's batched tensors.
 """
 
 import gc
@@ -103,9 +103,7 @@ def _check_pose(name: str, expected: sapien.Pose, actual: sapien.Pose) -> None:
 
 
 def _fail(part: str, expected: object, actual: object) -> None:
-    raise SimulatorError(
-        f"{part}: asked for {expected}, the simulator has {actual}", hint="this is a bug in vlafuzz"
-    )
+    raise SimulatorError(f"{part}: asked for {expected}, the simulator has {actual}", hint="this is a bug in vlafuzz")
 
 
 EPISODE_SECONDS = PANDA.seconds
@@ -117,8 +115,8 @@ class TabletopEnv(BaseEnv):
     """A robot at a table with one scene at a time.
 
     Args:
-        control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
-        robot: the name of a rig.
+        control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate. robot: the name of a
+        rig.
         placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``settle``.
     """
 

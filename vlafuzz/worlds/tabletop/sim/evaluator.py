@@ -31,9 +31,7 @@ from vlafuzz.worlds.tabletop.tasks import task as task_named
 class TabletopEpisode(Episode):
     """Begins a rollout of a scene in an environment."""
 
-    def __init__(
-        self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions
-    ) -> None:
+    def __init__(self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
         env.applied().check(scene, env.poses, env.rig)
@@ -51,13 +49,9 @@ class TabletopEpisode(Episode):
             instruction=self.instruction,
             images={camera.name: env.seen(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
-            outlines=outlines(env.models, state, env.view, env.light, env.table_colour)
-            if spec.silhouettes
-            else None,
+            outlines=outlines(env.models, state, env.view, env.light, env.table_colour) if spec.silhouettes else None,
             privileged=Privileged(scene, env.models, state, self.success_now) if spec.privileged else None,
-            calibration=Calibration(env.view, env.light, env.models[: env.task.targets])
-            if spec.calibrated
-            else None,
+            calibration=Calibration(env.view, env.light, env.models[: env.task.targets]) if spec.calibrated else None,
         )
 
     def picture(self, camera: str) -> NDArray[np.uint8]:

@@ -1,7 +1,7 @@
 """Simplified visual meshes for a robot: 399,000 vertices take most of a frame's time on a CPU.
 
-Joints, masses and collision shapes stay the same. The result is in the user's cache, named by the content of
-all source files.
+Joints, masses and collision shapes stay the same. The result is in the user's cache, named by the content of all source
+files.
 """
 
 from __future__ import annotations

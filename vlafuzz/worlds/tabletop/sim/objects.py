@@ -97,14 +97,12 @@ GRASP_FORCE = 0.5  # newtons per finger, as in ManiSkill's is_grasping
 GRASP_COSINE = math.cos(math.radians(85.0))
 
 
-def object_contacts(
-    system: physx.PhysxCpuSystem, labels: Labels
-) -> Iterator[tuple[int, int | str, object, Impulses]]:
+def object_contacts(system: physx.PhysxCpuSystem, labels: Labels) -> Iterator[tuple[int, int | str, object, Impulses]]:
     """Contacts of the first target, and of the hand with objects, in the last physics step.
 
-    Each is an object's index, label and body of what it touches, and impulses in newton seconds; a contact of
-    two objects comes in both orders. ``labels``: an object's index or another name, by body. All other
-    contacts are skipped: nobody needs them, and reading them takes time.
+    Each is an object's index, label and body of what it touches, and impulses in newton seconds; a contact of two
+    objects comes in both orders. ``labels``: an object's index or another name, by body. All other contacts are
+    skipped: nobody needs them, and reading them takes time.
     """
     for contact in system.get_contacts():
         first, second = contact.bodies

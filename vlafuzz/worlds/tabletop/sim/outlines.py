@@ -1,7 +1,7 @@
 """A camera's view without a renderer: visible outlines of the objects, with their colours under the light.
 
-Each convex part is projected by the scene's true camera and painted, farthest object first, into a label
-image 256 pixels wide.
+Each convex part is projected by the scene's true camera and painted, farthest object first, into a label image 256
+pixels wide.
 """
 
 from collections.abc import Sequence
@@ -22,11 +22,7 @@ HAND = 255  # label; objects are counted from 1, 0 is the background
 
 
 def outlines(
-    models: Sequence[ObjectModel],
-    state: State,
-    view: CameraPose,
-    light: float,
-    table: Sequence[float] = COLOUR,
+    models: Sequence[ObjectModel], state: State, view: CameraPose, light: float, table: Sequence[float] = COLOUR
 ) -> Outlines:
     """Outlines of objects and hand in a view; colours, and the ``table``'s, are times ``light``, up to 1."""
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]

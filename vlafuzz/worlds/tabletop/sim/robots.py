@@ -1,8 +1,8 @@
 """The robots as ManiSkill agents with a metric controller: the Panda, VLATest's WidowX 250s and Google robot.
 
-The files of the last two are in the user's packs. Their gains, limits and friction are the reference's
-(SIMPLER's ``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion); the
-WidowX's are taken from ManiSkill's own bridge agent.
+The files of the last two are in the user's packs. Their gains, limits and friction are the reference's (SIMPLER's
+``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion); the WidowX's are taken from
+ManiSkill's own bridge agent.
 """
 
 from collections.abc import Mapping
@@ -76,9 +76,9 @@ class MetricPanda(Panda):
     """ManiSkill's Panda with ``MetricController``.
 
     Attributes:
-        fingers: the links of each finger, first the one with the pad; its y axis is the closing axis.
-        tool: from the TCP link's axes to the hand's, z along the fingers and y the closing axis.
-        wrist: the link for a wrist camera; None if there is none.
+        fingers: the links of each finger, first the one with the pad; its y axis is the closing axis. tool: from the
+        TCP link's axes to the hand's, z along the fingers and y the closing axis. wrist: the link for a wrist camera;
+        None if there is none.
     """
 
     uid = "vlafuzz_panda"
@@ -127,9 +127,7 @@ class _FromPack(BaseAgent):
 
 
 def _control(agent: Any, gains: Mapping[str, Gains], **options: Any) -> dict[str, Any]:
-    config = MetricControllerConfig(
-        list(gains), tcp=agent.tcp_name, gains=gains, gripper=agent.gripper, **options
-    )
+    config = MetricControllerConfig(list(gains), tcp=agent.tcp_name, gains=gains, gripper=agent.gripper, **options)
     return {CONTROL_MODE: config}
 
 
@@ -150,10 +148,7 @@ def _bridge_gains() -> dict[str, Gains]:
     bridge: Any = WidowX250SBridgeDatasetFlatTable
     arm = zip(bridge.arm_stiffness, bridge.arm_damping, bridge.arm_force_limit, strict=True)
     fingers = (bridge.gripper_stiffness, bridge.gripper_damping, bridge.gripper_force_limit)
-    return {
-        **dict(zip(bridge.arm_joint_names, arm, strict=True)),
-        **dict.fromkeys(bridge.gripper_joint_names, fingers),
-    }
+    return {**dict(zip(bridge.arm_joint_names, arm, strict=True)), **dict.fromkeys(bridge.gripper_joint_names, fingers)}
 
 
 @register_agent()
@@ -185,8 +180,7 @@ class MetricGoogle(_FromPack):
     rig = GOOGLE
     tcp_name = "link_gripper_tcp"
     fingers = tuple(
-        (f"link_finger_tip_{side}", f"link_finger_{side}", f"link_finger_nail_{side}")
-        for side in ("left", "right")
+        (f"link_finger_tip_{side}", f"link_finger_{side}", f"link_finger_nail_{side}") for side in ("left", "right")
     )
     gripper = Gripper(  # closed is a hundredth beyond the limit
         closed=1.31, open=0.0, width=lambda qpos: float(np.interp((qpos[-1] + qpos[-2]) / 2, _JOINT, _WIDTH))
@@ -216,11 +210,7 @@ class MetricGoogle(_FromPack):
     pace = Pace(speed=1.5, acceleration=2.0, finger_speed=1.0, finger_acceleration=7.0)
 
 
-AGENTS: dict[str | None, type[BaseAgent]] = {
-    None: MetricPanda,
-    WIDOWX.urdf: MetricWidowX,
-    GOOGLE.urdf: MetricGoogle,
-}
+AGENTS: dict[str | None, type[BaseAgent]] = {None: MetricPanda, WIDOWX.urdf: MetricWidowX, GOOGLE.urdf: MetricGoogle}
 
 
 def wrist_of(agent: BaseAgent) -> Any:

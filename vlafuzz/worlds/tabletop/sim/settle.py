@@ -1,9 +1,9 @@
 """Where a scene's objects come to rest, without a robot.
 
-``settle`` simulates one second, in which the objects of a fair scene stay in place. In the published
-placement, they are dropped from half a metre, cannot tip at first, and stay where they come to rest: in
-pick-up first the target and then the others, one by one and straight down; in the other tasks all at once.
-Source: VLATest's ``_initialize_actors`` of ``{grasp_single,move_near}_in_scene_customizable.py``.
+``settle`` simulates one second, in which the objects of a fair scene stay in place. In the published placement, they
+are dropped from half a metre, cannot tip at first, and stay where they come to rest: in pick-up first the target and
+then the others, one by one and straight down; in the other tasks all at once. Source: VLATest's ``_initialize_actors``
+of ``{grasp_single,move_near}_in_scene_customizable.py``.
 """
 
 from collections.abc import Sequence
@@ -58,8 +58,8 @@ def settle(
 ) -> Settled:
     """Check that the objects stay in place and that the task is not solved before the policy acts.
 
-    No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold
-    neither before nor after. Objects that were dropped, to poses ``dropped``, only have to stay on the table.
+    No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
+    before nor after. Objects that were dropped, to poses ``dropped``, only have to stay on the table.
     """
     scene = sapien.Scene([physx.PhysxCpuSystem()])
     scene.physx_system.timestep = 1 / SIM_HZ
@@ -87,9 +87,7 @@ def settle(
     )
 
 
-def _restless(
-    placements: Sequence[Placement], before: State, after: State, *, dropped: bool
-) -> Rejection | None:
+def _restless(placements: Sequence[Placement], before: State, after: State, *, dropped: bool) -> Rejection | None:
     for index, placement in enumerate(placements):
         end, reason = after.positions[index], ""
         distance = float(np.linalg.norm(end - before.positions[index]))

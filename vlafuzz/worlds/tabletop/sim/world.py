@@ -1,8 +1,8 @@
 """World: robot, table and objects in PhysX, one scene after the other. Equal scenes have equal trajectories.
 
-CPU PhysX is bitwise repeatable only in a fresh PhysX scene. Rebuilding everything takes 185 ms in ManiSkill;
-here robot and table move into a new, empty PhysX scene (0.2 ms) and only the objects are rebuilt. Moving the
-objects too, or emptying the old scene, changes trajectories.
+CPU PhysX is bitwise repeatable only in a fresh PhysX scene. Rebuilding everything takes 185 ms in ManiSkill; here robot
+and table move into a new, empty PhysX scene (0.2 ms) and only the objects are rebuilt. Moving the objects too, or
+emptying the old scene, changes trajectories.
 """
 
 import hashlib

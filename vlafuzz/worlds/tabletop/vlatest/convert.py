@@ -45,9 +45,9 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     """Read a scene file of VLATest.
 
     Args:
-        frame: ``fit`` stretches VLATest's sampling box onto ours, ``keep`` moves it to the middle of ours;
-            ``original`` changes nothing, and ``robot`` only expresses positions from the robot's base, as our
-            rigs do. The last two leave no scene out: names need not be in the catalogue.
+        frame: ``fit`` stretches VLATest's sampling box onto ours, ``keep`` moves it to the middle of ours; ``original``
+            changes nothing, and ``robot`` only expresses positions from the robot's base, as our rigs do. The last two
+            leave no scene out: names need not be in the catalogue.
 
     Raises:
         SceneError: not a scene file of VLATest; the message names file and key.
@@ -92,9 +92,7 @@ def _nominal(task: str, targets: Sequence[Placement], catalogue: Catalogue) -> s
     return say(load_wordings()[task][0], [catalogue[target.object].spoken for target in targets])
 
 
-def _placement(
-    where: str, thing: Thing, known: Mapping[str, Counterpart], task: str, *, stretched: bool
-) -> Placement:
+def _placement(where: str, thing: Thing, known: Mapping[str, Counterpart], task: str, *, stretched: bool) -> Placement:
     counterpart = known[thing.model]
     w, i, j, z = thing.quaternion
     level = math.hypot(i, j) < 1e-3
@@ -152,8 +150,8 @@ class _UnsupportedError(Exception):
 def write_vlatest(path: Path, scenes: Sequence[Scene], catalogue: Catalogue) -> dict[str, int]:
     """Write the scenes that the format can express, atomically.
 
-    Positions are stretched from our box onto VLATest's, the inverse of ``fit``; scenes that were imported
-    with the frame ``original`` or ``robot`` are written as they were.
+    Positions are stretched from our box onto VLATest's, the inverse of ``fit``; scenes that were imported with the
+    frame ``original`` or ``robot`` are written as they were.
 
     Returns:
         The number of scenes left out, by reason.

@@ -120,8 +120,7 @@ def write_entries(path: Path, entries: Sequence[Entry]) -> None:
 def _to_json(entry: Entry) -> dict[str, Any]:
     names = [thing.model for thing in entry.things]
     options = {
-        thing.model: {"init_xy": list(thing.xy), "init_rot_quat": list(thing.quaternion)}
-        for thing in entry.things
+        thing.model: {"init_xy": list(thing.xy), "init_rot_quat": list(thing.quaternion)} for thing in entry.things
     }
     if len(entry.targets) > 1:
         ids = {"model_ids": names, "obj_init_options": options}
