@@ -11,7 +11,7 @@ from tests.doubles import failed, manifest, trial
 from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
 from vlafuzz.cli import load, main
-from vlafuzz.cli.trust import named
+from vlafuzz.cli.names import named
 from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus

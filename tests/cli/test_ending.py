@@ -76,8 +76,8 @@ def started(code: str, *arguments: str) -> subprocess.Popen[str]:
 
 INTERRUPTED_IN = {
     "an import": "sys.meta_path.insert(0, Finder('typer'))",
-    "the import of a command": "sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))",
-    "code that is compiled": "sys.meta_path.insert(0, Finder('vlafuzz.cli.listings', 'exec(\"raised()\")'))",
+    "the import of a command": "sys.meta_path.insert(0, Finder('vlafuzz.cli.lists'))",
+    "code that is compiled": "sys.meta_path.insert(0, Finder('vlafuzz.cli.lists', 'exec(\"raised()\")'))",
 }
 FINDER = """
 import sys
@@ -109,7 +109,7 @@ def attempt():
         raised()
     except BaseException:
         time.sleep(60)
-sys.meta_path.insert(0, Finder('vlafuzz.cli.listings'))
+sys.meta_path.insert(0, Finder('vlafuzz.cli.lists'))
 """
     with started(code, "list", "operators") as process:
         _, stderr = process.communicate()
@@ -120,14 +120,14 @@ def test_an_interruption_that_is_swallowed_ends_the_command_all_the_same():
     swallowing = """
 import time
 from vlafuzz.cli import ending
-from vlafuzz.cli import listings
+from vlafuzz.cli import lists
 ending.GRACE = 0.1
 def swallow(*_):
     try:
         signal.raise_signal(signal.SIGINT)
     except BaseException:
         time.sleep(60)
-listings.world_with = swallow
+lists.world_with = swallow
 """
     with started(swallowing, "list", "operators") as process:
         _, stderr = process.communicate()
@@ -135,7 +135,7 @@ listings.world_with = swallow
 
 
 def test_an_interrupted_command_says_so(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.cli.listings.world_with", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("vlafuzz.cli.lists.world_with", lambda *_: signal.raise_signal(signal.SIGINT))
     assert typed(capsys, ["list", "operators"], code=130).err == "error: interrupted\n"
 
 
@@ -188,7 +188,7 @@ def test_a_strategy_that_leaves_the_process_is_no_success(capsys):
 
 
 def test_no_exit_from_within_is_taken_for_success(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.cli.listings.world_with", leave)
+    monkeypatch.setattr("vlafuzz.cli.lists.world_with", leave)
     assert "ended the process: sys.exit(0)" in typed(capsys, ["list", "operators"], code=2).err
 
 

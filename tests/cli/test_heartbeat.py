@@ -2,8 +2,7 @@
 
 import threading
 
-from vlafuzz.cli.heartbeat import Heartbeat
-from vlafuzz.cli.output import Bar
+from vlafuzz.cli.output import Bar, Heartbeat
 
 SOON = 10.0  # seconds, within which a line is certainly written
 

@@ -1,7 +1,7 @@
 import pytest
 
 from tests.cli.typed import told, typed
-from vlafuzz.cli import suites
+from vlafuzz.cli import lint
 from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
 
 BROKEN = AuditedTask("s/1", "take the bowl", 3, (Defect(2, "slides", "bowl slides by 6.2 cm", 0.062),))
@@ -12,7 +12,7 @@ SOUND = AuditedTask("s/2", "take the can", 3, ())
 def audited(monkeypatch) -> list[AuditedTask]:
     """What the audit of any suite finds; ``toy`` is the world of this module."""
     tasks = [SOUND]
-    monkeypatch.setattr(suites, "known_worlds", lambda: {"toy": Toy(tasks)})
+    monkeypatch.setattr(lint, "known_worlds", lambda: {"toy": Toy(tasks)})
     return tasks
 
 
@@ -48,7 +48,7 @@ def test_json_has_counts_defects_and_versions(audited, capsys):
     [
         ("lint --static toy:s", "--static: a suite's initial states are checked as they are"),
         ("lint toy:s x.jsonl", "files and suites at once: toy:s"),
-        ("lint --states 3 x.jsonl", "--states: only suites have initial states"),
+        ("lint --states 3 x.jsonl", "--states 3: only suites have initial states"),
         ("lint --states 0 toy:s", "--states: expected at least 1, got 0"),
     ],
 )

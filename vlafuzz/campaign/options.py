@@ -26,18 +26,20 @@ class Option:
         shown: the default in words.
         flag: its name on the command line; empty if only ``--config`` has it.
         kind: how the command line reads it, if not as the type of the field.
+        of_run: what holds for ``vlafuzz run`` alone.
     """
 
     panel: str
     help: str
     shown: str
     flag: str
-    kind: Any
+    kind: Any = None
+    of_run: str = ""
 
 
-def _option(panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, kind: Any = None) -> Any:
+def _option(panel: str, flag: str, text: str, shown: str = "", *, default: Any = None, **more: Any) -> Any:
     """A field that is an option."""
-    return field(default=default, metadata={"option": Option(panel, text, shown, flag, kind)})
+    return field(default=default, metadata={"option": Option(panel, text, shown, flag, **more)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,8 +56,9 @@ class RunConfig:
     task: str | None = _option(
         WHAT,
         "--task",
-        "What the robot is told to do; several with commas, or all: one after another.",
+        "What the robot is told to do.",
         "that of --scenes, or the first: `vlafuzz list worlds`",
+        of_run="Several with commas, or all: one after another.",
     )
     robot: str | None = _option(
         WHAT,

@@ -1,11 +1,10 @@
 """The command line. The module of a command is imported when it is called, so that others start fast."""
 
-import functools
 import importlib
 import re
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -15,8 +14,7 @@ from typer.core import TyperCommand
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
 from vlafuzz.cli.help import epilog, grouped
-from vlafuzz.cli.renamed import check_names
-from vlafuzz.cli.trust import named
+from vlafuzz.cli.names import check_names, named
 from vlafuzz.common.plugins import trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
@@ -33,20 +31,20 @@ COMMANDS = {
     ),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or failure again and show it."),
     "export": ("vlafuzz.cli.export:export", "Write scenes, stores and corpora to files, also of other formats."),
-    "regress": ("vlafuzz.cli.regress:command", "Check whether a policy got worse on an exported corpus."),
-    "diff": ("vlafuzz.cli.diff:command", "Compare two policies by their causes: fixed, remaining, new."),
-    "bisect": ("vlafuzz.cli.bisect:command", "Find out which of several checkpoints broke a policy."),
+    "regress": ("vlafuzz.cli.corpora:regress", "Check whether a policy got worse on an exported corpus."),
+    "diff": ("vlafuzz.cli.corpora:diff", "Compare two policies by their causes: fixed, remaining, new."),
+    "bisect": ("vlafuzz.cli.corpora:bisect", "Find out which of several checkpoints broke a policy."),
     "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: rates, repeats, two compared."),
-    "lint": ("vlafuzz.cli.scenes:lint", "Check whether the scenes of a file are fair."),
-    "serve": ("vlafuzz.cli.policies:serve", "Serve a policy to clients of other tools."),
+    "lint": ("vlafuzz.cli.lint:lint", "Check whether the scenes of a file are fair."),
+    "serve": ("vlafuzz.cli.serve:serve", "Serve a policy to clients of other tools."),
     "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine, or with --policy a policy: does it see, hear, work?"),
-    "list operators": ("vlafuzz.cli.listings:operators", "The operators and their ranges."),
-    "list objects": ("vlafuzz.cli.listings:objects", "The objects of the catalogue."),
-    "list strategies": ("vlafuzz.cli.policies:strategies", "The strategies that propose scenes."),
-    "list policies": ("vlafuzz.cli.policies:policies", "The policies that can be tested."),
-    "list worlds": ("vlafuzz.cli.policies:worlds", "The worlds, with their tasks and robots."),
-    "lab coverage": ("vlafuzz.cli.scenes:coverage", "Measure how much of the space scenes or runs cover."),
-    "lab study": ("vlafuzz.cli.study:command", "Do an experiment of the VLATest paper with policies."),
+    "list operators": ("vlafuzz.cli.lists:operators", "The operators and their ranges."),
+    "list objects": ("vlafuzz.cli.lists:objects", "The objects of the catalogue."),
+    "list strategies": ("vlafuzz.cli.lists:strategies", "The strategies that propose scenes."),
+    "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
+    "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
+    "lab coverage": ("vlafuzz.cli.lab:coverage", "Measure how much of the space scenes or runs cover."),
+    "lab study": ("vlafuzz.cli.lab:study", "Do an experiment of the VLATest paper with policies."),
 }
 
 # What the groups of commands do.
@@ -152,22 +150,13 @@ def _register(group: typer.Typer, name: str, command: str, summary: str) -> None
 
 def load(name: str) -> Any:
     """The command of that name, with its module imported."""
+    from vlafuzz.cli.output import stdout_for_data
+
     module, _, attribute = COMMANDS[name][0].partition(":")
-    command = _with_stdout_for_data(getattr(importlib.import_module(module), attribute))
+    command = getattr(importlib.import_module(module), attribute)
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    single.command(name, epilog=epilog(name))(command)
+    single.command(name, epilog=epilog(name))(stdout_for_data()(command))
     return grouped(typer.main.get_command(single))
-
-
-def _with_stdout_for_data(command: Callable[..., Any]) -> Callable[..., Any]:
-    @functools.wraps(command)
-    def called(*given: Any, **named: Any) -> Any:
-        from vlafuzz.cli.output import stdout_for_data
-
-        with stdout_for_data():
-            return command(*given, **named)
-
-    return called
 
 
 _groups = {name: typer.Typer(help=says, no_args_is_help=True) for name, says in GROUPS.items()}

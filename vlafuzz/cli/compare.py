@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vlafuzz.campaign.options import OPTIONS
-from vlafuzz.cli.config_file import ConfigFlag
 from vlafuzz.cli.flags import (
+    ConfigFlag,
     CsvFlag,
     ExecutorFlag,
     JsonFlag,

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import Frame, TrustFlag
-from vlafuzz.cli.output import Bar, stderr
+from vlafuzz.cli.flags import Frame, JsonFlag, TrustFlag, option, refuse
+from vlafuzz.cli.output import Bar, print_json, print_rows, stderr, table
+from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
-from vlafuzz.model.scene_lines import is_document
-
-if TYPE_CHECKING:
-    from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.model.scene_lines import is_document, write_scenes
 
 
 class Wanted(StrEnum):
@@ -54,80 +53,74 @@ def export(
             metavar="SOURCE...",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="File to write; with --minimal or lerobot a new folder.")],
-    run: Annotated[int | None, typer.Option(help="Only this run.", show_default="all runs")] = None,
-    verdict: Annotated[Wanted, typer.Option(help="Which scenes.")] = Wanted.failed,
+    out: Annotated[Path, option("File to write; with --minimal or lerobot a new folder.")],
+    run: Annotated[int | None, option("Only this run.", "all runs")] = None,
+    verdict: Annotated[Wanted, option("Which scenes.")] = Wanted.failed,
     minimal: Annotated[
-        bool, typer.Option("--minimal", help="A corpus: what is left of triaged findings, with proofs.")
+        bool, option("A corpus: what is left of triaged failures, with proofs.", flag="--minimal")
     ] = False,
     controls: Annotated[
         int | None,
-        typer.Option(
-            help="Random scenes in a corpus, in which `vlafuzz regress` compares policies; up to five times "
-            "as many if the policy rarely passes.",
-            show_default="200",
+        option(
+            "Random scenes in a corpus, in which `vlafuzz regress` compares policies; up to five times as many if the "
+            "policy rarely passes.",
+            "200",
         ),
     ] = None,
     firm: Annotated[
         float | None,
-        typer.Option(
-            help="Share of 20 rollouts, 19 jittered and one exact, that have to fail in a scene of a corpus, "
-            "and to pass in its counterparts. A scene that fails less often moves on in the same direction.",
-            show_default="until it is clear that most do",
+        option(
+            "Share of 20 rollouts, 19 jittered and one exact, that have to fail in a scene of a corpus, and to pass in "
+            "its counterparts. A scene that fails less often moves on in the same direction.",
+            "until it is clear that most do",
         ),
     ] = None,
     workers: Annotated[
         int | None,
-        typer.Option(
-            help="Processes that check the scenes of a corpus, or demonstrate.",
-            show_default="1 for a corpus, else as many as there are cores",
+        option(
+            "Processes that check the scenes of a corpus, or demonstrate.",
+            "1 for a corpus, else as many as there are cores",
         ),
     ] = None,
     trust: TrustFlag = False,
     format_: Annotated[
         Format,
-        typer.Option(
-            "--format",
-            help="One JSON scene a line, a scene file of VLATest, a data set of LeRobot, or one store with "
-            "all runs of several.",
+        option(
+            "One JSON scene a line, a scene file of VLATest, a data set of LeRobot, or one store with all runs of "
+            "several.",
+            flag="--format",
         ),
     ] = Format.vlafuzz,
     scenes: Annotated[
         Shown | None,
-        typer.Option(
-            help="What lerobot's episodes show: failing scenes, minimal ones with the passing scenes beside, "
-            "or as many random ones to compare with.",
-            show_default="failed",
+        option(
+            "What lerobot's episodes show: failing scenes, minimal ones with the passing scenes beside, or as many "
+            "random ones to compare with.",
+            "failed",
         ),
     ] = None,
-    demos: Annotated[
-        int | None, typer.Option(help="Episodes of lerobot in all.", show_default="one a scene, or --demos-per-scene")
-    ] = None,
+    demos: Annotated[int | None, option("Episodes of lerobot in all.", "one a scene, or --demos-per-scene")] = None,
     demos_per_scene: Annotated[
-        int | None,
-        typer.Option(
-            help="Episodes of lerobot for each scene: the others with other grasps, slightly jittered.",
-            show_default="1",
-        ),
+        int | None, option("Episodes of lerobot for each scene: the others with other grasps, slightly jittered.", "1")
     ] = None,
     hold_out: Annotated[
         float | None,
-        typer.Option(
-            help="Share of the failures that lerobot's episodes leave out, whole causes. Their scenes are "
-            "written to OUT-held-out.jsonl, for `vlafuzz run --scenes`.",
-            show_default="0",
+        option(
+            "Share of the failures that lerobot's episodes leave out, whole causes. Their scenes are written to "
+            "OUT-held-out.jsonl, for `vlafuzz run --scenes`.",
+            "0",
         ),
     ] = None,
     frame: Annotated[
         Frame | None,
-        typer.Option(
-            help="How VLATest's scenes become ours. fit: stretch their box onto ours; keep: keep distances; "
-            "original: change nothing, keep their robots and names; robot: the same, seen from the robot as "
-            "ours are: can be run.",
-            show_default="fit",
+        option(
+            "How VLATest's scenes become ours. fit: stretch their box onto ours; keep: keep distances; original: "
+            "change nothing, keep their robots and names; robot: the same, seen from the robot as ours are: can be "
+            "run.",
+            "fit",
         ),
     ] = None,
-    json: Annotated[bool, typer.Option("--json", help="Print what became of each of VLATest's files as JSON.")] = False,
+    json: JsonFlag = False,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
@@ -140,23 +133,24 @@ def export(
     pictures, state and actions of the policy: demonstrations to train it with. The store keeps the solutions.
 
     VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are left out,
-    with a note.
+    with a note. --json prints what became of each of them.
 
     With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
     one policy in several stores is one failure; a run that is in two of them appears twice.
     """
     foreign = format_ is Format.vlafuzz and not minimal and all(map(is_document, sources))
-    wanted = {"scenes": scenes, "demos": demos, "demos-per-scene": demos_per_scene, "hold-out": hold_out}
-    _refuse(wanted, format_ is not Format.lerobot or minimal, "only --format lerobot has it")
-    of_files = {"frame": frame, "json": json or None}
-    _refuse(of_files, not foreign, "only VLATest's files, written as ours, have it")
-    _refuse({"run": run}, foreign, f"{sources[0]} is a file of scenes, not a store")
-    _refuse({"controls": controls}, not minimal, "only a corpus has controls, see --minimal")
+    if format_ is not Format.lerobot or minimal:
+        wanted = {"--scenes": scenes, "--demos": demos, "--demos-per-scene": demos_per_scene, "--hold-out": hold_out}
+        refuse(wanted, "only --format lerobot has it")
+    if foreign:
+        refuse({"--run": run}, f"{sources[0]} is a file of scenes, not a store")
+    else:
+        refuse({"--frame": frame, "--json": json or None}, "only VLATest's files, written as ours, have it")
+    if not minimal:
+        refuse({"--controls": controls}, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
     if foreign:
-        from vlafuzz.cli.scenes import import_scenes
-
-        import_scenes(sources, out, frame or Frame.FIT, json=json)
+        _import_scenes(sources, out, frame or Frame.FIT, json=json)
     elif format_ is Format.store and not minimal:
         _merge(sources, out)
     elif len(sources) > 1:
@@ -177,13 +171,6 @@ def export(
         _export_scenes(sources[0], out, run, verdict, format_)
 
 
-def _refuse(flags: Mapping[str, object], unfit: bool, reason: str) -> None:
-    """Raise a UsageError for flags that have no meaning here."""
-    for name, value in flags.items():
-        if unfit and value is not None:
-            raise UsageError(f"--{name}{'' if value is True else f' {value}'}: {reason}", hint="leave it out")
-
-
 def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, format_: Format) -> None:
     """Write scenes to one file, ours or one of VLATest."""
     from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
@@ -195,8 +182,8 @@ def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, for
     if format_ is Format.vlatest and not all(map(world_with(SceneFormats).is_foreign, chosen)):
         Bar.note("note: positions are stretched from our box onto VLATest's, which undoes --frame fit")
     what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
-    stderr().print(f"{exported.written} {what} written to {out}")
-    _print_left_out(exported.left_out)
+    Bar.note(f"{exported.written} {what} written to {out}")
+    _note_left_out(exported.left_out)
 
 
 def _export_demonstrations(
@@ -232,11 +219,10 @@ def _export_demonstrations(
             workers=workers or most_workers(),
             watch=bar,
         )
-    stderr().print(f"{plural(written.demonstrations, 'demonstration')} written to {out}", soft_wrap=True)
+    Bar.note(f"{plural(written.demonstrations, 'demonstration')} written to {out}")
     if written.held_out:
-        held = plural(written.held_out, "held-out scene")
-        stderr().print(f"{held} written to {written.held_out_file}", soft_wrap=True)
-    _print_left_out(written.left_out)
+        Bar.note(f"{plural(written.held_out, 'held-out scene')} written to {written.held_out_file}")
+    _note_left_out(written.left_out)
 
 
 def _export_corpus(
@@ -256,12 +242,10 @@ def _export_corpus(
 
     check_new(out)
     note_alone(store)
-    wanted = CONTROLS if controls is None else controls
-    failed: list[VlafuzzError] = []
+    wanted, failed = CONTROLS if controls is None else controls, list[VlafuzzError]()
     with Store.open(store) as opened, Bar() as bar:
         tasks = tasks_of(opened, run)
-        kept = [one for one in opened.runs() if run in (None, one.id)]
-        for task in dict.fromkeys(one.manifest.task for one in kept):
+        for task in dict.fromkeys(one.manifest.task for one in opened.runs() if run in (None, one.id)):
             if task not in tasks:
                 bar.note(f"no corpus of {task}: no minimal finding; `vlafuzz triage` makes them")
         for task in tasks:
@@ -285,31 +269,57 @@ def _export_corpus(
                 bar.note(f"no corpus of {task}: {error}")
                 continue
             write_corpus(corpus, folder)
-            _print_corpus(corpus, folder, wanted)
+            causes = plural(len({case.signature for case in corpus.cases}), "cause")
+            failures = f"{plural(len(corpus.cases), 'minimal failure')} ({causes})"
+            bar.note(f"{failures} and {len(corpus.controls)} controls written to {folder}")
+            if len(corpus.controls) < wanted:
+                bar.note(f"only {len(corpus.controls)} of {wanted} controls were fair and could be judged")
+            _note_left_out(corpus.evidence.left_out)
 
 
-def _print_corpus(corpus: Corpus, folder: Path, controls: int) -> None:
-    causes = plural(len({case.signature for case in corpus.cases}), "cause")
-    failures = f"{plural(len(corpus.cases), 'minimal failure')} ({causes})"
-    stderr().print(f"{failures} and {len(corpus.controls)} controls written to {folder}", soft_wrap=True)
-    if len(corpus.controls) < controls:
-        stderr().print(f"only {len(corpus.controls)} of {controls} controls were fair and could be judged")
-    _print_left_out(corpus.evidence.left_out)
-
-
-def _print_left_out(left_out: Mapping[str, int]) -> None:
+def _note_left_out(left_out: Mapping[str, int]) -> None:
     for reason, count in left_out.items():
-        stderr().print(f"left out: {count}: {reason}")
+        Bar.note(f"left out: {count}: {reason}")
 
 
 def _merge(stores: list[Path], out: Path) -> None:
     """Merge all runs, trials and failures of several stores into a new one, in the given order."""
     from vlafuzz.store.merge import merge as merge_stores
 
-    twice = next((store for number, store in enumerate(stores) if store in stores[:number]), None)
-    if twice is not None:
+    if twice := next((store for number, store in enumerate(stores) if store in stores[:number]), None):
         raise UsageError(f"{twice}: given twice", hint="give each store once")
     merged = merge_stores(stores, out)
-    stderr().print(
-        f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}", soft_wrap=True
-    )
+    Bar.note(f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}")
+
+
+def _import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
+    """Write the scenes of VLATest's files as one file of ours, in order.
+
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames original and
+    robot none are.
+    """
+    if out.is_dir() or not out.parent.is_dir():
+        raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
+    from vlafuzz.worlds import world_with
+    from vlafuzz.worlds.capabilities import SceneFormats
+
+    world = world_with(SceneFormats)
+    with Bar() as bar:
+        imported = [world.import_scenes(path, frame.value) for path in bar.track(files, "reading")]
+    with writing(out):
+        write_scenes(out, [scene for file in imported for scene in file.scenes])
+    if frame is Frame.KEEP:
+        Bar.note("note: `export --format vlatest` would move these scenes: it stretches them, as --frame fit does")
+    if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):
+        left_out = sum(file.left_out for file in imported)
+        Bar.note(f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue")
+        lacking = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
+        stderr().print(table(lacking))
+    rows = [
+        {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}
+        for file in imported
+    ]
+    if json:
+        print_json([row | {"missing": file.missing} for row, file in zip(rows, imported, strict=True)])
+    else:
+        print_rows(rows, title=str(out))

@@ -1,4 +1,4 @@
-"""Flags that several commands have."""
+"""Flags that several commands have, and ``--config``, by which a YAML file gives them."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ import typer
 
 from vlafuzz.campaign.options import OPTIONS, RunConfig
 from vlafuzz.cli.output import Bar
+from vlafuzz.errors import UsageError, suggestion
+
+_CONFIG_HINT = "expected the flags of the command, one a line, such as budget: 300"
 
 
 class Frame(StrEnum):
@@ -26,6 +29,14 @@ class Frame(StrEnum):
 def listed(names: str | None) -> tuple[str, ...] | None:
     """Names that are separated by commas; None where no flag is given."""
     return None if names is None else tuple(name.strip() for name in names.split(","))
+
+
+def refuse(flags: Mapping[str, object], reason: str) -> None:
+    """Raise a UsageError for the first of these flags that is given: it would have no effect."""
+    for flag, value in flags.items():
+        if value is not None:
+            said = "" if isinstance(value, (bool, list)) else f" {value}"
+            raise UsageError(f"{flag}{said}: {reason}", hint="leave it out")
 
 
 def option(text: str, shown: str = "", *, flag: str = "", hidden: bool = False) -> Any:
@@ -50,13 +61,19 @@ def label_option(flag: str, text: str, default: str = "") -> Any:
     return typer.Option(flag, help=text, show_default=default or False, callback=checked)
 
 
-def option_of(name: str) -> Any:
-    """The option of a run's configuration; hidden if only ``--config`` has it."""
+def option_of(name: str, shown: str | None = None, *, more: str = "") -> Any:
+    """An option that ``RunConfig`` declares; hidden if only ``--config`` has it.
+
+    Args:
+        shown: the default in words, if it is another one in this command; empty to show the value.
+        more: what this command says about it, beside what holds for every command.
+    """
     told = OPTIONS[name]
-    flag = told.flag or f"--{name.replace('_', '-')}"
+    flag, default = told.flag or f"--{name.replace('_', '-')}", told.shown if shown is None else shown
+    text = " ".join(filter(None, (told.help, more)))
     if name == "label":
-        return label_option(flag, told.help, told.shown)
-    return option(told.help, told.shown, flag=flag, hidden=not told.flag)
+        return label_option(flag, text, default)
+    return option(text, default, flag=flag, hidden=not told.flag)
 
 
 def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -67,7 +84,7 @@ def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
             name,
             Parameter.KEYWORD_ONLY,
             default=None,
-            annotation=Annotated[(told.kind or hints[name]) | None, option_of(name)],
+            annotation=Annotated[(told.kind or hints[name]) | None, option_of(name, more=told.of_run)],
         )
         for name, told in OPTIONS.items()
     ]
@@ -86,33 +103,6 @@ def configured(given: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value is not None}
 
 
-RobotFlag = Annotated[str | None, option_of("robot")]
-PolicyFlag = Annotated[str | None, option_of("policy")]
-LabelFlag = Annotated[str | None, option_of("label")]
-OperatorsFlag = Annotated[str | None, option_of("operators")]
-VaryFlag = Annotated[str | None, option_of("vary")]
-WorkersFlag = Annotated[int | None, option_of("workers")]
-ExecutorFlag = Annotated[str | None, option_of("executor")]
-PackFlag = Annotated[list[str] | None, option_of("packs")]
-ServedFlag = Annotated[
-    str | None, label_option("--label", "Of models that are served at one address in turn, the one that answers now.")
-]
-AlphaFlag = Annotated[float, typer.Option(help="Probability of a false alarm, at most.")]
-AnswersFlag = Annotated[
-    Path | None, option("Keep outcomes by model in this file, and reuse those in it.", flag="--answers")
-]
-PlacementFlag = Annotated[str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")]
-TimeFlag = Annotated[
-    str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
-]
-JsonFlag = Annotated[bool, option("Print JSON.", flag="--json")]
-CsvFlag = Annotated[bool, option("Print CSV.", flag="--csv")]
-MarkdownFlag = Annotated[bool, option("Print Markdown.", flag="--markdown")]
-TrustFlag = Annotated[
-    bool, option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust")
-]
-
-
 def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
     """The packs in these folders; notes say what is missing in them.
 
@@ -128,3 +118,83 @@ def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
 
     with Bar() as bar:
         return world_with(Catalogued).open_packs(folders, bar)
+
+
+def _read_config(context: typer.Context, values: list[str] | None) -> list[str] | None:
+    """Make what files and assignments say the defaults of the command that is parsed; the last one counts.
+
+    Raises:
+        UsageError: a file has no flags, others than the command's, or names code that is not trusted.
+    """
+    from vlafuzz.common.reading import read_yaml
+
+    never = ("config", "trust", "help")  # a file does not say that it may be trusted
+    known = {name for one in context.command.params if (name := one.name) and name not in never}
+    for value in values or ():
+        name, sign, text = value.partition("=")
+        if sign and not Path(value).is_file():
+            said = _flags("--config", {name: text}, known)
+        else:
+            content = read_yaml(Path(value), UsageError, _CONFIG_HINT)
+            if not isinstance(content, dict):
+                raise UsageError(f"{value}: not a list of flags", hint=_CONFIG_HINT)
+            said = _flags(value, content, known)
+        context.default_map = {**(context.default_map or {}), **said}
+    return values
+
+
+def _flags(path: str, content: Mapping[Any, Any], known: set[str]) -> dict[str, Any]:
+    """The values of flags by parameter; lists of a flag that takes one text get commas."""
+    from vlafuzz.common.plugins import check_trusted
+
+    flags: dict[str, Any] = {}
+    for key, value in content.items():
+        name = str(key).removeprefix("--").replace("-", "_")
+        name = "packs" if name == "pack" else name
+        if name not in known:
+            raise UsageError(f"{path}: {key!r} is no flag of this command", hint=suggestion(name, known))
+        values = value if isinstance(value, list) else [value]
+        if not values or not all(isinstance(one, (str, int, float, bool)) for one in values):
+            raise UsageError(f"{path}: {key}: not a value of a flag: {value!r}", hint=_CONFIG_HINT)
+        check_trusted(*(one for one in values if isinstance(one, str)))
+        flags[name] = ",".join(map(str, values)) if isinstance(value, list) and name != "packs" else value
+    return flags
+
+
+PolicyFlag = Annotated[str | None, option_of("policy")]
+RobotFlag = Annotated[str | None, option_of("robot")]
+LabelFlag = Annotated[str | None, option_of("label")]
+OperatorsFlag = Annotated[str | None, option_of("operators")]
+VaryFlag = Annotated[str | None, option_of("vary")]
+SeedFlag = Annotated[int, option_of("seed", "")]
+WorkersFlag = Annotated[int | None, option_of("workers")]
+ExecutorFlag = Annotated[str | None, option_of("executor")]
+PackFlag = Annotated[list[str] | None, option_of("packs")]
+PlacementFlag = Annotated[str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")]
+ServedFlag = Annotated[
+    str | None, label_option("--label", "Of models that are served at one address in turn, the one that answers now.")
+]
+AlphaFlag = Annotated[float, option("Probability of a false alarm, at most.")]
+AnswersFlag = Annotated[
+    Path | None, option("Keep outcomes by model in this file, and reuse those in it.", flag="--answers")
+]
+TimeFlag = Annotated[
+    str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
+]
+JsonFlag = Annotated[bool, option("Print JSON.", flag="--json")]
+CsvFlag = Annotated[bool, option("Print CSV.", flag="--csv")]
+MarkdownFlag = Annotated[bool, option("Print Markdown.", flag="--markdown")]
+TrustFlag = Annotated[
+    bool, option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust")
+]
+ConfigFlag = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--config",
+        callback=_read_config,
+        is_eager=True,
+        help="YAML file of options, such as budget: 300; or one of them, NAME=VALUE. May be repeated; what is given "
+        "here otherwise wins.",
+        show_default=False,
+    ),
+]

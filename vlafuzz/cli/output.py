@@ -2,6 +2,8 @@
 
 import json as json_format
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from typing import Any, Self, TypeVar
@@ -14,12 +16,12 @@ from rich.text import Text
 
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.cli.ending import Checked, heard
-from vlafuzz.cli.heartbeat import Heartbeat
 from vlafuzz.common.deadline import Deadline
-from vlafuzz.common.text import csv_table
+from vlafuzz.common.text import csv_table, duration
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError, printable
 
+EVERY = 30.0  # seconds between lines about long work where no terminal shows a bar
 T = TypeVar("T")
 _data: list[Checked] = []  # the stdout of the command that runs
 
@@ -40,6 +42,40 @@ def data() -> Any:
     return _data[-1] if _data else Checked(sys.stdout)
 
 
+class _SafeConsole(Console):
+    """A console whose texts, which may come from files and servers, cannot steer the terminal."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(highlight=False, markup=False, **options)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        return super().render_str(printable(text), **options)
+
+
+def stdout() -> Console:
+    """The console for data; 100 columns wide where there is no terminal."""
+    console = _SafeConsole(file=data())
+    if not console.is_terminal:
+        console.width = 100
+    return console
+
+
+def stderr() -> Console:
+    """The console for everything that is not data."""
+    return _SafeConsole(stderr=True)
+
+
+def print_lines(*lines: str) -> None:
+    """Print sentences and commands on stdout, each in one piece; empty ones are left out."""
+    for line in filter(None, lines):
+        stdout().print(line, soft_wrap=True)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON document, floats as ``repr`` writes them."""
+    data().write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
+
+
 def print_rows(rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = "") -> None:
     """Print rows that have the same keys.
 
@@ -54,26 +90,6 @@ def print_rows(rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bo
         data().write(printable(csv_table(rows)))
     else:
         stdout().print(table(rows, title))
-
-
-def print_list(items: Sequence[Sequence[str]], *, title: str) -> None:
-    """Print numbered items of several lines, of which the last one is the small print."""
-    console = stdout()
-    if items:
-        console.print(title, style="italic")
-    for number, (*lines, small) in enumerate(items, start=1):
-        grid = Table.grid(padding=(0, 1))
-        grid.add_column(width=len(str(len(items))) + 1, justify="right")
-        grid.add_column(overflow="fold")
-        for place, line in enumerate(lines):
-            grid.add_row(f"{number}." if place == 0 else "", Text(printable(line), style="bold"))
-        grid.add_row("", Text(printable(small)))
-        console.print(grid)
-
-
-def print_json(value: Any) -> None:
-    """Print one JSON document, floats as ``repr`` writes them."""
-    data().write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
 def table(rows: Sequence[Mapping[str, Any]], title: str = "") -> Table:
@@ -97,24 +113,29 @@ def print_row(row: Mapping[str, Any], widths: Mapping[str, int], *, first: bool)
     data().flush()
 
 
-class _SafeConsole(Console):
-    """A console whose texts, which may come from files and servers, cannot steer the terminal."""
-
-    def render_str(self, text: str, **options: Any) -> Text:
-        return super().render_str(printable(text), **options)
-
-
-def stdout() -> Console:
-    """The console for data; 100 columns wide where there is no terminal."""
-    console = _SafeConsole(file=data(), highlight=False, markup=False)
-    if console.is_terminal:
-        return console
-    return _SafeConsole(file=data(), highlight=False, markup=False, width=100)
+def _shown(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(_shown(item) for item in value)
+    return str(value)
 
 
-def stderr() -> Console:
-    """The console for everything that is not data."""
-    return _SafeConsole(stderr=True, highlight=False, markup=False)
+def print_list(items: Sequence[Sequence[str]], *, title: str) -> None:
+    """Print numbered items of several lines, of which the last one is the small print."""
+    console = stdout()
+    if items:
+        console.print(title, style="italic")
+    for number, (*lines, small) in enumerate(items, start=1):
+        grid = Table.grid(padding=(0, 1))
+        grid.add_column(width=len(str(len(items))) + 1, justify="right")
+        grid.add_column(overflow="fold")
+        for place, line in enumerate(lines):
+            grid.add_row(f"{number}." if place == 0 else "", Text(printable(line), style="bold"))
+        grid.add_row("", Text(printable(small)))
+        console.print(grid)
 
 
 class Bar(Watch):
@@ -171,6 +192,47 @@ class Bar(Watch):
             self._heartbeat.stop()
 
 
+class Heartbeat:
+    """Calls ``write`` with the state of the work every half minute, from a thread of its own.
+
+    Args:
+        until: when the work ends at the latest.
+    """
+
+    def __init__(self, write: Callable[[str], None], every: float = EVERY, until: Deadline | None = None) -> None:
+        self._write, self._every, self._until = write, every, until or Deadline()
+        self._state: tuple[str, int, int | None, str] | None = None
+        self._began, self._first = time.monotonic(), 0
+        self._over = threading.Event()
+
+    def tell(self, description: str, done: int, total: int | None, more: str = "") -> None:
+        """``done`` of ``total`` steps are finished; with another total, or fewer, it is another work."""
+        before, self._state = self._state, (description, done, total, more)
+        if before is None or before[2] != total or done < before[1]:
+            self._began, self._first = time.monotonic(), done
+        if before is None:
+            threading.Thread(target=self._beat, daemon=True).start()
+
+    def stop(self) -> None:
+        """Write no more lines."""
+        self._over.set()
+
+    def line(self) -> str:
+        """What is done, since when, and how long the rest will take at the same rate."""
+        assert self._state
+        description, done, total, more = self._state
+        spent, left = time.monotonic() - self._began, ""
+        if total and self._first < done < total:
+            seconds = spent * (total - done) / (done - self._first)
+            left = f", about {duration(max(min(seconds, self._until.left), 0.0))} left"
+        of = f"{done} of {total}" if total else str(done)
+        return f"{description}: {of}{more}, {duration(spent)} so far{left}"
+
+    def _beat(self) -> None:
+        while not self._over.wait(self._every):
+            self._write(self.line())
+
+
 @contextmanager
 def interruptible(note: str | Callable[[], str], until: Deadline | None = None) -> Iterator[Bar]:
     """A bar; on Ctrl-C the note says what is stored and how to continue, and the exit code is 130.
@@ -187,13 +249,3 @@ def interruptible(note: str | Callable[[], str], until: Deadline | None = None) 
             bar.clear()
             bar.note(note if isinstance(note, str) else note())
             raise typer.Exit(INTERRUPTED) from None
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    if isinstance(value, list | tuple):
-        return ", ".join(_shown(item) for item in value)
-    return str(value)

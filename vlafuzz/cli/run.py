@@ -6,8 +6,7 @@ import shlex
 import sys
 from typing import Annotated, Any
 
-from vlafuzz.cli.config_file import ConfigFlag
-from vlafuzz.cli.flags import JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
+from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
 from vlafuzz.cli.one_run import Asked, checked, end, run_plan
 from vlafuzz.cli.output import print_json
 

@@ -1,0 +1,263 @@
+"""``vlafuzz regress``, ``vlafuzz diff`` and ``vlafuzz bisect``: policies compared in scenes of a corpus or store."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from vlafuzz.cli.flags import (
+    AlphaFlag,
+    AnswersFlag,
+    JsonFlag,
+    LabelFlag,
+    ServedFlag,
+    TimeFlag,
+    TrustFlag,
+    label_option,
+    option,
+    option_of,
+)
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
+from vlafuzz.common.deadline import deadline
+from vlafuzz.common.text import percent
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
+
+CorpusFlag = Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")]
+BaselineFlag = Annotated[
+    str | None, option("Roll out this policy as the baseline, too.", "what the corpus recorded of its own")
+]
+
+
+def _check_policies(*names: str | None) -> None:
+    from vlafuzz.rollouts.policies import check_policy_name
+
+    for name in filter(None, names):
+        check_policy_name(name)
+
+
+def regress(
+    corpus: CorpusFlag,
+    policy: Annotated[str, option_of("policy", "")],
+    label: LabelFlag = None,
+    baseline: BaselineFlag = None,
+    alpha: AlphaFlag = 0.05,
+    nights: Annotated[int, option("Comparisons with this corpus, such as one a night, that share --alpha.")] = 1,
+    max_rollouts: Annotated[
+        int | None, option("Most rollouts of the policy, controls first.", "one a control, three in each other scene")
+    ] = None,
+    whole: Annotated[bool, option("Do not stop at an alarm: run everything.", flag="--whole")] = False,
+    time: TimeFlag = None,
+    junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
+    summary: Annotated[Path | None, option("Write Markdown, and beside it a picture of a broken scene.")] = None,
+    sarif: Annotated[Path | None, option("Write SARIF.")] = None,
+    trust: TrustFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Check whether a policy got worse: exit code 1 if it fails more often than the baseline.
+
+    Both are compared in the controls of a corpus, random scenes that no outcome selected; a sequential test decides,
+    and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run, jittered, to show
+    what is fixed and what is broken. They raise no alarm: they were selected by what the corpus's own policy does.
+    """
+    places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
+    for flag, path in places.items():
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+            message = f"{flag}: {path}: no place for a file"
+            raise UsageError(message, hint="name a file in a folder that is there")
+    _check_policies(policy, baseline)
+    check_probability("--alpha", alpha)
+    check_number("--nights", nights, 1)
+    check_number("--max-rollouts", max_rollouts, 1)
+    until = deadline("--time", time)
+    from vlafuzz.failures.corpus.ci import write_junit, write_sarif, write_summary
+    from vlafuzz.failures.corpus.folder import read_corpus
+    from vlafuzz.failures.corpus.policies import compare_policies, still
+    from vlafuzz.failures.corpus.tables import difference, document, tables
+
+    exported = read_corpus(corpus)
+    with Bar() as bar:
+        compared = compare_policies(
+            corpus,
+            exported,
+            policy,
+            baseline,
+            label=label or "",
+            alpha=alpha,
+            nights=nights,
+            max_rollouts=max_rollouts,
+            whole=whole,
+            deadline=until,
+            watch=bar,
+        )
+    if json:
+        print_json(document(compared, exported))
+    else:
+        for title, rows in tables(compared, exported).items():
+            print_rows(rows, title=title)
+        early = {"worse": "stopped", "time": "--time is over"}.get(compared.stopped)
+        stopped = f"{early} after {compared.tried} controls: " if early else ""
+        print_lines(difference(compared), compared.changes, f"{stopped}{compared.verdict}")
+    # Last: where one cannot be written, the result of hours is shown all the same.
+    if junit:
+        write_junit(compared, junit)
+    if summary:
+        write_summary(compared, exported, summary, still(corpus, exported, compared, policy))
+    if sarif:
+        write_sarif(compared, exported, corpus, sarif)
+    for path in filter(None, places.values()):
+        Bar.note(f"written: {path}")
+    if compared.alarm:
+        raise typer.Exit(1)
+    if not compared.tells:
+        details = (scene.detail for scene in compared.compared if scene.standing in ("error", "invalid"))
+        broken = next((f": {detail}" for detail in details if detail), "")
+        more = "more --max-rollouts" if compared.stopped != "time" else "more --time"
+        hint = f"`vlafuzz doctor` checks this machine; were the rollouts too few, give {more}"
+        raise PrerequisiteError(compared.verdict + broken, hint=hint)
+
+
+def diff(
+    a: Annotated[Path, typer.Argument(help="A store or a corpus of the first policy.")],
+    b: Annotated[Path, typer.Argument(help="A store or a corpus of the second policy.")],
+    policy_a: Annotated[str | None, option("The first policy, if it has another name now.", "as in A")] = None,
+    policy_b: Annotated[str | None, option("The second policy, if it has another name now.", "as in B")] = None,
+    label_a: Annotated[
+        str | None, label_option("--label-a", "Which model the first policy is, or which of those in A.", "as in A")
+    ] = None,
+    label_b: Annotated[
+        str | None, label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B")
+    ] = None,
+    label: ServedFlag = None,
+    answers: AnswersFlag = None,
+    run_a: Annotated[int | None, option("Only this run of A.", "all runs")] = None,
+    run_b: Annotated[int | None, option("Only this run of B.", "all runs")] = None,
+    alpha: AlphaFlag = 0.05,
+    trust: TrustFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Compare two policies by the causes of their failures: which are fixed, which remain, which are new.
+
+    Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each scene three
+    times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a paired test shows that
+    one of them passes there more often.
+
+    Two models that are served at one address in turn are told apart by their labels, and take two commands with the
+    same --answers: one while the one answers, and the same with the other --label once the other one does. Until then
+    the exit code is 3.
+    """
+    check_probability("--alpha", alpha)
+    _check_policies(policy_a, policy_b)
+    from vlafuzz.failures.corpus.policies import diff_policies
+    from vlafuzz.failures.corpus.tables import difference_document, difference_rows
+
+    with Bar() as bar:
+        result = diff_policies(
+            a,
+            b,
+            policy_a,
+            policy_b,
+            label_a=label_a or "",
+            label_b=label_b or "",
+            label=label or "",
+            answers=answers,
+            run_a=run_a,
+            run_b=run_b,
+            alpha=alpha,
+            watch=bar,
+        )
+    if json:
+        print_json(difference_document(result))
+    else:
+        print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
+        print_lines(result.verdict)
+
+
+def bisect(
+    corpus: CorpusFlag,
+    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="checkpoint")] = None,
+    checkpoints: Annotated[
+        list[str] | None, typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …")
+    ] = None,
+    policy: Annotated[
+        str,
+        typer.Option(
+            help="How a checkpoint {} is named as a policy: lerobot:{}; without {}, where all are served.",
+            metavar="NAME",
+        ),
+    ] = "{}",
+    label: ServedFlag = None,
+    baseline: BaselineFlag = None,
+    alpha: AlphaFlag = 0.05,
+    error: Annotated[float, option("Probability up to which something else may have happened.")] = 0.05,
+    comparisons: Annotated[int | None, option("Most comparisons.", "log2 of the checkpoints, and 2")] = None,
+    time: TimeFlag = None,
+    trust: TrustFlag = False,
+    answers: AnswersFlag = None,
+    json: JsonFlag = False,
+) -> None:
+    """Find out which checkpoint broke a policy: exit code 1 if one did.
+
+    First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress` does. If
+    it is worse, a binary search that expects noise compares few of the others, each until it is clear whether it is
+    broken, and then whether all of the loss came in one step.
+
+    Checkpoints that are served at one address in turn are told apart by their labels. Whenever another one has to
+    answer, the exit code is 3, and a message says which.
+    """
+    from vlafuzz.failures.corpus.bisect import check_checkpoints
+    from vlafuzz.model.label import Model, check_label
+    from vlafuzz.rollouts.policies import is_built_in
+
+    names, in_turn = [*(checkpoints or ()), *(more or ())], "{}" not in policy
+    check_checkpoints(names)
+    check_probability("--alpha", alpha)
+    check_probability("--error", error)
+    check_number("--comparisons", comparisons, 1)
+    if in_turn and is_built_in(policy):
+        hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
+        raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
+    for name in names if in_turn else ():
+        check_label("--checkpoints", name)
+    _check_policies(*(policy.replace("{}", name) for name in names), baseline)
+    until = deadline("--time", time)
+    from vlafuzz.failures.corpus.folder import read_corpus
+    from vlafuzz.failures.corpus.policies import bisect_checkpoints
+    from vlafuzz.failures.corpus.tables import bisection_document
+
+    exported = read_corpus(corpus)
+    again = "with --answers FILE outcomes are kept, and the same command goes on"
+    if answers:
+        again = f"the outcomes are kept in {answers}: the same command goes on"
+    with interruptible(f"interrupted\nhint: {again}") as bar:
+        result = bisect_checkpoints(
+            corpus,
+            exported,
+            [Model(policy, name) if in_turn else Model(policy.replace("{}", name)) for name in names],
+            baseline,
+            label=label or "",
+            alpha=alpha,
+            error=error,
+            comparisons=comparisons,
+            deadline=until,
+            answers=answers,
+            watch=bar,
+        )
+    if json:
+        print_json(bisection_document(result, exported))
+    else:
+        rows = [
+            {
+                "checkpoint": step.checkpoint,
+                "controls": step.of,
+                "baseline passes": step.baseline_passed,
+                "checkpoint passes": step.passed,
+                "broken": percent(step.broken),
+            }
+            for step in result.steps
+        ]
+        print_rows(rows, title=f"comparisons with {result.baseline}")
+        print_lines(f"{'' if result.in_time else '--time is over: '}{result.verdict}")
+    if result.alarm:
+        raise typer.Exit(1)

@@ -1,0 +1,41 @@
+"""``vlafuzz serve``."""
+
+import shlex
+import sys
+import threading
+from contextlib import closing, suppress
+from typing import Annotated
+
+import typer
+
+from vlafuzz.cli.flags import option
+from vlafuzz.cli.output import data
+from vlafuzz.errors import check_number
+
+
+def serve(
+    policy: Annotated[str, typer.Argument(help="The policy: `vlafuzz list policies` lists them.")],
+    protocol: Annotated[str, option("vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
+    port: Annotated[int, option("Where to listen; 0 for any port that is free.")] = 8000,
+    host: Annotated[str, option("Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
+) -> None:
+    """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
+
+    The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of several
+    clients are batched into one call of the policy, up to its max_batch.
+    """
+    from vlafuzz.policies.serving.serve import says_of, serving
+    from vlafuzz.rollouts.policies import make_policy
+
+    check_number("--port", port, 0, 65535)
+    with (
+        closing(make_policy(policy)) as served,
+        serving(served, protocol, host, port) as name,
+        suppress(KeyboardInterrupt),
+    ):
+        data().write(f"{name}\n")
+        data().flush()
+        run = shlex.join(["vlafuzz", "run", "--policy", name])
+        sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n{says_of(served.spec)}\n")
+        sys.stderr.write(f"hint: fuzz it with `{run}`\n")
+        threading.Event().wait()
