@@ -28,6 +28,7 @@ from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
+from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.diff import Difference
 from vlafuzz.failures.corpus.folder import read_corpus
@@ -39,7 +40,6 @@ from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
 from vlafuzz.model.label import Model
 from vlafuzz.policies.base import Policy
-from vlafuzz.report.causes import CauseList, all_causes
 from vlafuzz.search.base import looks_for_causes
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -58,11 +58,11 @@ def fuzz(
     """Run a campaign; it ends when its budget is spent, and the commonest causes are certified.
 
     Args:
-        policy: an object, which stays open and works in this process, or a name as on the command line. certify:
-        whether to certify the commonest causes, for about as many rollouts as the budget; by default
-            if the strategy looks for causes.
-        time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow. watch:
-        called after every trial.
+        policy: an object, which stays open and works in this process, or a name as on the command line.
+        certify: whether to certify the commonest causes, for about as many rollouts as the budget; by default if the
+            strategy looks for causes.
+        time: wall clock that it takes at most, such as "1h30m"; half of it for the run where causes follow.
+        watch: called after every trial.
         flags: fields of ``RunConfig``, such as ``task``, ``budget``, ``strategy``, ``seed`` and ``store``.
 
     Raises:
@@ -200,8 +200,8 @@ def diff(
     """Compare two policies by the certified causes of two stores or corpora: fixed, remaining, new.
 
     Args:
-        policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise. trust: load
-        the code of a ``python:`` policy that a store names.
+        policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
+        trust: load the code of a ``python:`` policy that a store names.
         options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and ``watch`` of
             ``diff_policies``.
     """

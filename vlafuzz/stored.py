@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from vlafuzz.errors import PrerequisiteError, SceneError, install
+from vlafuzz.failures.causes import ListedCause, causes_of
+from vlafuzz.failures.described import DescribedFailure, Spaces
+from vlafuzz.failures.listed import failures_of
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.cards import Spaces, card_of_finding, card_of_triaged
-from vlafuzz.report.causes import ListedCause, causes_of
+from vlafuzz.report.counts import Standing, standings_of
 from vlafuzz.report.effects import draws
-from vlafuzz.report.standings import Standing, standings_of
-from vlafuzz.report.view import Card
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
@@ -78,8 +78,8 @@ class StoredTrial:
         scene: digest.
         random: whether the scene was drawn at random, without regard to outcomes: only such trials give a failure rate.
             Of a guided run, those that passed or failed.
-        verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two. progress: how
-        far the policy came, in [0, 1].
+        verdict: ``passed``, ``failed``, ``invalid`` or ``error``; ``detail`` says why for the last two.
+        progress: how far the policy came, in [0, 1].
         lost_stage: the first stage that it did not reach.
         severity: distance of the scene from the nominal one; ``severities``: by operator, each in [0, 1]; empty for
             scenes from elsewhere.
@@ -112,14 +112,14 @@ class StoredFinding:
     """A failing scene, with what triage says of it; also what ``vlafuzz report --json`` prints.
 
     Attributes:
-        scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding. run: the one
-        that found it; None in a corpus.
+        scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
+        run: the one that found it; None in a corpus.
         label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
-        operators: in which the scene differs from a passing one, the confounders' as one. conditions: the range that
-        fails, or the value in the scene, by operator, in words with units. necessary: operators without which the
-        policy passes; ``sufficient``: those that are enough alone. rate: how often the policy fails around ``scene``;
-        None if unknown.
+        operators: in which the scene differs from a passing one, the confounders' as one.
+        conditions: the range that fails, or the value in the scene, by operator, in words with units.
+        necessary: operators without which the policy passes; ``sufficient``: those that are enough alone.
+        rate: how often the policy fails around ``scene``; None if unknown.
         witness: who solves ``scene``.
         detail: the evidence, in a sentence.
         replay: the command that shows it.
@@ -173,7 +173,7 @@ class StoredResults:
     def findings(self, run: int | None = None) -> Rows[StoredFinding]:
         """The failing scenes of a run, by default of all, the oldest first."""
         with Store.open(self.path) as store:
-            return Rows(_findings(store, run))
+            return Rows(map(finding_of, failures_of(store, run)))
 
     def causes(self, run: int | None = None) -> Rows[ListedCause]:
         """The causes of a run, confirmed ones first; by default of the last run that looked for any."""
@@ -195,12 +195,15 @@ class StoredResults:
 
 
 def _run(store: Store, run: Run) -> StoredRun:
-    failed, judged = store.judged([run.id])
-    names = ("task", "policy", "strategy", "seed", "budget")
+    (failed, judged), manifest = store.judged([run.id]), run.manifest
     return StoredRun(
         run=run.id,
-        **{name: getattr(run.manifest, name) for name in names},
-        label=run.manifest.named,
+        task=manifest.task,
+        policy=manifest.policy,
+        label=manifest.named,
+        strategy=manifest.strategy,
+        seed=manifest.seed,
+        budget=manifest.budget,
         status=run.status,
         seconds=run.seconds,
         failed=failed,
@@ -242,39 +245,27 @@ def _values(space: Space, scene: Scene, operators: Container[str]) -> Iterator[t
                 yield ".".join([gene.operator, *path.split(".")[1:]]), value_at(scene, path)
 
 
-def _findings(store: Store, run: int | None) -> Iterator[StoredFinding]:
-    spaces, triaged = Spaces(store.path), {row.key: row for row in store.triaged()}
-    manifests = {one.id: one.manifest for one in store.runs()}
-    for finding in store.findings(run):
-        about = finding, manifests[finding.run], spaces.of(manifests[finding.run])
-        row = triaged.get(finding.key)
-        if row is None:
-            yield finding_of(card_of_finding(store.path, *about), finding.run)
-        else:
-            yield finding_of(card_of_triaged(store.path, row, *about), finding.run)
-
-
-def finding_of(card: Card, run: int | None = None) -> StoredFinding:
-    """The row of a card that shows one finding."""
+def finding_of(failure: DescribedFailure) -> StoredFinding:
+    """The row of one failure."""
     return StoredFinding(
-        scene=card.scene.digest,
-        found=card.findings[0],
-        run=run,
-        task=card.scene.task,
-        policy=card.run.policy,
-        label=card.run.named,
-        instruction=card.scene.instruction,
-        lost_stage=card.lost_stage,
-        evidence=card.bucket,
-        signature=card.signature or None,
-        operators=card.operators,
-        conditions=tuple(f"{part.operator}: {part.range}" for part in card.deviations),
-        necessary=card.causes.necessary,
-        sufficient=card.causes.sufficient,
-        rate=card.rate,
-        witness=card.witness.solver if card.witness else None,
-        detail=card.detail,
-        replay=card.replay,
+        scene=failure.scene.digest,
+        found=failure.found[0],
+        run=failure.number,
+        task=failure.scene.task,
+        policy=failure.run.policy,
+        label=failure.run.named,
+        instruction=failure.scene.instruction,
+        lost_stage=failure.lost_stage,
+        evidence=failure.bucket,
+        signature=failure.signature or None,
+        operators=failure.operators,
+        conditions=tuple(f"{part.operator}: {part.range}" for part in failure.deviations),
+        necessary=failure.causes.necessary,
+        sufficient=failure.causes.sufficient,
+        rate=failure.rate,
+        witness=failure.witness.solver if failure.witness else None,
+        detail=failure.detail,
+        replay=failure.replay,
     )
 
 

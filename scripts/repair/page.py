@@ -17,8 +17,7 @@ from vlafuzz.common.text import interval, percent, points
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
 from vlafuzz.report.page import render_sheet
-from vlafuzz.report.sheet import Picture, Sheet
-from vlafuzz.report.view import Table
+from vlafuzz.report.view import Picture, Sheet, Table
 from vlafuzz.worlds.recording import Recording
 
 STRIPS, FRAMES = 3, 6  # scenes of each way to end, and frames of a rollout

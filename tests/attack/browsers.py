@@ -15,8 +15,7 @@ import pytest
 from tests.attack import mutators, samples
 from tests.attack.readers import Reader, Rng
 from tests.policies.clients.test_hostile import RESET
-from vlafuzz.report.follow import PageServer, live_page
-from vlafuzz.report.live import Live
+from vlafuzz.report.live import Live, PageServer, live_page
 from vlafuzz.store.store import Store
 
 GET = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: keep-alive\r\nAccept: */*\r\n\r\n"

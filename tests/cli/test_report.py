@@ -100,9 +100,9 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
         (["a.db", "--out", "empty"], "error: empty: is a folder"),
         (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
         (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
-        (["a.db", "--follow", "--out", "page.html"], "error: --out says nothing to --follow"),
-        (["a.db", "--label", "v2"], "error: --label says nothing to the terminal"),
-        (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit says nothing to a .md file"),
+        (["a.db", "--follow", "--out", "page.html"], "error: --out page.html: has no effect with --follow"),
+        (["a.db", "--label", "v2"], "error: --label v2: has an effect with --follow only"),
+        (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit 3: has no effect on a table"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys, place: Path):

@@ -65,10 +65,10 @@ def test_scenes_of_two_tasks_are_never_alike(mixed: Path):
     with Store.open(mixed) as store:
         task = {finding.scene.digest: finding.scene.task for finding in store.findings()}
         view = view_of_store(store)
-    assert {card.scene.task for card in view.cards} == {"pick-up", "put-on"}
-    assert all(task[digest] == card.scene.task for card in view.cards for digest in card.alike)
-    assert view.causes[0].title == "Policies and tasks"
-    assert len(view.causes[0].rows) == 3
+    assert {card.of.scene.task for card in view.cards} == {"pick-up", "put-on"}
+    assert all(task[digest] == card.of.scene.task for card in view.cards for digest in card.of.alike)
+    assert view.tables[0].title == "Policies and tasks"
+    assert len(view.tables[0].rows) == 3
 
 
 def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys):

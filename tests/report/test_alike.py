@@ -34,7 +34,7 @@ def kept(path: Path, *scenes: Scene, cause: Scene | None = None) -> Path:
 
 
 def shown(path: Path) -> dict[Scene, tuple[str, ...]]:
-    return {card.scene: card.alike for card in view(path).cards}
+    return {card.of.scene: card.of.alike for card in view(path).cards}
 
 
 def test_a_near_copy_is_counted_beside_the_first(tmp_path: Path):

@@ -12,8 +12,7 @@ import pytest
 from tests.report.stores import MadeUpFilms, store, view
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render, render_sheet
-from vlafuzz.report.sheet import Picture, Sheet
-from vlafuzz.report.view import Table
+from vlafuzz.report.view import Picture, Sheet, Table
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")

@@ -10,12 +10,13 @@ from tests.doubles import failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
+from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.causes import CauseList, causes_of
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
+from vlafuzz.report.view import cause_table
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause, Trial
 from vlafuzz.store.store import Store
@@ -129,12 +130,12 @@ def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missin
 
 
 def test_shares_rank_and_are_shown_where_they_are_known(store: Store):
-    assert "share" not in listed(store).table.columns
+    assert "share" not in cause_table(listed(store)).columns
     rare = FoundCause(only("camera-orientation", 0), ("camera-orientation",), 9)
     shared = FoundCause(only("light", 1), ("light",), 1, SHARE)
     store.keep_causes(1, Attribution((rare, shared), 0, PROBABILITY))
     found = listed(store)
-    assert [row["share"] for row in found.table.rows] == ["20% (15–26%)", "–"]
+    assert [row["share"] for row in cause_table(found).rows] == ["20% (15–26%)", "–"]
     assert found.sentences[-1] == "failure probability of random scenes: 40% (30–50%)"
     document = found.document()
     assert document["causes"][0]["share"] == {"value": 0.2, "low": 0.15, "high": 0.26}
@@ -157,8 +158,8 @@ def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Stor
     assert page.index("Causes of run 1") < page.index("Summary") < page.index("Findings")
     assert "light (dark): fails from intensity" in page
     shown = [digest for cause in found.causes for digest in cause.found]
-    assert {digest for card in view.cards[:3] for digest in card.findings} >= set(shown)
-    assert view.cards[0].findings[0] in found.causes[0].found
+    assert {digest for card in view.cards[:3] for digest in card.of.found} >= set(shown)
+    assert view.cards[0].of.found[0] in found.causes[0].found
 
 
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):

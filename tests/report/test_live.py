@@ -17,9 +17,9 @@ import pytest
 from tests.doubles import ClosedForm, failed, manifest, passed, scene
 from tests.report.stores import MANIFEST, MadeUpFilms
 from vlafuzz.cli import main
-from vlafuzz.report import follow
-from vlafuzz.report.follow import Films, PageServer, live_page
-from vlafuzz.report.live import Live
+from vlafuzz.report import films as filming
+from vlafuzz.report.films import NewestFilm
+from vlafuzz.report.live import Live, PageServer, live_page
 from vlafuzz.report.page import render
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
@@ -155,9 +155,9 @@ def test_the_newest_failure_is_filmed_by_its_actions(tmp_path: Path, monkeypatch
         def close(self):
             asked.append("closed")
 
-    monkeypatch.setattr(follow.scene_runner, "SimulatorSceneRunner", Runner)
-    monkeypatch.setattr(follow, "no_pictures", lambda task: "")
-    films, newest = Films(tmp_path), trial(0, fails=True)
+    monkeypatch.setattr(filming.scene_runner, "SimulatorSceneRunner", Runner)
+    monkeypatch.setattr(filming, "no_pictures", lambda task: "")
+    films, newest = NewestFilm(tmp_path), trial(0, fails=True)
     assert films.of(newest, MANIFEST) is None
     while films.of(newest, MANIFEST) is None:
         time.sleep(0.01)

@@ -1,7 +1,6 @@
 from tests.report.test_page import HOSTILE, Page
 from vlafuzz.report.page import render_sheet
-from vlafuzz.report.sheet import Picture, Sheet
-from vlafuzz.report.view import Table
+from vlafuzz.report.view import Picture, Sheet, Table
 
 ROWS = ({"strategy": "random", "cells": "7 (6–8)", "shown": "more"}, {"strategy": "mine", "cells": "–", "shown": ""})
 

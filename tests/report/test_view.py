@@ -15,16 +15,16 @@ from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
+from vlafuzz.failures.described import DescribedFailure, deviations
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.failures.triage.summary import summarise
 from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
-from vlafuzz.report.deviations import deviations
+from vlafuzz.report.counts import standings_of
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
-from vlafuzz.report.standings import standings_of
-from vlafuzz.report.view import Card, Chart, View
+from vlafuzz.report.view import Chart, View
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 
@@ -80,16 +80,16 @@ def test_operators_are_counted_as_left_necessary_and_sufficient(triaged: View):
 
 
 def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
-    card = next(card for card in triaged.cards if "camera-orientation" in card.operators)
-    (only,) = card.deviations
+    card = next(card for card in triaged.cards if "camera-orientation" in card.of.operators)
+    (only,) = card.of.deviations
     assert (only.operator, only.value, only.reference) == ("camera-orientation", "yaw 2.6°", "yaw 0°")
     assert (only.fails_from or "").startswith("fails from yaw 2.")
     assert card.role("camera-orientation") == "necessary, sufficient alone"
     assert card.without("camera-orientation") == "without it 0 of 4 rollouts fail (0–57.5%)"
-    assert re.fullmatch(r"fails in (\d+) of \1 rollouts around it \(.*–100%\)", card.detail)
-    assert card.witness is not None
-    assert card.witness.solver == "seeing"
-    assert card.replay.endswith(f"a.db {card.scene.digest[:12]} --policy idle")
+    assert re.fullmatch(r"fails in (\d+) of \1 rollouts around it \(.*–100%\)", card.of.detail)
+    assert card.of.witness is not None
+    assert card.of.witness.solver == "seeing"
+    assert card.of.replay.endswith(f"a.db {card.of.scene.digest[:12]} --policy idle")
 
 
 def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_triage_shrank_to(tmp_path: Path):
@@ -110,21 +110,21 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
     assert summary.certified is not None
     shown = [view(tmp_path / "a.db"), view_of_corpus(tmp_path / "bright", read_corpus(tmp_path / "bright"))]
     for card in (card for page in shown for card in page.cards):
-        (only,) = card.deviations
-        assert card.scene.light.intensity == 0.5
-        assert (card.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
-        assert card.detail.startswith(f"fails in {summary.certified.failures} of ")
+        (only,) = card.of.deviations
+        assert card.of.scene.light.intensity == 0.5
+        assert (card.of.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
+        assert card.of.detail.startswith(f"fails in {summary.certified.failures} of ")
     assert "A scene that passes" in render(shown[0])
 
 
 def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: Path):
-    def cards(name: str, fails: Condition, solvable: bool) -> list[Card]:
+    def cards(name: str, fails: Condition, solvable: bool) -> list[DescribedFailure]:
         finding = SPACE.nominal()
         with Store.open(tmp_path / name, "write") as opened:
             trial = Trial(proposal=0, scene=finding, outcome=failed(), severity=1.0, cell="grasp|none|x0y0")
             opened.add(opened.begin(MANIFEST), trial)
             triage(opened, lambda _: PlantedRunner([fails], solvable=lambda _: solvable))
-        return list(view(tmp_path / name).cards)
+        return [card.of for card in view(tmp_path / name).cards]
 
     nominal = SPACE.nominal()
     (edge,) = cards("edge.db", lambda scene: scene == nominal, True)
@@ -138,8 +138,8 @@ def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: P
 
 def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_path: Path):
     shown = view(store(tmp_path / "a b.db", triaged=0))
-    assert {card.bucket for card in shown.cards} == {"observed"}
-    assert {card.lost_stage for card in shown.cards} == {"grasp"}
+    assert {card.of.bucket for card in shown.cards} == {"observed"}
+    assert {card.of.lost_stage for card in shown.cards} == {"grasp"}
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
@@ -154,7 +154,7 @@ def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_those_with_the_most_evidence_come_first(tmp_path: Path):
     shown = view(store(tmp_path / "a.db", triaged=2))
-    assert [card.bucket for card in shown.cards] == ["minimal", "minimal", *["observed"] * 4]
+    assert [card.of.bucket for card in shown.cards] == ["minimal", "minimal", *["observed"] * 4]
 
 
 def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
@@ -185,10 +185,10 @@ def test_a_corpus_shows_its_cases_and_the_evidence_that_it_came_with():
     assert counts(evidence) == {"confirmed": (8, 9)}
     assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
     assert shown.headline == "2 minimal failing scenes, 1 cause, all solved by the expert; from 9 findings."
-    assert [card.replay for card in shown.cards] == [
+    assert [card.of.replay for card in shown.cards] == [
         f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
     ]
-    assert shown.cards[0].picture == PNG
+    assert shown.cards[0].of.picture == PNG
 
 
 def test_every_deviation_is_described_in_words():

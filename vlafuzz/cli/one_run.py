@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from vlafuzz.campaign.tally import Summary
     from vlafuzz.common.deadline import Deadline
     from vlafuzz.doctor.before_run import Checked
+    from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.report.causes import CauseList
     from vlafuzz.report.effects import Effects
 
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
@@ -194,8 +194,8 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -
 
 def _results(summary: Summary) -> _Results:
     from vlafuzz.campaign.results import again, beside_random
-    from vlafuzz.report.cards import Spaces
-    from vlafuzz.report.causes import causes_of
+    from vlafuzz.failures.causes import causes_of
+    from vlafuzz.failures.described import Spaces
     from vlafuzz.report.effects import effects_of
     from vlafuzz.search.base import POOL, RANDOM
     from vlafuzz.store.store import Store
@@ -211,7 +211,7 @@ def _results(summary: Summary) -> _Results:
 
 
 def _causes(summary: Summary) -> CauseList | None:
-    from vlafuzz.report.causes import causes_of
+    from vlafuzz.failures.causes import causes_of
     from vlafuzz.store.store import Store
 
     with Store.open(Path(summary.store)) as store:

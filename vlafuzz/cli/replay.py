@@ -51,8 +51,8 @@ def command(
         raise UsageError(f"--first-failure: {source} is a file of scenes, without verdicts", "leave it out")
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
-    from vlafuzz.report.causes import first_shown
-    from vlafuzz.report.deviations import unusual
+    from vlafuzz.failures.causes import first_shown
+    from vlafuzz.failures.described import unusual
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import no_pictures, world_of
 

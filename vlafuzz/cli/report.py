@@ -1,29 +1,32 @@
-"""``vlafuzz report``."""
+"""``vlafuzz report``: in the terminal, as a page or table, or as a page that follows a run."""
 
 from __future__ import annotations
 
+import shlex
 import sys
-from collections.abc import Mapping
 from contextlib import closing, suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option, option
-from vlafuzz.cli.output import Bar, data, interruptible
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option, option, refuse
+from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_lines, print_list
 from vlafuzz.common.files import write_whole
-from vlafuzz.common.text import size
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import csv_table, markdown_table, plural, size
 from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
+    from vlafuzz.failures.described import DescribedFailure
+    from vlafuzz.failures.listed import Listing
     from vlafuzz.report.view import View
-
 
 TABLES = (".csv", ".md")  # endings of files
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
+VALUES = 3  # operators of an untriaged failure that are shown with their values
 
 
 def command(
@@ -61,42 +64,110 @@ def command(
     With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the newest
     failure. Only this machine can open it; its address is printed. The store is read, never written.
     """
-    table = out.suffix if out and out.suffix in TABLES else ""
-    listing: dict[str, object] = {"--evidence": evidence, "--json": json or None}
-    _refuse(follow, {"--out": out, "--limit": limit} | listing, "--follow")
-    _refuse(bool(out), listing, "--out")
-    _refuse(bool(table), {"--limit": limit, "--no-videos": None if videos else True}, f"a {table} file")
-    _refuse(not follow, {"--label": label, "--port": port}, "the terminal and --out")
+    table = out is not None and out.suffix in TABLES
+    if follow:
+        refuse({"--out": out, "--limit": limit}, "has no effect with --follow")
+    else:
+        refuse({"--label": label, "--port": port}, "has an effect with --follow only")
+    if follow or out:
+        refuse({"--evidence": evidence, "--json": json or None}, "has an effect in the terminal only")
+    if table:
+        refuse({"--limit": limit, "--no-videos": None if videos else True}, "has no effect on a table")
+    check_number("--limit", limit, 1 if out else 0)
+    check_number("--port", port, 0, 65535)
     if follow:
         _follow(source, label, port or 0, films=videos)
-    elif out is None:
-        _list(source, evidence, limit, json=json)
-    elif table:
+    elif out and table:
         _write_table(source, out)
-    else:
+    elif out:
         _write(source, out, limit, videos=videos)
+    else:
+        _list(source, evidence, FEW if limit is None else limit, json=json)
 
 
-def _refuse(applies: bool, flags: Mapping[str, object], to: str) -> None:
-    """Refuse flags that say nothing to this form of a report."""
-    for flag, value in flags.items():
-        if applies and value is not None:
-            raise UsageError(f"{flag} says nothing to {to}", hint="leave one of the two out")
+def _checked(source: Path) -> Path:
+    """Where a store or corpus is; UsageError if there is none."""
+    from vlafuzz.failures.corpus.folder import locate
+
+    if not (found := locate(source)).exists():
+        raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
+    return found
 
 
-def _list(source: Path, evidence: str | None, limit: int | None, *, json: bool) -> None:
-    from vlafuzz.cli.findings import print_findings
-    from vlafuzz.report.view import BUCKETS
+def _list(source: Path, evidence: str | None, limit: int, *, json: bool) -> None:
+    """Print the failures: those of causes first, then others by evidence.
+
+    A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
+    """
+    from vlafuzz.failures.corpus.controls import CONTROLS
+    from vlafuzz.failures.corpus.export import forecast
+    from vlafuzz.failures.described import BUCKETS
+    from vlafuzz.failures.listed import listing_of
+    from vlafuzz.store.store import Store
 
     if evidence is not None and evidence not in BUCKETS:
         raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
-    check_number("--limit", limit, 0)
-    print_findings(source, view_of(source), evidence, FEW if limit is None else limit, json=json)
+    found = listing_of(_checked(source))
+    if json:
+        _print_rows(source, found, evidence)
+        return
+    listed = [one for one in found.failures if evidence in (None, one.bucket)]
+    shown = listed[: limit or None]
+    failures = sum(len(one.found) + len(one.alike) for one in listed)
+    apart = f", {failures - len(listed)} of them like another" if len(listed) < failures else ""
+    mixed = len({(run.model, run.task) for run in found.runs}) > 1
+    title = f"{plural(failures, 'failure')}{apart}, the strongest causes first: {found.title}"
+    print_list([_lines(one, mixed=mixed) for one in shown], title=title)
+    if not shown:
+        print_lines("no failures" + (f" with evidence {evidence}" if evidence else ""))
+    if len(shown) < len(listed):
+        print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
+    if shown:
+        print_lines(f"see number 1: {shown[0].replay}")
+    print_lines(*(f"{text} {line}" for text, line in found.todo))
+    minimal = sum(one.bucket == "minimal" for one in listed)
+    if minimal and not found.todo and source.is_file():
+        needs = trust_flag(*(run.policy for run in found.runs))
+        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *needs])
+        with Store.open(source) as store:
+            takes = forecast(store, minimal, CONTROLS, workers=1)
+        print_lines(f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}")
+
+
+def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
+    """Each value that is not nominal, and the evidence; in a store of several policies or tasks also whose it is."""
+    values = [f"{part.operator}: {part.range}" for part in one.deviations]
+    if one.bucket == "observed" and len(values) > VALUES:
+        values = [f"{len(one.operators)} operators not nominal"]
+    parts = (
+        f"{one.run.short} on {one.scene.task}" if mixed else "",
+        f"loses {one.lost_stage}",
+        f"{one.bucket}: {one.detail}",
+        f"{len(one.found)} failures" if len(one.found) > 1 else "",
+        f"{len(one.alike)} more alike" if one.alike else "",
+        one.scene.digest[:12],
+    )
+    return [*(values or [one.title]), " · ".join(filter(None, parts))]
+
+
+def _print_rows(source: Path, found: Listing, evidence: str | None) -> None:
+    """Print the failures as ``StoredFinding``, one each, in the order of the list that counts them."""
+    from vlafuzz.stored import StoredResults, finding_of
+
+    if source.is_file():
+        ranks = {
+            (digest, one.run.policy, one.run.named): rank
+            for rank, one in enumerate(found.failures)
+            for digest in (*one.found, *one.alike)
+        }
+        rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label])
+    else:
+        rows = [finding_of(one) for one in found.failures]
+    print_json([asdict(row) for row in rows if evidence in (None, row.evidence)])
 
 
 def _write_table(source: Path, out: Path) -> None:
-    from vlafuzz.common.text import csv_table, markdown_table
-    from vlafuzz.report.standings import standings_of
+    from vlafuzz.report.counts import standings_of
     from vlafuzz.store.store import Store
 
     with Store.open(source) as store:
@@ -111,46 +182,16 @@ def _write_table(source: Path, out: Path) -> None:
 def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     if limit is not None and not videos:
         raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
-    check_number("--limit", limit, 1)
     from vlafuzz.report.page import check_place, render, write_page
+    from vlafuzz.report.sources import view_of
 
-    view = view_of(source)
+    view = view_of(_checked(source))
     check_place(out)  # before minutes go by
     if videos and view.cards:
         view = _with_films(source, view, limit or FILMED)
     page = render(view)
     write_page(out, page)
     Bar.note(f"written: {out} ({size(len(page.encode()))})")
-
-
-def _follow(source: Path, label: str | None, port: int, *, films: bool) -> None:
-    check_number("--port", port, 0, 65535)
-    from vlafuzz.report.follow import Films, PageServer, live_page
-    from vlafuzz.report.live import Live
-    from vlafuzz.store.store import Store
-
-    with Store.open(source) as store:
-        live, made = Live(store, label), Films(source) if films else None
-        with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
-            data().write(f"{server.address}\n")
-            data().flush()
-            sys.stderr.write(f"following {source}; Ctrl-C ends it\n")
-            server.serve_forever()
-
-
-def view_of(source: Path) -> View:
-    """The view of a store or corpus; UsageError if there is none."""
-    from vlafuzz.failures.corpus.folder import locate, read_corpus
-    from vlafuzz.report.sources import view_of_corpus, view_of_store
-    from vlafuzz.store.store import Store
-
-    source = locate(source)
-    if source.is_dir():
-        return view_of_corpus(source, read_corpus(source))
-    if not source.is_file():
-        raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
-    with Store.open(source) as store:
-        return view_of_store(store)
 
 
 def _with_films(source: Path, view: View, limit: int) -> View:
@@ -170,3 +211,17 @@ def _with_films(source: Path, view: View, limit: int) -> View:
                 reason = error.message
     Bar.note(f"note: no videos: {reason}.")
     return replace(view, notes=(*view.notes, f"No videos: {reason}."))
+
+
+def _follow(source: Path, label: str | None, port: int, *, films: bool) -> None:
+    from vlafuzz.report.films import NewestFilm
+    from vlafuzz.report.live import Live, PageServer, live_page
+    from vlafuzz.store.store import Store
+
+    with Store.open(source) as store:
+        live, made = Live(store, label), NewestFilm(source) if films else None
+        with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
+            data().write(f"{server.address}\n")
+            data().flush()
+            sys.stderr.write(f"following {source}; Ctrl-C ends it\n")
+            server.serve_forever()

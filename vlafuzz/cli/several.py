@@ -89,7 +89,7 @@ def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
 
 def print_several(runs: Sequence[Done], path: Path, *, json: bool) -> None:
     """Print how each policy of a store does in each task, as JSON also the runs."""
-    from vlafuzz.report.standings import standings_of
+    from vlafuzz.report.counts import standings_of
     from vlafuzz.store.store import Store
 
     with Store.open(path) as store:

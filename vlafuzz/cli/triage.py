@@ -19,9 +19,9 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
+    from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.summary import TriageSummary
-    from vlafuzz.report.causes import CauseList
     from vlafuzz.rollouts.registry import Place
     from vlafuzz.store.store import Store
 
@@ -67,9 +67,9 @@ def command(
     until = deadline("--time", time)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
+    from vlafuzz.failures.causes import all_causes
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.pipeline import usual_workers
-    from vlafuzz.report.causes import all_causes
     from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store
 
@@ -210,6 +210,6 @@ def _print(summary: TriageSummary) -> None:
 def print_causes(found: CauseList) -> None:
     """Print the causes of a run as a list, and what is known beside them."""
     causes = [(*cause.conditions, cause.says) for cause in found.causes]
-    print_list(causes, title=found.table.title)
+    print_list(causes, title=found.title)
     for sentence in found.sentences:
         stdout().print(sentence, soft_wrap=True)

@@ -191,8 +191,7 @@ def markdown(reading: Reading) -> str:
 def page(reading: Reading) -> str:
     """The tables, with all tasks, and sentences as one HTML page without external resources."""
     from vlafuzz.report.page import render_sheet
-    from vlafuzz.report.sheet import Sheet
-    from vlafuzz.report.view import Table
+    from vlafuzz.report.view import Sheet, Table
 
     rate = reading.rates[0]
     errors = f", and {plural(rate.errors, 'more')} ended in an error" if rate.errors else ""

@@ -1,12 +1,18 @@
-"""Counts over the trials of a store, in one pass."""
+"""Counts over the trials of a store, as charts, and as standings: how each policy does in each task."""
 
-from collections import Counter
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import interval, percent
+from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.view import Chart, Measure, RunRow
 from vlafuzz.search.base import RANDOM
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
@@ -67,34 +73,123 @@ def count(store: Store) -> Counts:
     return counts
 
 
-def verdict_chart(counts: Counts) -> Chart:
-    """Distinct scenes by their verdict."""
-    scenes, judged = counts.verdicts, counts.failed.of
-    measures = []
-    for verdict, says in _VERDICTS.items():
-        of = judged if verdict >= Verdict.PASSED else scenes.total()
-        share = Share.of_counts(scenes[verdict], of)
-        measures.append(Measure(verdict.name.lower(), share, says, rate=not counts.guided))
+def charts_of(counts: Counts) -> tuple[Chart, ...]:
+    """Distinct scenes by their verdict, and how many rollouts reached each stage, by task and policy."""
+    scenes, judged, rate = counts.verdicts, counts.failed.of, not counts.guided
+    verdicts = tuple(
+        Measure(
+            verdict.name.lower(),
+            Share.of_counts(scenes[verdict], judged if verdict >= Verdict.PASSED else scenes.total()),
+            says,
+            rate=rate,
+        )
+        for verdict, says in _VERDICTS.items()
+    )
     chosen = " They were chosen: their share is no failure rate." if counts.guided else ""
-    return Chart("Verdicts", f"Distinct scenes by their last verdict.{chosen}", tuple(measures))
-
-
-def funnels(counts: Counts) -> tuple[Chart, ...]:
-    """How many rollouts reached each stage: one chart per task and policy."""
-    charts = []
-    for (name, policy), begun in counts.begun.items():
-        stages = world_of(name).task(name).stage_names
-        reached = {stage: counts.reached[name, policy, stage] for stage in stages}
-        measures = [
-            Measure(stage, Share.of_counts(number, begun), rate=not counts.guided) for stage, number in reached.items()
-        ]
-        which = f", {name}, {policy}" if len(counts.begun) > 1 else ""
-        charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", tuple(measures)))
+    charts = [Chart("Verdicts", f"Distinct scenes by their last verdict.{chosen}", verdicts)]
+    for (task, policy), begun in counts.begun.items():
+        stages = tuple(
+            Measure(stage, Share.of_counts(counts.reached[task, policy, stage], begun), rate=rate)
+            for stage in world_of(task).task(task).stage_names
+        )
+        which = f", {task}, {policy}" if len(counts.begun) > 1 else ""
+        charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", stages))
     return tuple(charts)
 
 
 def run_row(store: Store, run: Run) -> RunRow:
     """A run, with its failure rate."""
-    manifest, (failed, judged) = run.manifest, store.judged([run.id])
+    failed, judged = store.judged([run.id])
     share = Share.of_counts(failed, judged) if judged else None
-    return RunRow(id=run.id, manifest=manifest, status=run.status, failed=share)
+    return RunRow(id=run.id, manifest=run.manifest, status=run.status, failed=share)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """How a policy does in a task.
+
+    Attributes:
+        rate: how often it fails in random scenes, by the newest run that tells; None if none does.
+        causes: that the newest run found whose strategy looks for causes, of which ``certified`` are certified; None
+            without such a run.
+        rollouts: of all runs, without those of triage, which are ``triage_rollouts``.
+    """
+
+    policy: str
+    task: str
+    rate: Probability | None
+    causes: int | None
+    certified: int | None
+    rollouts: int
+    triage_rollouts: int
+
+    def row(self) -> dict[str, object]:
+        """The columns of a table for people."""
+        rate = self.rate
+        return {
+            "policy": self.policy,
+            "task": self.task,
+            "fails in random scenes": f"{percent(rate.value)} ({interval(rate.low, rate.high)})" if rate else "–",
+            "causes": "–" if self.causes is None else self.causes,
+            "certified": "–" if self.certified is None else self.certified,
+            "rollouts": self.rollouts,
+            "to certify": self.triage_rollouts,
+        }
+
+    def document(self) -> dict[str, object]:
+        """The columns for programs: the rate with its 95 % interval, as ``rate``, ``low`` and ``high``."""
+        rate, rest = self.rate, ("causes", "certified", "rollouts", "triage_rollouts")
+        return {
+            "policy": self.policy,
+            "task": self.task,
+            "rate": rate.value if rate else None,
+            "low": rate.low if rate else None,
+            "high": rate.high if rate else None,
+            **{name: getattr(self, name) for name in rest},
+        }
+
+
+def standings_of(
+    store: Store, counts: Counts | None = None, lists: Sequence[CauseList] | None = None
+) -> tuple[Standing, ...]:
+    """One for each policy and task of a store, in the order in which they were first tried.
+
+    Args:
+        counts, lists: of the same store, if they are there already.
+    """
+    runs, counts = store.runs(), counts or count(store)
+    by_run = {one.run: one for one in (all_causes(store) if lists is None else lists)}
+    groups = defaultdict[tuple[str, str], list[Run]](list)
+    for run in runs:
+        groups[run.manifest.model, run.manifest.task].append(run)
+    manifests = {run.id: run.manifest for run in runs}
+    found_by = {finding.key: manifests[finding.run] for finding in store.findings()}
+    spent = Counter[tuple[str, str]]()
+    for row in store.triaged():
+        if row.key in found_by:  # always, unless somebody changed the store
+            spent[found_by[row.key].model, row.scene.task] += row.policy_rollouts
+    standings = []
+    for (policy, task), several in groups.items():
+        newest = several[::-1]
+        found = next((by_run[run.id] for run in newest if run.id in by_run), None)
+        rates = (_rate(store, run, by_run.get(run.id)) for run in newest)
+        standings.append(
+            Standing(
+                policy=policy,
+                task=task,
+                rate=next(filter(None, rates), None),
+                causes=found.found if found else None,
+                certified=found.certified if found else None,
+                rollouts=counts.begun[task, policy],
+                triage_rollouts=spent[policy, task],
+            )
+        )
+    return tuple(standings)
+
+
+def _rate(store: Store, run: Run, found: CauseList | None) -> Probability | None:
+    """How often random scenes fail: the share of a random run, or what a strategy estimates."""
+    if run.manifest.strategy != RANDOM:
+        return found.probability if found else None
+    failed = Share.of_counts(*store.judged([run.id]))
+    return Probability(failed.share, failed.low, failed.high) if failed.of else None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene, amount
 from vlafuzz.model.space import Space, value_at
 from vlafuzz.report.view import Table
+from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 
@@ -27,13 +28,6 @@ SHOWN = 6
 # than a few ranges.
 MOSTLY, TEN = 0.9, 10
 Value = float | str
-
-
-class Varied(NamedTuple):
-    """One quantity of a random scene, and whether the policy failed there."""
-
-    value: Value
-    failed: bool
 
 
 @dataclass(frozen=True)
@@ -49,8 +43,8 @@ class Effect:
     """A quantity by whose values failure rates differ.
 
     Attributes:
-        bins: quarters of the scenes, from low to high values; of options those that are frequent enough. p: that the
-        rates would differ so much by chance (chi-square), corrected over all quantities (Holm).
+        bins: quarters of the scenes, from low to high values; of options those that are frequent enough.
+        p: that the rates would differ so much by chance (chi-square), corrected over all quantities (Holm).
     """
 
     operator: str
@@ -156,7 +150,7 @@ def _random_trials(store: Store, run: Run) -> Iterator[Trial]:
 
 def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
     """Tells whether a trial of a run is a random draw, whose choice depended on no outcome."""
-    if run.manifest.strategy == "random":
+    if run.manifest.strategy == RANDOM:
         return lambda trial: True
     attribution = store.causes(run.id)
     drawn = set(attribution.at_random) if attribution else set[int]()
@@ -188,9 +182,8 @@ def _effect(
 ) -> Effect | None:
     from scipy.stats import chi2_contingency
 
-    pairs = zip(values, failures, strict=True)
-    varied = [Varied(value, failed) for value, failed in pairs if value is not None]
-    distinct = {one.value for one in varied}
+    varied = [(value, failed) for value, failed in zip(values, failures, strict=True) if value is not None]
+    distinct = {value for value, _ in varied}
     options = len(distinct) <= QUARTERS or any(isinstance(value, str) for value in distinct)
     groups = (_options if options else _quarters)(path, varied)
     bins = [Bin(name, Share.of_counts(sum(of), len(of))) for name, of in groups if len(of) >= FEWEST]
@@ -201,21 +194,22 @@ def _effect(
     return Effect(operator=operator, quantity=quantity, bins=tuple(bins), p=chance)
 
 
-def _options(path: str, varied: Sequence[Varied]) -> Iterator[tuple[str, list[bool]]]:
+def _options(path: str, varied: Sequence[tuple[Value, bool]]) -> Iterator[tuple[str, list[bool]]]:
+    """Groups of equal values: numbers in order, names by how often the policy fails."""
     groups: defaultdict[Value, list[bool]] = defaultdict(list)
-    for one in varied:
-        groups[one.value].append(one.failed)
+    for value, failed in varied:
+        groups[value].append(failed)
     numbers = all(isinstance(value, (int, float)) for value in groups)
     ordered = sorted(groups) if numbers else sorted(groups, key=lambda value: -np.mean(groups[value]))
     return ((amount(path, value), groups[value]) for value in ordered)
 
 
-def _quarters(path: str, varied: Sequence[Varied]) -> Iterator[tuple[str, list[bool]]]:
+def _quarters(path: str, varied: Sequence[tuple[Value, bool]]) -> Iterator[tuple[str, list[bool]]]:
     """Groups of about equal size; equal values are in one."""
-    values = np.array([one.value for one in varied], dtype=float)
+    values = np.array([value for value, _ in varied], dtype=float)
     inner = np.unique(np.quantile(values, np.linspace(0, 1, QUARTERS + 1)[1:-1], method="lower"))
     groups = np.searchsorted(inner, values)
     for group in np.unique(groups):
         inside = values[groups == group]
-        failed = [one.failed for one, where in zip(varied, groups, strict=True) if where == group]
+        failed = [failed for (_, failed), where in zip(varied, groups, strict=True) if where == group]
         yield f"{amount(path, inside.min())} to {amount(path, inside.max())}", failed

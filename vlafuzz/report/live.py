@@ -1,17 +1,29 @@
-"""The view of a run that goes on: how far it is, how often the policy fails, and why, so far."""
+"""A page on this machine that follows a run: how far it is, how often the policy fails, and why, so far.
+
+It reads the store and writes nothing.
+"""
 
 import shlex
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import replace
 from datetime import datetime
+from html import escape
+from http import HTTPStatus
+from queue import SimpleQueue
 
+from vlafuzz.common.files import reason
 from vlafuzz.common.text import count_of, duration, interval, percent
+from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.failures.causes import causes_of
+from vlafuzz.failures.described import Spaces, described, title_of
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.cards import Spaces, card_of_finding
-from vlafuzz.report.causes import causes_of
-from vlafuzz.report.counts import Counts, funnels, run_row, verdict_chart
-from vlafuzz.report.view import Card, Table, View, title_of
+from vlafuzz.policies.serving.http import BoundedHandler, BoundedServer
+from vlafuzz.report.counts import Counts, charts_of, run_row
+from vlafuzz.report.films import NewestFilm
+from vlafuzz.report.page import render
+from vlafuzz.report.view import Card, View, cause_table
 from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.store.records import Finding, Run, Trial
 from vlafuzz.store.store import Store
@@ -20,6 +32,9 @@ from vlafuzz.worlds.evaluation import Film
 AWAITED = 256  # proposals that may still be added before the last one: more than any batch
 EVERYTHING = 1 << 62
 RECENT = 20  # rollouts over which the speed is measured at least
+HOST = "127.0.0.1"
+REFRESH, SELDOM = 5, 30  # seconds, while the run goes on and afterwards: triage may follow
+LOOK = 0.05  # seconds that a browser waits for its page to be begun, at most
 
 
 class Live:
@@ -49,17 +64,14 @@ class Live:
         if self._store.count(run.id) > len(self._seen):
             first = max(max(self._seen, default=0) - AWAITED, 0)
             for trial in self._store.stored(run.id, first, EVERYTHING):
-                self._count(run, trial)
+                if trial.proposal in self._seen:
+                    continue
+                self._seen.add(trial.proposal)
+                self._counts.add(run, trial)
+                if trial.outcome.verdict is Verdict.FAILED:
+                    self.newest = trial
         self._first = self._first or (time.monotonic(), self._counts.rollouts)
         return run
-
-    def _count(self, run: Run, trial: Trial) -> None:
-        if trial.proposal in self._seen:
-            return
-        self._seen.add(trial.proposal)
-        self._counts.add(run, trial)
-        if trial.outcome.verdict is Verdict.FAILED:
-            self.newest = trial
 
     def view(self, filmed: tuple[Trial, Film] | None = None) -> View:
         """The page of the run as it is now.
@@ -67,22 +79,26 @@ class Live:
         Args:
             filmed: a failure with its film, which is shown instead of the newest one.
         """
-        run = self.run()
+        run, path = self.run(), self._store.path
         if run is None:
-            return _empty(str(self._store.path), self._label)
-        causes = causes_of(self._store, run, self._spaces)
+            of = f" of {self._label}" if self._label else ""
+            return View(title=title_of([]), source=str(path), headline=f"The store has no run{of} yet.")
+        running, causes = run.status == "running", causes_of(self._store, run, self._spaces)
+        report = shlex.join(["vlafuzz", "report", str(path), "--out", "report.html"])
+        tables = [cause_table(causes)] if causes else []
+        if running:
+            tables = [replace(table, title="Causes so far") for table in tables]
         return View(
             title=title_of([run.manifest]),
-            source=str(self._store.path),
+            source=str(path),
             headline=self._headline(run),
             facts=self._facts(run),
-            todo=() if run.status == "running" else (("The whole page:", _report(self._store)),),
+            todo=() if running else (("The whole page:", report),),
             runs=(run.manifest,),
             run_rows=tuple(run_row(self._store, other) for other in self._store.runs()),
-            charts=(verdict_chart(self._counts), *funnels(self._counts)),
-            operators=(),
-            causes=(_so_far(causes.table, run),) if causes else (),
-            cards=tuple(self._cards(run, filmed)),
+            charts=charts_of(self._counts),
+            tables=tuple(tables),
+            cards=self._cards(run, filmed),
         )
 
     def _headline(self, run: Run) -> str:
@@ -106,46 +122,84 @@ class Live:
 
     def _facts(self, run: Run) -> tuple[tuple[str, str], ...]:
         manifest, failed = run.manifest, self._counts.failed
-        counted = count_of(failed.count, failed.of, failed.low, failed.high)
         facts = [("Strategy", manifest.strategy), ("Seed", str(manifest.seed)), ("Started", run.started)]
         if manifest.strategy == RANDOM:
+            counted = count_of(failed.count, failed.of, failed.low, failed.high)
             return (("Failure rate in random scenes", counted), *facts)
-        guided = f"{failed.count} of {failed.of}, which were chosen: no failure rate"
+        guided = ("Failed scenes", f"{failed.count} of {failed.of}, which were chosen: no failure rate")
         if manifest.strategy == POOL:
-            return (("Failed scenes", guided), *facts)
-        rate = "known when the run ends, or after some more rollouts"
-        kept = self._store.causes(run.id)
+            return (guided, *facts)
+        rate, kept = "known when the run ends, or after some more rollouts", self._store.causes(run.id)
         if kept and (estimate := kept.probability):
             rate = f"{percent(estimate.value)} ({interval(estimate.low, estimate.high)})"
-        return (("Failure rate in random scenes", rate), ("Failed scenes", guided), *facts)
+        return (("Failure rate in random scenes", rate), guided, *facts)
 
-    def _cards(self, run: Run, filmed: tuple[Trial, Film] | None) -> Iterator[Card]:
+    def _cards(self, run: Run, filmed: tuple[Trial, Film] | None) -> tuple[Card, ...]:
         trial, film = filmed or (self.newest, None)
-        if trial is not None:
-            manifest = run.manifest
-            finding = Finding(trial.scene, manifest.key(), run.id, trial.proposal, trial.cell or "")
-            card = card_of_finding(self._store.path, finding, manifest, self._spaces.of(manifest))
-            yield replace(card, failure=film, detail=f"one of the newest failures, proposal {trial.proposal}")
+        if trial is None:
+            return ()
+        manifest = run.manifest
+        finding = Finding(trial.scene, manifest.key(), run.id, trial.proposal, trial.cell or "")
+        failure = described(self._store.path, finding, manifest, self._spaces.of(manifest), None)
+        return (Card(replace(failure, detail=f"one of the newest failures, proposal {trial.proposal}"), film),)
 
 
-def _so_far(table: Table, run: Run) -> Table:
-    return replace(table, title="Causes so far") if run.status == "running" else table
+def live_page(live: Live, films: NewestFilm | None) -> str:
+    """The page as it is now."""
+    run = live.run()
+    filmed = films.of(live.newest, run.manifest) if films and run else None
+    over = run is not None and run.status != "running"
+    return render(live.view(filmed), refresh=SELDOM if over else REFRESH)
 
 
-def _report(store: Store) -> str:
-    return shlex.join(["vlafuzz", "report", str(store.path), "--out", "report.html"])
+class _Handler(BoundedHandler):
+    server: "PageServer"
+
+    def do_GET(self) -> None:  # noqa: N802 - http.server's name
+        # Other names are those of pages elsewhere that resolve to this machine; browsers leave out port 80.
+        if self.headers.get("Host", "").partition(":")[0] not in (HOST, "localhost"):
+            self._say(HTTPStatus.FORBIDDEN, "this page is for this machine only")
+        elif self.path.partition("?")[0] != "/":
+            self._say(HTTPStatus.NOT_FOUND, "there is one page: /")
+        else:
+            try:
+                self._say(HTTPStatus.OK, self.server.ask())
+            except VlafuzzError as error:
+                self._say(HTTPStatus.SERVICE_UNAVAILABLE, f"<p>{escape(error.message)}</p>")
+
+    def _say(self, status: HTTPStatus, page: str) -> None:
+        self.answer(status, "text/html; charset=utf-8", page.encode())
 
 
-def _empty(source: str, label: str | None) -> View:
-    return View(
-        title=title_of([]),
-        source=source,
-        headline=f"The store has no run{f' of {label}' if label else ''} yet.",
-        facts=(),
-        todo=(),
-        runs=(),
-        run_rows=(),
-        charts=(),
-        operators=(),
-        cards=(),
-    )
+class PageServer(BoundedServer):
+    """Makes the page in the thread that serves, as it opened the store; other threads talk to browsers."""
+
+    def __init__(self, port: int, page: Callable[[], str]) -> None:
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            message = f"--port {port}: cannot listen there: {reason(error)}"
+            raise UsageError(message, hint="--port 0 takes one that is free") from None
+        self._page, self._asked = page, SimpleQueue[Future[str]]()
+
+    def ask(self) -> str:
+        """The page, for a thread that talks to a browser."""
+        asked = Future[str]()
+        self._asked.put(asked)
+        return asked.result()
+
+    def serve_forever(self, poll_interval: float = LOOK) -> None:
+        super().serve_forever(poll_interval)
+
+    def service_actions(self) -> None:
+        """Called by ``serve_forever`` in every round."""
+        while not self._asked.empty():
+            asked = self._asked.get()
+            try:
+                asked.set_result(self._page())
+            except Exception as error:
+                asked.set_exception(error)
+
+    @property
+    def address(self) -> str:
+        return f"http://{HOST}:{self.server_port}/"

@@ -11,8 +11,8 @@ from vlafuzz import __version__
 from vlafuzz.common.files import is_stream, write_whole, writing
 from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
-from vlafuzz.report.sheet import Sheet
-from vlafuzz.report.view import BUCKETS, SOLVERS, View
+from vlafuzz.failures.described import BUCKETS
+from vlafuzz.report.view import SOLVERS, Sheet, View
 from vlafuzz.worlds.evaluation import FILM_SPEED
 
 

@@ -1,93 +1,100 @@
 """The views of a store and of an exported corpus."""
 
-import shlex
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import inf
 from pathlib import Path
 
-from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, interval, named, percent, plural
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.triage.pipeline import hours
+from vlafuzz.failures.corpus.folder import locate, read_corpus
+from vlafuzz.failures.described import Spaces, title_of
+from vlafuzz.failures.listed import listing_of_corpus, listing_of_store
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.alike import alike_as_one
-from vlafuzz.report.cards import Spaces, card_of_case, card_of_finding, card_of_triaged
-from vlafuzz.report.causes import CauseList, all_causes
-from vlafuzz.report.counts import Counts, count, funnels, run_row, verdict_chart
+from vlafuzz.report.counts import Counts, charts_of, count, run_row, standings_of
 from vlafuzz.report.effects import effects_of
-from vlafuzz.report.standings import Standing, standings
-from vlafuzz.report.view import SHARES, Card, Chart, Measure, RunRow, Table, View, in_order, operator_rows, title_of
+from vlafuzz.report.view import Card, Chart, Measure, RunRow, Table, View, cause_table, operator_rows
 from vlafuzz.search.base import RANDOM
-from vlafuzz.store.records import Manifest, Run, Triaged
+from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.place import by_place, in_words
 
+# Results of triage with their meaning, as shares of the triaged findings.
+SHARES: Mapping[str, str] = {
+    "confirmed": "mostly fails in its neighbourhood",
+    "witnessed": "the expert solves it",
+    "by sight": "of these, the seeing expert solves it, too",
+    "minimal": "of these, every remaining operator matters",
+    "base": "fails even with all operators nominal, and no scene near it is known to pass",
+    "unproven": "the expert fails, too",
+    "edge": "fails exactly as it is, but not in scenes that hardly differ",
+    "flaky": "passes in most repeats, or in about half",
+}
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
+_SEVERAL = (
+    "The runs are of several models or tasks, and the shares above are of all of them together; "
+    "the table of policies and tasks has the rate of each."
+)
+
+
+def view_of(source: Path) -> View:
+    """The view of a store or corpus."""
+    source = locate(source)
+    if source.is_dir():
+        return view_of_corpus(source, read_corpus(source))
+    with Store.open(source) as store:
+        return view_of_store(store)
 
 
 def view_of_store(store: Store) -> View:
-    """The runs, and the findings with the results of triage."""
+    """The runs, and the failures with the results of triage."""
     runs, counts, summary = store.runs(), count(store), summarise(store)
-    manifests = tuple(run.manifest for run in runs)
-    triaged, causes = store.triaged(), all_causes(store)
-    standing = standings(store, runs, counts, causes)
-    shrunk = (row for row in triaged if row.shrunk is not None and row.bucket != "base")
+    listing = listing_of_store(store)
+    standings = standings_of(store, counts, listing.causes)
+    several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
+    shrunk = (row for row in store.triaged() if row.shrunk is not None and row.bucket != "base")
+    notes = [_TOY] * any(run.policy == "mini" for run in listing.runs) + [_SEVERAL] * bool(several)
+    charts = list(charts_of(counts))
+    if summary.triaged:
+        counted = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
+        numbers = summary.buckets | counted
+        shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
+        charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
     return View(
-        title=title_of(manifests),
+        title=listing.title,
         source=str(store.path),
-        headline=_headline(manifests, counts, summary),
+        headline=_headline(listing.runs, counts, summary),
         facts=_facts(runs, counts, summary),
-        todo=() if _explained(runs, causes) else _todo(store, summary, manifests),
-        runs=manifests,
+        todo=listing.todo,
+        runs=listing.runs,
         run_rows=tuple(run_row(store, run) for run in runs),
-        charts=_charts(counts, summary),
+        charts=tuple(charts),
         operators=operator_rows((row.operators, row.causes) for row in shrunk),
-        causes=(*_standing(standing), *(one.table for one in causes), *_effects(store, runs)),
-        cards=_causes_first(_cards(store, runs, triaged), causes, runs, Spaces(store.path)),
-        notes=tuple(_notes(manifests, several=len(standing) > 1)),
+        tables=(*several, *map(cause_table, listing.causes), *_effects(store, runs)),
+        cards=tuple(map(Card, listing.failures)),
+        notes=tuple(notes),
     )
 
 
-def _standing(several: Sequence[Standing]) -> Iterator[Table]:
-    """A row for each policy and task, where there are several."""
-    if len(several) > 1:
-        yield Table("Policies and tasks", [one.row() for one in several])
-
-
-def _notes(runs: Sequence[Manifest], *, several: bool) -> Iterator[str]:
-    if any(run.policy == "mini" for run in runs):
-        yield _TOY
-    if several:
-        yield (
-            "The runs are of several models or tasks, and the shares above are of all of them together; "
-            "the table of policies and tasks has the rate of each."
-        )
-
-
-def _effects(store: Store, runs: Sequence[Run]) -> Iterator[Table]:
+def _effects(store: Store, runs: Sequence[Run]) -> list[Table]:
     """One table for all runs that differ in search and seed only."""
-    spaces, seen = Spaces(store.path), list[Run]()
+    spaces, seen, tables = Spaces(store.path), list[Manifest](), list[Table]()
     for run in runs:
-        if any(run.manifest.comparable(other.manifest) for other in seen):
-            continue
-        seen.append(run)
-        if found := effects_of(store, run, spaces.of(run.manifest)):
-            of = f"{found.table.title}: {title_of([run.manifest])}"
-            yield replace(found.table, title=of)
+        if not any(run.manifest.comparable(other) for other in seen):
+            seen.append(run.manifest)
+            if found := effects_of(store, run, spaces.of(run.manifest)):
+                tables.append(replace(found.table, title=f"{found.table.title}: {title_of([run.manifest])}"))
+    return tables
 
 
 def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:
-    failed = counts.failed
+    failed, errors = counts.failed, counts.verdicts[Verdict.ERROR]
     if not failed.of:
-        errors = counts.verdicts[Verdict.ERROR]
-        return (
-            f"No scene was judged: {plural(errors, 'rollout')} ended in errors." if errors else "No scene was judged."
-        )
+        broken = f": {plural(errors, 'rollout')} ended in errors" if errors else ""
+        return f"No scene was judged{broken}."
     if not summary.findings:
         return f"No scene failed: all {failed.of} judged scenes passed."
     share = f"{failed.count} of {failed.of} judged scenes failed"
@@ -107,18 +114,21 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     searched = duration(sum(run.seconds or 0.0 for run in runs))
     if unfinished := sum(run.seconds is None for run in runs):
         searched = "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
-    facts = [*_of_runs(manifests), ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}")]
-    checkups = named(run.checkup for run in manifests if run.checkup not in ("", "ok"))
-    facts.insert(1, ("Policy checkup", checkups))
-    if summary.triaged:
-        spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds)
-        facts.append(("Triage", spent))
-    if any(run.simulator for run in manifests):
-        facts.append(("Made with", named(run.simulator.replace("/", ", ") for run in manifests)))
-    facts.append(_places({run.id: run.manifest for run in runs}))
+    spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds) if summary.triaged else ""
+    medians = ""
     if summary.deviating_before is not None:
         medians = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
-        facts.append(("Operators not nominal, median", medians))
+    policy, *others = _of_runs(manifests)
+    facts = (
+        policy,
+        ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
+        *others,
+        ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
+        ("Triage", spent),
+        ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
+        _places({run.id: run.manifest for run in runs}),
+        ("Operators not nominal, median", medians),
+    )
     return tuple((name, value) for name, value in facts if value)
 
 
@@ -143,103 +153,21 @@ def _spent(policy: int, expert: int, seconds: float) -> str:
     return f"{policy} rollouts of the policy, {expert} of the expert, {duration(seconds)}"
 
 
-def _explained(runs: Sequence[Run], lists: Sequence[CauseList]) -> bool:
-    """Whether every run found causes, and all of them are triaged."""
-    buckets = {cause.bucket for one in lists for cause in one.causes}
-    return len(lists) == len(runs) and all(one.causes for one in lists) and "observed" not in buckets
-
-
-def _todo(store: Store, summary: TriageSummary, runs: Iterable[Manifest]) -> tuple[tuple[str, str], ...]:
-    left = summary.findings - summary.triaged
-    if not left:
-        return ()
-    command = shlex.join(["vlafuzz", "triage", str(store.path), *trust_flag(*(run.policy for run in runs))])
-    untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
-    takes = hours(store, left)
-    return ((f"{untriaged}. Triage confirms findings and names their causes{takes}:", command),)
-
-
-def _charts(counts: Counts, summary: TriageSummary) -> tuple[Chart, ...]:
-    charts = [verdict_chart(counts), *funnels(counts)]
-    if summary.triaged:
-        counted = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
-        numbers = summary.buckets | counted
-        shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
-        charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
-    return tuple(charts)
-
-
 def _evidence(shares: Mapping[str, Share], says: str) -> Chart:
     measures = (Measure(name, share, SHARES.get(name, "")) for name, share in shares.items())
     return Chart("Evidence", says, tuple(measures))
 
 
-def _cards(store: Store, runs: Sequence[Run], triaged: Sequence[Triaged]) -> Iterator[Card]:
-    manifests = {run.id: run.manifest for run in runs}
-    spaces = Spaces(store.path)
-    rows = {row.key: row for row in triaged}
-    for finding in store.findings():
-        run = manifests[finding.run]
-        row = rows.get(finding.key)
-        if row is None:
-            yield card_of_finding(store.path, finding, run, spaces.of(run))
-        else:
-            yield card_of_triaged(store.path, row, finding, run, spaces.of(run))
-
-
-def _causes_first(
-    cards: Iterable[Card], lists: Sequence[CauseList], runs: Sequence[Run], spaces: Spaces
-) -> tuple[Card, ...]:
-    """The cards of causes, in the order of their lists, then the others; alike ones are one."""
-    policy = {run.id: run.manifest.key() for run in runs}
-    found = [(digest, policy[one.run]) for one in lists for cause in one.causes for digest in cause.found]
-    ranks = {key: rank for rank, key in reversed(list(enumerate(found)))}
-    distinct = alike_as_one(in_order(_merged(cards)), spaces, ranks)
-
-    def rank(card: Card) -> float:
-        return min(ranks.get((name, card.run.key()), inf) for name in card.findings)
-
-    return tuple(sorted(distinct, key=rank))
-
-
-def _merged(cards: Iterable[Card]) -> Iterable[Card]:
-    """One card for all findings with the same minimal scene."""
-    merged: dict[tuple[str, str, str], Card] = {}
-    for card in cards:
-        key = (card.scene.digest, card.run.key(), card.bucket)
-        first = merged.get(key)
-        merged[key] = replace(first, findings=first.findings + card.findings) if first else card
-    return merged.values()
-
-
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     """The cases, and the evidence from triage."""
-    spaces = Spaces(folder)
-    cases, runs = corpus.cases, tuple(corpus.runs)
-    return View(
-        title=title_of(runs),
-        source=str(folder),
-        headline=_corpus_headline(corpus),
-        facts=_corpus_facts(corpus),
-        todo=(),
-        runs=runs,
-        run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(runs, start=1)),
-        charts=(_evidence(corpus.evidence.shares, "Of the triaged findings of the store."), _lost(corpus)),
-        operators=operator_rows((case.operators, case.causes) for case in cases),
-        cards=in_order(card_of_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in cases),
-    )
-
-
-def _corpus_headline(corpus: Corpus) -> str:
-    causes = plural(len({case.signature for case in corpus.cases}), "cause")
-    cases = plural(len(corpus.cases), "minimal failing scene")
-    findings = plural(corpus.evidence.findings, "finding")
-    return f"{cases}, {causes}, all solved by the expert; from {findings}."
-
-
-def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
-    evidence, left_out = corpus.evidence, corpus.evidence.left_out.items()
-    facts = [
+    cases, evidence, listing = corpus.cases, corpus.evidence, listing_of_corpus(folder, corpus)
+    lost = Counter(case.lost_stage for case in cases)
+    stages = world_of(corpus.task).task(corpus.task).stage_names
+    measures = tuple(Measure(stage, Share.of_counts(lost[stage], len(cases))) for stage in stages)
+    causes = plural(len({case.signature for case in cases}), "cause")
+    scenes, findings = plural(len(cases), "minimal failing scene"), plural(evidence.findings, "finding")
+    left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
+    facts = (
         ("Name", corpus.name),
         *_of_runs(corpus.runs),
         ("Search", plural(evidence.search_rollouts, "rollout")),
@@ -247,13 +175,19 @@ def _corpus_facts(corpus: Corpus) -> tuple[tuple[str, str], ...]:
         _places(dict(enumerate(corpus.runs, start=1))),
         ("Renderer", corpus.renderer or ""),
         ("Made", corpus.created),
-        ("Minimal, but left out", ", ".join(f"{count} {reason}" for reason, count in left_out if count)),
-    ]
-    return tuple((name, value) for name, value in facts if value)
-
-
-def _lost(corpus: Corpus) -> Chart:
-    lost, cases = Counter(case.lost_stage for case in corpus.cases), len(corpus.cases)
-    stages = world_of(corpus.task).task(corpus.task).stage_names
-    measures = (Measure(stage, Share.of_counts(lost[stage], cases)) for stage in stages)
-    return Chart("Lost stage", "The stage that the policy does not reach; of all cases.", tuple(measures))
+        ("Minimal, but left out", left_out),
+    )
+    return View(
+        title=listing.title,
+        source=str(folder),
+        headline=f"{scenes}, {causes}, all solved by the expert; from {findings}.",
+        facts=tuple((name, value) for name, value in facts if value),
+        runs=listing.runs,
+        run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(listing.runs, start=1)),
+        charts=(
+            _evidence(evidence.shares, "Of the triaged findings of the store."),
+            Chart("Lost stage", "The stage that the policy does not reach; of all cases.", measures),
+        ),
+        operators=operator_rows((case.operators, case.causes) for case in cases),
+        cards=tuple(map(Card, listing.failures)),
+    )

@@ -2,40 +2,16 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import interval, named
-from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
-from vlafuzz.model.scene import Scene
+from vlafuzz.common.text import interval
+from vlafuzz.failures.causes import CauseList
+from vlafuzz.failures.described import DescribedFailure
+from vlafuzz.model.evidence import Causes, Solver
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluation import Film
-
-# Buckets of findings with their meaning, from the most evidence to the least.
-BUCKETS: Mapping[str, str] = {
-    "minimal": "certified: it fails more often than without any one of its operators; the expert solves it",
-    "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
-    "base": "fails even with all operators nominal, and no scene near it is known to pass",
-    "unproven": "mostly fails, but the expert fails, too",
-    "edge": "fails exactly as it is, but not in scenes that hardly differ",
-    "flaky": "passes in most repeats, or in about half",
-    "observed": "failed once; not triaged",
-}
-
-
-# Results of triage with their meaning, as shares of the triaged findings.
-SHARES: Mapping[str, str] = {
-    "confirmed": "mostly fails in its neighbourhood",
-    "witnessed": "the expert solves it",
-    "by sight": "of these, the seeing expert solves it, too",
-    "minimal": "of these, every remaining operator matters",
-    "base": "fails even with all operators nominal, and no scene near it is known to pass",
-    "unproven": "the expert fails, too",
-    "edge": "fails exactly as it is, but not in scenes that hardly differ",
-    "flaky": "passes in most repeats, or in about half",
-}
-
 
 # Solvers of witnesses with what they know.
 SOLVERS: Mapping[Solver, str] = {
@@ -77,6 +53,18 @@ class OperatorRow:
     sufficient: int
 
 
+def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[OperatorRow, ...]:
+    """From the operators that remain in scenes, and the causes; the most frequent operator first."""
+    scenes = list(shrunk)
+    left = Counter(name for operators, _ in scenes for name in operators)
+    necessary = Counter(name for _, causes in scenes for name in causes.necessary)
+    sufficient = Counter(name for _, causes in scenes for name in causes.sufficient)
+    return tuple(
+        OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
+        for name, count in left.most_common()
+    )
+
+
 @dataclass(frozen=True)
 class RunRow:
     """A run; ``failed``: of the scenes that it judged."""
@@ -93,27 +81,6 @@ class RunRow:
 
 
 @dataclass(frozen=True)
-class Deviation:
-    """An operator's value in a scene and in its reference, and the threshold from which the policy fails.
-
-    Attributes:
-        fails_from: the range that fails; empty if there is no threshold, or none that is known. missing: why it is not
-        known, in a clause.
-    """
-
-    operator: str
-    value: str
-    reference: str
-    fails_from: str = ""
-    missing: str = ""
-
-    @property
-    def range(self) -> str:
-        """The range that fails, else the value."""
-        return self.fails_from or ", ".join(filter(None, (self.value, self.missing)))
-
-
-@dataclass(frozen=True)
 class Table:
     """Rows with the same keys, which are the column heads; the first column names the row."""
 
@@ -124,75 +91,36 @@ class Table:
     @property
     def columns(self) -> Mapping[str, bool]:
         """Column heads, and whether the column holds numbers."""
-        return {head: all(_is_number(row[head]) for row in self.rows) for head in self.rows[0]}
+        numbers = tuple("–0123456789")
+        return {head: all(str(row[head]).startswith(numbers) for row in self.rows) for head in self.rows[0]}
 
 
-def _is_number(value: object) -> bool:
-    return str(value).startswith(tuple("–0123456789"))
+def cause_table(found: CauseList) -> Table:
+    """The causes of a run; the share is left out where none is known."""
+    rows = [cause.row() for cause in found.causes]
+    if not any(cause.share for cause in found.causes):
+        rows = [{head: value for head, value in row.items() if head != "share"} for row in rows]
+    says = "; ".join(found.sentences)
+    return Table(found.title, rows, f"{says[0].upper()}{says[1:]}.")
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False)
 class Card:
-    """A failure in the gallery.
+    """A failure in the gallery, with films of the policy and of the witness."""
 
-    Attributes:
-        scene: the minimal scene of the finding if there is one, else the finding itself.
-        findings: digests of the findings with this scene; ``alike``: of those that have no card, as this one shows what
-            they do: near-duplicates, and failures that only add operators to it.
-        run: the run that found the first of them.
-        bucket: one of ``BUCKETS``.
-        operators: those in which the scene differs from its reference; the confounder operators count as one.
-        reference: the passing scene that it is compared with; None for the nominal one. counterpart_rates: how often
-        the policy fails around the scene without an operator, by operator. rate: how often the policy fails around the
-        scene; None if unknown.
-        detail: the evidence, in a sentence.
-        replay: the command that replays the scene.
-        picture: PNG, shown if there are no films.
-    """
-
-    scene: Scene
-    findings: tuple[str, ...]
-    run: Manifest
-    bucket: str
-    lost_stage: str
-    signature: str = ""
-    operators: tuple[str, ...]
-    deviations: tuple[Deviation, ...]
-    causes: Causes
-    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
-    reference: Scene | None = None
-    witness: Witness | None = None
-    rate: Rate | None = None
-    detail: str
-    replay: str
-    alike: tuple[str, ...] = ()
-    picture: bytes | None = None
+    of: DescribedFailure
     failure: Film | None = None
     solution: Film | None = None
 
-    @property
-    def key(self) -> tuple[str, str]:
-        """See ``Finding.key``; of several findings that of the first."""
-        return self.findings[0], self.run.key()
-
-    @property
-    def title(self) -> str:
-        """The operators, in a few words."""
-        if self.bucket == "base":
-            return "fails at nominal"
-        if len(self.operators) > 3:
-            return f"{len(self.operators)} operators{'' if self.reference else ' not nominal'}"
-        return " + ".join(self.operators) or "all operators nominal"
-
     def role(self, operator: str) -> str:
         """Whether an operator is necessary or sufficient for the failure, in words."""
-        causes = self.causes
+        causes = self.of.causes
         roles = {"necessary": causes.necessary, "sufficient alone": causes.sufficient}
         return ", ".join(role for role, operators in roles.items() if operator in operators)
 
     def without(self, operator: str) -> str:
         """How often the policy fails without an operator, in words; empty if unknown."""
-        rate = self.counterpart_rates.get(operator)
+        rate = self.of.counterpart_rates.get(operator)
         if rate is None:
             return ""
         counts = f"{rate.failures} of {rate.rollouts} rollouts fail"
@@ -215,22 +143,20 @@ class View:
     Attributes:
         headline: the result in a sentence.
         todo: next steps, each a sentence and the command.
-        causes: those of each run whose strategy looks for them.
-        cards: those of causes, then the others, by evidence, most first, and by signature.
         notes: caveats, in sentences.
     """
 
     title: str
     source: str
     headline: str
-    facts: tuple[tuple[str, str], ...]
-    todo: tuple[tuple[str, str], ...]
-    runs: tuple[Manifest, ...]
-    run_rows: tuple[RunRow, ...]
-    charts: tuple[Chart, ...]
-    operators: tuple[OperatorRow, ...]
-    cards: tuple[Card, ...]
-    causes: tuple[Table, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    todo: tuple[tuple[str, str], ...] = ()
+    runs: tuple[Manifest, ...] = ()
+    run_rows: tuple[RunRow, ...] = ()
+    charts: tuple[Chart, ...] = ()
+    operators: tuple[OperatorRow, ...] = ()
+    cards: tuple[Card, ...] = ()
+    tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property
@@ -244,40 +170,43 @@ class View:
 
     @property
     def filters(self) -> tuple[Filter, ...]:
-        cards = self.cards
+        shown = [card.of for card in self.cards]
         return (
-            _filter("task", "Task", (card.scene.task for card in cards)),
-            _filter("stage", "Lost stage", (card.lost_stage for card in cards)),
-            _filter("operator", "Operator", (name for card in cards for name in card.operators)),
-            _filter("evidence", "Evidence", (card.bucket for card in cards)),
+            Filter("task", "Task", _choices(one.scene.task for one in shown)),
+            Filter("stage", "Lost stage", _choices(one.lost_stage for one in shown)),
+            Filter("operator", "Operator", _choices(name for one in shown for name in one.operators)),
+            Filter("evidence", "Evidence", _choices(one.bucket for one in shown)),
         )
 
 
-def title_of(runs: Sequence[Manifest]) -> str:
-    if not runs:
-        return "no run yet"
-    return f"{named(run.short for run in runs)} on {named(run.task for run in runs)}"
+def _choices(values: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted(set(values)))
 
 
-def in_order(cards: Iterable[Card]) -> tuple[Card, ...]:
-    """Ordered by evidence, the most first, then by the frequency of the signature."""
-    cards = list(cards)
-    counts = Counter(card.signature for card in cards)
-    ranks = list(BUCKETS)
-    return tuple(sorted(cards, key=lambda card: (ranks.index(card.bucket), -counts[card.signature], card.signature)))
+@dataclass(frozen=True)
+class Picture:
+    """A PNG; ``says`` is the alternative text."""
+
+    title: str
+    png: bytes
+    says: str
 
 
-def _filter(key: str, name: str, values: Iterable[str]) -> Filter:
-    return Filter(key, name, tuple(sorted(set(values))))
+@dataclass(frozen=True, kw_only=True)
+class Sheet:
+    """A page of pictures and tables, as of a comparison.
 
+    Attributes:
+        source: the store or folder.
+        headline: the subject, in a sentence.
+        conclusions: in sentences.
+        todo: next steps, each a sentence and the command.
+    """
 
-def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[OperatorRow, ...]:
-    """From the operators that remain in scenes, and the causes; the most frequent operator first."""
-    scenes = list(shrunk)
-    left = Counter(name for operators, _ in scenes for name in operators)
-    necessary = Counter(name for _, causes in scenes for name in causes.necessary)
-    sufficient = Counter(name for _, causes in scenes for name in causes.sufficient)
-    return tuple(
-        OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
-        for name, count in left.most_common()
-    )
+    title: str
+    source: str
+    headline: str
+    conclusions: tuple[str, ...]
+    pictures: tuple[Picture, ...]
+    tables: tuple[Table, ...]
+    todo: tuple[tuple[str, str], ...] = ()

@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from tests.failures.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
+from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise
-from vlafuzz.report.deviations import deviations
 
 NO_NOISE = "blur 0 px, jpeg 100"
 CHECKERED = "table checker, wall red", "table planks, wall sage"

@@ -8,12 +8,12 @@ import pytest
 
 from tests.worlds.libero.spaces import libero_space
 from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement, Scene, Start
-from vlafuzz.report.deviations import deviations
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.evaluator import LiberoEvaluator

@@ -13,8 +13,7 @@ from vlafuzz.lab.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.lab.compare.plots import plot
 from vlafuzz.lab.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.report.page import render_sheet, write_page
-from vlafuzz.report.sheet import Picture, Sheet
-from vlafuzz.report.view import Table
+from vlafuzz.report.view import Picture, Sheet, Table
 
 _JUDGED = {
     "causes": "causes",

@@ -1,0 +1,295 @@
+"""The causes of a run as a list: what its strategy found, and what triage says of the scenes that show it."""
+
+from __future__ import annotations
+
+import shlex
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import count_of, interval, percent, plural
+from vlafuzz.failures.described import DescribedFailure, Spaces, described, title_of
+from vlafuzz.failures.triage.oracle import ONE_HALF
+from vlafuzz.failures.triage.pipeline import hours
+from vlafuzz.model.evidence import Rate, Solver
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.space import Space
+from vlafuzz.search.probability import Probability
+from vlafuzz.store.records import FoundCause, Run, Triaged
+from vlafuzz.store.store import Store
+
+# Buckets in words, those of causes that are not confirmed last.
+EVIDENCE: Mapping[str, str] = {
+    "minimal": "certified",
+    "witnessed": "confirmed",
+    "base": "confirmed",
+    "unproven": "confirmed, but the expert fails, too",
+    "observed": "not certified",
+    "edge": "not confirmed: edge",
+    "flaky": "not confirmed: flaky",
+}
+NEARLY_NOMINAL = 0.1  # severity below which a scene is nominal but for a jitter, which adds about 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class ListedCause:
+    """A cause in words; those with the same certified signature are one.
+
+    Attributes:
+        conditions: one for each operator: the range that fails, or its value in ``scene``.
+        bucket: of the scene after triage, ``observed`` before it.
+        share: of random scenes that fail for this reason; of several causes in one the largest.
+        failures: of the run that it explains.
+        rate: how often the policy fails around ``scene``.
+        witness: who solves ``scene``.
+        scene: digest of the minimal scene, or without one of the failure that shows the cause.
+        found: digests of the failures that show it.
+        detail: the evidence, in a sentence.
+    """
+
+    conditions: tuple[str, ...]
+    lost_stage: str | None = None
+    share: Probability | None = None
+    failures: int
+    bucket: str = "observed"
+    signature: str | None = None
+    rate: Rate | None = None
+    witness: Solver | None = None
+    scene: str | None = None
+    found: tuple[str, ...] = ()
+    detail: str
+
+    @property
+    def says(self) -> str:
+        """All but the conditions, in a line: stage, shares, evidence and scene."""
+        rate = f": fails {_counted(self.rate)}" if self.rate else ""
+        solved = f", solved by {self.witness}" if self.witness else ""
+        parts = (
+            f"loses {self.lost_stage}" if self.lost_stage else "",
+            f"{_estimate(self.share)} of random scenes" if self.share else "",
+            f"explains {plural(self.failures, 'failure')}",
+            f"{EVIDENCE[self.bucket]}{rate}{solved}",
+            self.scene[:12] if self.scene else "",
+        )
+        return " · ".join(filter(None, parts))
+
+    def row(self) -> dict[str, object]:
+        """The columns of a table."""
+        return {
+            "cause": "\n".join(self.conditions),
+            "loses": self.lost_stage or "–",
+            "explains": self.failures,
+            "share": _estimate(self.share) if self.share else "–",
+            "evidence": EVIDENCE[self.bucket],
+            "fails": _counted(self.rate) if self.rate else "–",
+            "solved by": self.witness or "–",
+            "scene": self.scene[:12] if self.scene else "–",
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class CauseList:
+    """The causes of a run: confirmed ones first, then by share of random scenes, else by failures explained.
+
+    Attributes:
+        of: policy and task of the run, in words.
+        unexplained: failures of the run for which no cause was found.
+        probability: that the policy fails in a random scene; None if unknown.
+        found: number of causes before those with the same signature became one; ``certified`` of them are.
+        rollouts: of the policy, to triage their scenes; not part of the run's budget.
+        certify: the command that certifies those that are not triaged, with how long it takes.
+        nominal: how often the policy fails in nominal scenes, to follow that there is no cause.
+    """
+
+    run: int
+    of: str
+    causes: tuple[ListedCause, ...]
+    unexplained: int
+    probability: Probability | None
+    found: int
+    certified: int
+    rollouts: int
+    certify: str = ""
+    nominal: str = ""
+
+    @property
+    def title(self) -> str:
+        return f"Causes of run {self.run}: {self.of}"
+
+    @property
+    def shown(self) -> str | None:
+        """The scene of the first cause that has one."""
+        return next((cause.scene for cause in self.causes if cause.scene), None)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """All but the causes themselves."""
+        found = [] if self.causes else [f"no cause was found{self.nominal}"]
+        if self.rollouts:
+            distinct = sum(cause.bucket == "minimal" for cause in self.causes)
+            same = "" if distinct == self.certified else f", {distinct} of them distinct"
+            of = plural(self.found, "cause")
+            found.append(f"{plural(self.rollouts, 'more rollout')} certified {self.certified} of {of}{same}")
+        if self.certify:
+            suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
+            found.append(f"not certified means: {suspected}; {self.certify} certifies them")
+        tried = ", variants tried to explain them not counted" if self.unexplained else ""
+        found.append(f"unexplained failures: {self.unexplained}{tried}")
+        if self.probability:
+            found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
+        return tuple(found)
+
+    def document(self) -> dict[str, Any]:
+        """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""
+        return {
+            "causes": [asdict(cause) | {"share": _named(cause.share)} for cause in self.causes],
+            "unexplained": self.unexplained,
+            "probability": _named(self.probability),
+            "certification": {"causes": self.found, "certified": self.certified, "rollouts": self.rollouts},
+        }
+
+
+def all_causes(store: Store) -> tuple[CauseList, ...]:
+    """The causes of every run whose strategy looks for them."""
+    spaces = Spaces(store.path)
+    return tuple(one for run in store.runs() if (one := causes_of(store, run, spaces)) is not None)
+
+
+def first_shown(store: Store, label: str | None = None) -> str | None:
+    """The scene that the newest run with failures names at its end: of a cause, else its first failure.
+
+    Runs of the label come first.
+    """
+    newest = reversed(store.runs())
+    for run in sorted(newest, key=lambda run: label not in (None, run.manifest.named)):
+        found = causes_of(store, run)
+        failed = (trial for trial in store.trials(run.id) if trial.outcome.verdict is Verdict.FAILED)
+        if shown := (found and found.shown) or next((trial.scene.digest for trial in failed), None):
+            return shown
+    return None
+
+
+def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList | None:
+    """The causes of a run; None if its strategy does not look for causes."""
+    kept = store.causes(run.id)
+    if kept is None:
+        return None
+    space = (spaces or Spaces(store.path)).of(run.manifest)
+    findings = {finding.scene: finding for finding in store.findings(run.id)}
+    keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
+    triaged = {row.scene: row for row in store.triaged() if row.key in keys}
+    merged: dict[object, ListedCause] = {}
+    for number, cause in enumerate(kept.causes):
+        finding = findings.get(cause.scene) if cause.scene else None
+        if finding is None:
+            detail = "no stored failure has these operators alone"
+            merged[number] = ListedCause(
+                conditions=cause.operators, share=cause.share, failures=cause.failures, detail=detail
+            )
+            continue
+        row = triaged.get(finding.scene)
+        failure, types = described(store.path, finding, run.manifest, space, row), _target_types(space, cause, row)
+        one = ListedCause(
+            conditions=_conditions(space, cause, failure, row),
+            lost_stage=failure.lost_stage,
+            share=cause.share,
+            failures=cause.failures,
+            bucket=failure.bucket,
+            signature=failure.signature,
+            rate=failure.rate,
+            witness=failure.witness.solver if failure.witness else None,
+            scene=failure.scene.digest,
+            found=failure.found,
+            detail=failure.detail,
+        )
+        key = (one.signature, types) if one.bucket in ("minimal", "base") else number
+        merged[key] = _united(merged[key], one) if key in merged else one
+    listed = tuple(sorted(merged.values(), key=_rank))
+    return CauseList(
+        run=run.id,
+        of=title_of([run.manifest]),
+        causes=listed,
+        unexplained=kept.unexplained,
+        probability=kept.probability,
+        found=len(kept.causes),
+        certified=sum(cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes),
+        rollouts=sum(row.policy_rollouts for row in triaged.values()),
+        certify="" if run.status == "running" else _certify(store, run, listed),
+        nominal="" if listed else _nominal(store, run),
+    )
+
+
+def _target_types(space: Space, cause: FoundCause, triaged: Triaged | None) -> tuple[str, ...]:
+    """The objects that are part of a cause, of those whose type may vary."""
+    if cause.scene is None or space.subject not in cause.operators:
+        return ()
+    without = _without_types(space, triaged)
+    if without and without.low > ONE_HALF:  # it fails with the nominal objects, too
+        return ()
+    return tuple(space.subjects(cause.scene))
+
+
+def _without_types(space: Space, triaged: Triaged | None) -> Rate | None:
+    """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
+    return triaged.counterpart_rates.get(space.subject) if triaged else None
+
+
+def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, triaged: Triaged | None) -> tuple[str, ...]:
+    """What it takes, in words: of a certified cause what is left, else what the strategy blames."""
+    certified, parts = failure.bucket == "minimal", list[str]()
+    if subjects := ", ".join(_target_types(space, cause, triaged)):
+        without, evidence = _without_types(space, triaged), ""
+        if certified and without and without.rollouts:
+            counts = f"with the nominal objects {without.failures} of {without.rollouts} rollouts fail"
+            evidence = f" ({'not certified: ' * (without.high >= ONE_HALF)}{counts})"
+        elif certified:
+            evidence = " (not certified)"
+        parts.append(f"{space.subject}: {subjects}{evidence}")
+    if failure.bucket == "base":
+        return (*parts, "fails at nominal")
+    directions = {one.operator: f" ({one.direction})" for one in failure.causes.thresholds if one.direction}
+    for part in failure.deviations:
+        if part.operator in (failure.operators if certified else cause.operators):
+            parts.append(f"{part.operator}{directions.get(part.operator, '')}: {part.range}")
+    return tuple(parts) or cause.operators
+
+
+def _united(one: ListedCause, other: ListedCause) -> ListedCause:
+    first, second = sorted((one, other), key=_rank)
+    return replace(first, failures=one.failures + other.failures, found=first.found + second.found)
+
+
+def _rank(cause: ListedCause) -> tuple[bool, float, int]:
+    return (cause.bucket in ("edge", "flaky"), -cause.share.value if cause.share else 0.0, -cause.failures)
+
+
+def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
+    left = sum(cause.bucket == "observed" and cause.scene is not None for cause in causes)
+    trust = trust_flag(run.manifest.policy)
+    command = shlex.join(["vlafuzz", "triage", str(store.path), "--limit", str(left), *trust])
+    return f"`{command}`{hours(store, left)}" if left else ""
+
+
+def _nominal(store: Store, run: Run) -> str:
+    """Say how often a policy fails in a run's nominal scenes, jittered ones included; empty if it passes."""
+    near = (trial for trial in store.trials(run.id) if trial.severity < NEARLY_NOMINAL)
+    outcomes = [trial.outcome for trial in near if trial.outcome.verdict >= Verdict.PASSED]
+    lost = Counter(outcome.lost_stage for outcome in outcomes if outcome.lost_stage)
+    if not lost:
+        return ""
+    failures = f"{lost.total()} of {len(outcomes)} nominal scenes fail, mostly at {lost.most_common(1)[0][0]}"
+    return f"; {failures}, and nothing that varies is shown to change that"
+
+
+def _counted(rate: Rate) -> str:
+    return count_of(rate.failures, rate.rollouts, rate.low, rate.high)
+
+
+def _estimate(estimate: Probability) -> str:
+    return f"{percent(estimate.value)} ({interval(estimate.low, estimate.high)})"
+
+
+def _named(estimate: Probability | None) -> dict[str, float] | None:
+    return estimate._asdict() if estimate else None

@@ -1,0 +1,260 @@
+"""Failures with all that is known of them: values, and what they mean in words."""
+
+import pathlib
+import shlex
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+from vlafuzz.common.text import interval, named
+from vlafuzz.errors import SceneError
+from vlafuzz.failures.corpus.corpus import Case, Corpus
+from vlafuzz.failures.corpus.folder import SCENES
+from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.evidence import Causes, Rate, Witness
+from vlafuzz.model.phrasing import failing_range
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.rollouts.setup import stored_space
+from vlafuzz.store.records import Finding, Manifest, Triaged
+from vlafuzz.worlds import world_of
+from vlafuzz.worlds.base import Wanted
+
+# Buckets of failures with their meaning, from the most evidence to the least.
+BUCKETS: Mapping[str, str] = {
+    "minimal": "certified: it fails more often than without any one of its operators; the expert solves it",
+    "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
+    "base": "fails even with all operators nominal, and no scene near it is known to pass",
+    "unproven": "mostly fails, but the expert fails, too",
+    "edge": "fails exactly as it is, but not in scenes that hardly differ",
+    "flaky": "passes in most repeats, or in about half",
+    "observed": "failed once; not triaged",
+}
+
+
+class Spaces:
+    """The search spaces of runs of one store or corpus."""
+
+    def __init__(self, source: pathlib.Path) -> None:
+        self._source = source
+        self._spaces: dict[tuple[str, ...], Space] = {}
+
+    def of(self, run: Manifest) -> Space:
+        """The space that contains the scenes of a run; see ``stored_space``."""
+        key = (run.task, run.robot, run.operators, run.packs)
+        if key not in self._spaces:
+            self._spaces[key] = stored_space(self._source, run)
+        return self._spaces[key]
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """An operator's value in a scene and in its reference, and the threshold from which the policy fails.
+
+    Attributes:
+        fails_from: the range that fails; empty if there is no threshold, or none that is known.
+        missing: why it is not known, in a clause.
+    """
+
+    operator: str
+    value: str
+    reference: str
+    fails_from: str = ""
+    missing: str = ""
+
+    @property
+    def range(self) -> str:
+        """The range that fails, else the value."""
+        return self.fails_from or ", ".join(filter(None, (self.value, self.missing)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DescribedFailure:
+    """A failing scene, or several with the same minimal scene, and what triage says of it.
+
+    Attributes:
+        scene: the minimal one if there is one, else the one that was found to fail.
+        found: digests of the scenes that were found to fail and are left with this one.
+        alike: digests of others that this one stands for: near-duplicates, and failures that only add operators to it.
+        run: that found the first of them; ``number``: its number in the store, None in a corpus.
+        bucket: one of ``BUCKETS``.
+        operators: in which the scene differs from its reference; the confounder operators count as one.
+        reference: the passing scene that it is compared with; None for the nominal one.
+        counterpart_rates: how often the policy fails around the scene without an operator, by operator.
+        rate: how often the policy fails around the scene; None if unknown.
+        detail: the evidence, in a sentence.
+        replay: the command that replays the scene.
+        picture: PNG of the scene; None in a store.
+    """
+
+    scene: Scene
+    found: tuple[str, ...]
+    alike: tuple[str, ...] = ()
+    run: Manifest
+    number: int | None = None
+    bucket: str
+    lost_stage: str
+    signature: str | None = None
+    operators: tuple[str, ...]
+    deviations: tuple[Deviation, ...]
+    causes: Causes = field(default_factory=Causes)
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
+    reference: Scene | None = None
+    witness: Witness | None = None
+    rate: Rate | None = None
+    detail: str
+    replay: str
+    picture: bytes | None = None
+
+    @property
+    def key(self) -> tuple[str, str]:
+        """See ``Finding.key``; of several failures that of the first."""
+        return self.found[0], self.run.key()
+
+    @property
+    def title(self) -> str:
+        """The operators, in a few words."""
+        if self.bucket == "base":
+            return "fails at nominal"
+        if len(self.operators) > 3:
+            return f"{len(self.operators)} operators{'' if self.reference else ' not nominal'}"
+        return " + ".join(self.operators) or "all operators nominal"
+
+
+def described(
+    store: pathlib.Path, finding: Finding, run: Manifest, space: Space, triaged: Triaged | None
+) -> DescribedFailure:
+    """A failure of a store: of one that triage made minimal the minimal scene."""
+    lost_stage = finding.cell.partition("|")[0]
+    if triaged is None:
+        operators: tuple[str, ...] = ()
+        with suppress(SceneError):  # an imported scene
+            operators = tuple(deviating(space, finding.scene))
+        return DescribedFailure(
+            scene=finding.scene,
+            found=(finding.scene.digest,),
+            run=run,
+            number=finding.run,
+            bucket="observed",
+            lost_stage=lost_stage,
+            operators=operators,
+            deviations=deviations(space, finding.scene, Causes()),
+            detail="failed once; not triaged",
+            replay=_replay(store, finding.scene, run.policy),
+        )
+    minimal = triaged.shrunk if triaged.bucket == "minimal" else None
+    scene = minimal or triaged.scene
+    causes = triaged.causes if minimal else Causes()
+    reference = triaged.reference if minimal else None
+    rate = triaged.certified if triaged.bucket == "minimal" else triaged.rate
+    return DescribedFailure(
+        scene=scene,
+        found=(triaged.scene.digest,),
+        run=run,
+        number=finding.run,
+        bucket=triaged.bucket,
+        lost_stage=triaged.lost_stage or lost_stage,
+        signature=triaged.signature,
+        operators=triaged.operators if minimal else triaged.deviating,
+        deviations=deviations(space, scene, causes, reference),
+        causes=causes,
+        counterpart_rates=triaged.counterpart_rates if minimal else {},
+        reference=reference,
+        witness=triaged.witness,
+        rate=rate,
+        detail=_evidence(triaged, rate),
+        replay=_replay(store, scene, run.policy),
+    )
+
+
+def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Space) -> DescribedFailure:
+    """A failure of a corpus, which is minimal."""
+    run = corpus.runs[case.run]
+    return DescribedFailure(
+        scene=case.scene,
+        found=(case.found,),
+        run=run,
+        bucket="minimal",
+        lost_stage=case.lost_stage,
+        signature=case.signature,
+        operators=case.operators,
+        deviations=deviations(space, case.scene, case.causes, case.reference),
+        causes=case.causes,
+        counterpart_rates=case.counterpart_rates,
+        reference=case.reference,
+        witness=case.witness,
+        rate=case.certified,
+        detail=f"fails {_around(case.certified)}" if case.certified else _repeats(case.failures, case.repeats),
+        replay=_replay(folder / SCENES, case.scene, run.policy),
+        picture=case.thumbnail,
+    )
+
+
+def _evidence(triaged: Triaged, rate: Rate | None) -> str:
+    """How often the scene fails, and what else triage says of it."""
+    if rate is None:
+        return triaged.detail or _repeats(triaged.failures, triaged.repeats)
+    if triaged.bucket == "edge":
+        return f"fails exactly as it is, but {_around(rate)}"
+    more = f"; {triaged.detail}" if triaged.detail and triaged.bucket != "flaky" else ""
+    return f"fails {_around(rate)}{more}"
+
+
+def _around(rate: Rate) -> str:
+    return f"in {rate.failures} of {rate.rollouts} rollouts around it ({interval(rate.low, rate.high)})"
+
+
+def _repeats(failures: int, repeats: int) -> str:
+    return f"failed in {failures} of {repeats} {'repeats' if repeats > 1 else 'repeat'}"
+
+
+def _replay(source: pathlib.Path, scene: Scene, policy: str) -> str:
+    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:12], "--policy", policy])
+
+
+def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | None = None) -> tuple[Deviation, ...]:
+    """One for every operator in which a scene differs from a reference, by default from nominal.
+
+    The confounder operators count as one.
+    """
+    other = reference or _nominal(space, scene)
+    thresholds = {threshold.operator: failing_range(threshold) for threshold in causes.thresholds}
+    found = []
+    for name in space.groups:
+        value, usual = space.described(scene, name, other), space.described(other, name, scene)
+        if value:
+            lacks = name in causes.necessary and name not in thresholds and _is_numeric(space, scene, name, other)
+            missing = "its threshold did not fit into the rollouts" if lacks else ""
+            found.append(Deviation(name, value, usual, thresholds.get(name, ""), missing))
+    return tuple(found)
+
+
+def _is_numeric(space: Space, scene: Scene, name: str, other: Scene) -> bool:
+    """Whether numbers alone tell an operator's values from the reference's: then it has a threshold."""
+    genes = free_genes(space, scene, space.group(name), other)
+    categories = name == CONFOUNDERS or any(gene.kind == "category" for gene in genes)
+    return not categories and Path(space, scene, genes, other).length > 0
+
+
+def _nominal(space: Space, scene: Scene) -> Scene:
+    try:
+        return space.nominal(like=scene)
+    except SceneError:  # an imported scene may have targets that no operator produces
+        return space.nominal()
+
+
+def unusual(source: pathlib.Path, scene: Scene, conditions: Conditions) -> list[str]:
+    """The operators that are not nominal in a scene, with their values."""
+    if conditions.operators_digest:
+        space = stored_space(source, conditions)
+    else:  # a file of scenes
+        space = world_of(scene.task).space(Wanted(task=scene.task, robot=scene.robot))
+    return [f"{part.operator}: {part.value}" for part in deviations(space, scene, Causes())]
+
+
+def title_of(runs: Sequence[Manifest]) -> str:
+    """Policies and tasks of some runs, in words."""
+    if not runs:
+        return "no run yet"
+    return f"{named(run.short for run in runs)} on {named(run.task for run in runs)}"

@@ -1,0 +1,160 @@
+"""Lists of failures: those of causes first, and those that look like another one counted with it."""
+
+import pathlib
+import shlex
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.text import plural
+from vlafuzz.failures.causes import CauseList, all_causes
+from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import locate, read_corpus
+from vlafuzz.failures.described import BUCKETS, DescribedFailure, Deviation, Spaces, described, described_case, title_of
+from vlafuzz.failures.triage.pipeline import hours
+from vlafuzz.model.space import Space
+from vlafuzz.store.records import Manifest, Run
+from vlafuzz.store.store import Store
+
+NEAR = 0.1  # distance of embeddings: a scene of which every gene is nudged by 2 % of its range is nearer
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Listing:
+    """The failures of a store or corpus.
+
+    Attributes:
+        causes: of every run whose strategy looks for them.
+        failures: those of causes in the order of their lists, then the others, by evidence, most first, and by
+            signature.
+        todo: next steps, each a sentence and the command.
+    """
+
+    title: str
+    runs: tuple[Manifest, ...]
+    causes: tuple[CauseList, ...] = ()
+    failures: tuple[DescribedFailure, ...]
+    todo: tuple[tuple[str, str], ...] = ()
+
+
+def listing_of(source: pathlib.Path) -> Listing:
+    """The failures of a store or corpus."""
+    source = locate(source)
+    if source.is_dir():
+        return listing_of_corpus(source, read_corpus(source))
+    with Store.open(source) as store:
+        return listing_of_store(store)
+
+
+def listing_of_corpus(folder: pathlib.Path, corpus: Corpus) -> Listing:
+    """The cases of a corpus."""
+    spaces = Spaces(folder)
+    cases = (described_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in corpus.cases)
+    return Listing(title=title_of(corpus.runs), runs=tuple(corpus.runs), failures=_in_order(cases))
+
+
+def listing_of_store(store: Store) -> Listing:
+    """The failures of a store, with the results of triage."""
+    runs, causes = store.runs(), all_causes(store)
+    manifests = tuple(run.manifest for run in runs)
+    return Listing(
+        title=title_of(manifests),
+        runs=manifests,
+        causes=causes,
+        failures=_causes_first(store, causes, runs),
+        todo=_todo(store, causes, manifests),
+    )
+
+
+def failures_of(store: Store, run: int | None = None) -> Iterator[DescribedFailure]:
+    """Each failure of a store, or of a run in it, the oldest first."""
+    spaces, triaged = Spaces(store.path), {row.key: row for row in store.triaged()}
+    manifests = {one.id: one.manifest for one in store.runs()}
+    for finding in store.findings(run):
+        manifest = manifests[finding.run]
+        yield described(store.path, finding, manifest, spaces.of(manifest), triaged.get(finding.key))
+
+
+def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run]) -> tuple[DescribedFailure, ...]:
+    """The failures of causes, in the order of their lists, then the others; alike ones are one."""
+    policy = {run.id: run.manifest.key() for run in runs}
+    found = [(digest, policy[one.run]) for one in lists for cause in one.causes for digest in cause.found]
+    ranks = {key: rank for rank, key in reversed(list(enumerate(found)))}
+    merged: dict[tuple[str, str, str], DescribedFailure] = {}  # by minimal scene
+    for one in failures_of(store):
+        key = (one.scene.digest, one.run.key(), one.bucket)
+        merged[key] = replace(merged[key], found=merged[key].found + one.found) if key in merged else one
+    distinct = _alike_as_one(_in_order(merged.values()), Spaces(store.path), ranks)
+    return tuple(sorted(distinct, key=lambda one: min(ranks.get((name, one.run.key()), inf) for name in one.found)))
+
+
+def _in_order(failures: Iterable[DescribedFailure]) -> tuple[DescribedFailure, ...]:
+    """Failures by evidence, the most first, then by the frequency of the signature."""
+    failures = list(failures)
+    counts = Counter(one.signature for one in failures)
+    ranks = list(BUCKETS)
+
+    def rank(one: DescribedFailure) -> tuple[int, int, str]:
+        return ranks.index(one.bucket), -counts[one.signature], one.signature or ""
+
+    return tuple(sorted(failures, key=rank))
+
+
+def _alike_as_one(
+    failures: Sequence[DescribedFailure], spaces: Spaces, causes: Collection[tuple[str, str]]
+) -> list[DescribedFailure]:
+    """One for scenes that hardly differ, and one for a failure and those that only add operators to it.
+
+    Triaged failures and those that show a cause stay apart. Scenes of different search spaces, such as those of two
+    tasks, are never alike.
+
+    Args:
+        causes: keys of the failures that show one.
+    """
+    observed = [one for one in failures if one.bucket == "observed"]
+    shown = defaultdict[tuple[Space, str, str], list[_Shown]](list)
+    alike = dict[DescribedFailure, list[str]]()
+    for failure in sorted(observed, key=lambda one: (one.key not in causes, len(one.deviations))):
+        space = spaces.of(failure.run)
+        here = shown[space, failure.run.key(), failure.lost_stage]
+        one = _Shown(failure, frozenset(failure.deviations), space.embed(failure.scene))
+        other = None if failure.key in causes else next((other for other in here if other.shows(one)), None)
+        if other is None:
+            here.append(one)
+            alike[failure] = []
+        else:
+            alike[other.failure].append(failure.scene.digest)
+    return [
+        replace(one, alike=tuple(alike.get(one, ()))) for one in failures if one in alike or one.bucket != "observed"
+    ]
+
+
+@dataclass(frozen=True)
+class _Shown:
+    failure: DescribedFailure
+    deviations: frozenset[Deviation]
+    point: NDArray[np.float64]
+
+    def shows(self, other: "_Shown") -> bool:
+        """Whether it stands for another failure, too."""
+        if self.failure.operators == other.failure.operators:
+            return bool(np.linalg.norm(self.point - other.point) <= NEAR)
+        return bool(self.deviations) and self.deviations < other.deviations
+
+
+def _todo(store: Store, causes: Sequence[CauseList], runs: Sequence[Manifest]) -> tuple[tuple[str, str], ...]:
+    """What to triage, unless every run found causes, and all of them are triaged."""
+    buckets = {cause.bucket for one in causes for cause in one.causes}
+    explained = len(causes) == len(runs) and all(one.causes for one in causes) and "observed" not in buckets
+    found = {finding.key for finding in store.findings()}
+    left = len(found - {row.key for row in store.triaged()})
+    if explained or not left:
+        return ()
+    command = shlex.join(["vlafuzz", "triage", str(store.path), *trust_flag(*(run.policy for run in runs))])
+    untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
+    return ((f"{untriaged}. Triage confirms findings and names their causes{hours(store, left)}:", command),)
