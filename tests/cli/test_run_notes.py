@@ -1,7 +1,7 @@
 """What `vlafuzz run` says of defaults that follow from the machine."""
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.cli.one_run import note_defaults
+from vlafuzz.cli.run import note_defaults
 from vlafuzz.worlds.tabletop.renderer import Renderer
 
 

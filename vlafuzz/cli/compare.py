@@ -8,7 +8,6 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from vlafuzz.campaign.options import OPTIONS
 from vlafuzz.cli.flags import (
     ConfigFlag,
     CsvFlag,
@@ -21,8 +20,9 @@ from vlafuzz.cli.flags import (
     WorkersFlag,
     listed,
     option,
+    option_of,
 )
-from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_rows, stdout
+from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def command(
     strategies: Annotated[
         str, option("Strategies, separated by commas; the others are compared with the first.")
     ] = "random,causes",
-    task: Annotated[str | None, option("What the robot is told to do.", OPTIONS["task"].shown)] = None,
+    task: Annotated[str | None, option_of("task", "the first: `vlafuzz list worlds`")] = None,
     policy: PolicyFlag = None,
     budget: Annotated[int, option("Policy rollouts of every run.")] = 100,
     repeats: Annotated[int, option("Runs of every strategy.")] = 10,
@@ -63,21 +63,25 @@ def command(
 
     They are judged by the distinct causes that triage certifies, within the same limit of rollouts for every run, then
     by failures and by the interval of the failure probability. No run learns from another run's rollouts. All is kept
-    in one store; the same command continues after an interruption, and with more
-    --repeats, --strategies or --triage-rollouts it does what is missing.
+    in one store; the same command continues after an interruption, and with more --repeats, --strategies or
+    --triage-rollouts it does what is missing.
     """
-    from vlafuzz.campaign.config import RunConfig, default_store
+    from vlafuzz.campaign.config import MOST, RunConfig, default_store
     from vlafuzz.doctor.before_run import speed_of
+    from vlafuzz.lab.compare import page
     from vlafuzz.lab.compare.compare import compare
-    from vlafuzz.lab.compare.page import write_folder
     from vlafuzz.worlds import default_policy, default_task
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
-    _check(repeats, seed, limit, sum((json, csv, markdown)))
+    check_number("--repeats", repeats, 1)
+    check_number("--triage-rollouts", limit, 0)
+    if seed + repeats - 1 > MOST:
+        raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
+    if json + csv + markdown > 1:
+        raise UsageError("--json, --csv and --markdown exclude each other", hint="give one of them")
     task = task or default_task()
     policy = policy or default_policy(task)
-    default = f"compare-{default_store(task, policy, 0).stem[:-2]}"
-    store = store or Path("runs") / f"{default}.db"
+    store = store or Path("runs") / f"compare-{default_store(task, policy, 0).stem[:-2]}.db"
     run = RunConfig(
         task=task,
         policy=policy,
@@ -94,9 +98,16 @@ def command(
     folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
     with interruptible(f"interrupted: all results so far are stored in {store}\nhint: {_CONTINUES}") as bar:
         compared = compare(run, names, repeats, limit, folder, bar, speed_of)
-    _print(compared, json=json, csv=csv, markdown=markdown)
+    if json:
+        print_json(asdict(compared))
+    elif csv:
+        print_rows(page.csv_rows(compared), csv=True)
+    elif markdown:
+        data().write(page.markdown(compared))
+    else:
+        print_comparison(compared)
     try:
-        written = write_folder(compared, folder)
+        written = page.write_folder(compared, folder)
     except OSError as error:
         raise UsageError(f"--out: {error}", hint=f"all runs are stored: {_CONTINUES}") from None
     Bar.note(f"written to {folder}: {', '.join(written)}")
@@ -115,31 +126,6 @@ def _names(strategies: str) -> list[str]:
     return names
 
 
-def _check(repeats: int, seed: int, limit: int, formats: int) -> None:
-    """Check the flags before anything is planned."""
-    from vlafuzz.campaign import config
-
-    check_number("--repeats", repeats, 1)
-    check_number("--triage-rollouts", limit, 0)
-    if seed + repeats - 1 > config.MOST:
-        raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
-    if formats > 1:
-        raise UsageError("--json, --csv and --markdown exclude each other", hint="give one of them")
-
-
-def _print(compared: Comparison, *, json: bool, csv: bool, markdown: bool) -> None:
-    from vlafuzz.lab.compare import page
-
-    if json:
-        print_json(asdict(compared))
-    elif csv:
-        print_rows(page.csv_rows(compared), csv=True)
-    elif markdown:
-        data().write(page.markdown(compared))
-    else:
-        print_comparison(compared)
-
-
 def print_comparison(compared: Comparison) -> None:
     """Print the tables of a comparison; what its tests say stands below the first."""
     from vlafuzz.lab.compare import page
@@ -147,6 +133,5 @@ def print_comparison(compared: Comparison) -> None:
     lines = page.sentences(compared)
     for table in page.tables(compared):
         print_rows(table.rows, title=table.title)
-        for text in (table.says, *lines):
-            stdout().print(text, soft_wrap=True)
+        print_lines(table.says, *lines)
         lines = []

@@ -1,30 +1,30 @@
-"""One run of ``vlafuzz run``, with what follows it: forecast, run, causes, certification, how it ends."""
+"""One run of ``vlafuzz run``, with what follows it: forecast, run, causes, certification."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
-from vlafuzz.cli.output import INTERRUPTED, Bar, interruptible, print_rows, stdout
+from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
 from vlafuzz.common.plugins import trust_flag
-from vlafuzz.common.text import duration, plural
-from vlafuzz.errors import PolicyError, PrerequisiteError, StoreError, UsageError
+from vlafuzz.common.text import duration, interval, percent, plural, points
+from vlafuzz.errors import PolicyError, StoreError
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.campaign.forecast import Forecast, Speed
-    from vlafuzz.campaign.results import Again, Beside
-    from vlafuzz.campaign.tally import Summary
+    from vlafuzz.campaign.results import Beside
+    from vlafuzz.campaign.tally import Summary, Tally
     from vlafuzz.common.deadline import Deadline
-    from vlafuzz.doctor.before_run import Checked
     from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.report.effects import Effects
+    from vlafuzz.search.probability import Probability
 
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
@@ -48,46 +48,6 @@ class Done(NamedTuple):
     interrupted: bool
 
 
-class _Results(NamedTuple):
-    """What a store tells of a finished run; None where there is nothing of the kind.
-
-    Attributes:
-        beside: a guided run beside random ones.
-        effects: how often the policy fails by the values of random scenes.
-        again: what became of the scenes of a file that tells how they ended before.
-    """
-
-    beside: Beside | None
-    effects: Effects | None
-    again: Again | None
-    causes: CauseList | None
-
-
-def checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
-    """The plan after the check of its policy, with notes on what follows from this machine."""
-    from vlafuzz.doctor.before_run import checked_plan
-
-    if plan.resume is None:
-        note_defaults(plan, flags)
-    with Bar() as bar:
-        return checked_plan(plan, unchecked=unchecked, watch=bar)
-
-
-def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
-    """Say which defaults follow from this machine, where the user would want to know."""
-    from vlafuzz.rollouts.capacity import most_workers
-    from vlafuzz.worlds import no_pictures, world_of
-
-    usual = next(iter(world_of(plan.task.name).robots))
-    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
-        hint = "`vlafuzz doctor` says what to install"
-        Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
-    used, batch, room = plan.place.workers, plan.manifest.batch, most_workers()
-    if "workers" not in flags and plan.place.kind == "processes" and used == batch < room:
-        faster = f"--config batch={room} is faster, and chooses them by less of what came before"
-        Bar.note(f"note: {batch} scenes at a time keep {used} of {room} cores busy; {faster}")
-
-
 def run_plan(
     plan: Plan,
     speed: Speed | None,
@@ -102,8 +62,8 @@ def run_plan(
 
     Args:
         tasks: the forecast is for so many runs like this one; none where it was made before.
-        again: the command that goes on after an interruption, by default that of the run alone. over: of a run that
-        came to its end before, where only what follows it is left to do.
+        again: the command that goes on after an interruption, by default that of the run alone.
+        over: of a run that came to its end before, where only what follows it is left to do.
     """
     from vlafuzz.campaign.forecast import Forecast
     from vlafuzz.campaign.launch import SEARCH
@@ -120,57 +80,22 @@ def run_plan(
     trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
     again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
     summary = over or _start(plan, forecast, forecast.search if forecast else search, again)
-    results, allowance, told = _results(summary), Allowance(deadline=until), about(plan.strategy)
-    if not asked.json:
-        _print(summary, results, told)
+    causes, says, allowance = _causes(summary), about(plan.strategy), Allowance(deadline=until)
+    document = asdict(summary) | _results(summary, causes, says, show=not asked.json)
     triaged: dict[str, Any] | None = {}
     if asked.triage or certifying:
-        triaged = _triage(plan, summary, results.causes, allowance, forecast, asked)
-        results = results._replace(causes=_causes(summary))
+        triaged = _triage(plan, summary, causes, allowance, forecast, asked)
+        causes = _causes(summary)
     if not asked.json:
-        _print_causes(summary, results.causes, hint=not asked.triage)
+        _print_causes(summary, causes, hint=not asked.triage)
     if not asked.triage and (triaged is None or allowance.used_up):
-        _hint_at_rest(plan, results.causes)
-    document = _document(summary, results) | {"about": told} | ({"triage": triaged} if asked.triage else {})
-    return Done(summary, document, again, interrupted=triaged is None)
-
-
-def end(runs: Sequence[Done], left: str = "", *, fail_on_finding: bool) -> None:
-    """Say whether runs ended early, with the exit code of their results.
-
-    Args:
-        left: which tasks were not begun, in a sentence.
-    """
-    for summary, *_ in runs:
-        if summary.stopped:
-            Bar.note(f"{f'{summary.task} ' * (len(runs) > 1)}stopped: {summary.stopped}")
-    if any(done.interrupted for done in runs):
-        raise typer.Exit(INTERRUPTED)
-    for summary, _, again, _ in runs:
-        of = f"{summary.task}: " * (len(runs) > 1)
-        if summary.unjudged and not summary.verdicts["error"]:
-            raise UsageError(f"{of}{summary.unjudged}", hint=_why_not(summary))
-        if summary.short:
-            then = f"then `{again}` goes on" if summary.stopped else "the same command tries them again"
-            doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
-            raise PrerequisiteError(f"{of}{summary.short}", hint=f"`{doctor}` says what is wrong; {then}")
-    if left:
-        raise UsageError(left, hint="give it more --time; with --resume it goes on")
-    if fail_on_finding and any(done.summary.findings for done in runs):
-        raise typer.Exit(1)
-
-
-def _why_not(summary: Summary) -> str:
-    if not summary.proposals:
-        return "give it more --time"
-    checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
-    export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
-    return f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
+        _hint_at_rest(plan, causes)
+    document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
+    return Done(summary, document | ({"triage": triaged} if asked.triage else {}), again, interrupted=triaged is None)
 
 
 def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -> Summary:
     from vlafuzz.campaign.launch import start
-    from vlafuzz.cli.summary import RunProgress
     from vlafuzz.store.records import UNFINISHED
     from vlafuzz.store.store import Store
 
@@ -186,28 +111,34 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -
 
     with interruptible(note, until) as bar:
         try:
-            return start(plan, RunProgress(bar, plan.manifest.budget, forecast), until)
+            return start(plan, _Progress(bar, plan.manifest.budget, forecast), until)
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
 
 
-def _results(summary: Summary) -> _Results:
-    from vlafuzz.campaign.results import again, beside_random
-    from vlafuzz.failures.causes import causes_of
-    from vlafuzz.failures.described import Spaces
-    from vlafuzz.report.effects import effects_of
-    from vlafuzz.search.base import POOL, RANDOM
-    from vlafuzz.store.store import Store
+class _Progress:
+    """Shows rollouts, failures and causes so far on a bar, and corrects a forecast that does not hold."""
 
-    with Store.open(Path(summary.store)) as store:
-        run = next(run for run in store.runs() if run.id == summary.run)
-        return _Results(
-            beside=None if summary.strategy in (RANDOM, POOL) else beside_random(store, run.id),
-            effects=effects_of(store, run, Spaces(store.path).of(run.manifest)),
-            again=again(store, run.id),
-            causes=causes_of(store, run),
-        )
+    def __init__(self, bar: Bar, budget: int, forecast: Forecast | None) -> None:
+        self._bar, self._budget, self._forecast = bar, budget, forecast
+        self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
+        bar.progress("rollouts", 0, budget)
+
+    def __call__(self, tally: Tally) -> None:
+        """One more trial is stored."""
+        from vlafuzz.campaign.forecast import FIRST
+        from vlafuzz.model.outcome import Verdict
+
+        causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
+        more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
+        self._bar.progress("rollouts", tally.rollouts, self._budget, more)
+        now = time.monotonic()
+        began, before = self._first = self._first or (now, tally.rollouts)
+        if self._forecast and (done := tally.rollouts - before) >= FIRST:
+            if corrected := self._forecast.after((now - began) / done, tally.rollouts):
+                self._bar.note(corrected)
+            self._forecast = None
 
 
 def _causes(summary: Summary) -> CauseList | None:
@@ -218,31 +149,110 @@ def _causes(summary: Summary) -> CauseList | None:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
 
 
-def _document(summary: Summary, results: _Results) -> dict[str, Any]:
-    """A run as JSON."""
-    parts = {
-        "random": asdict(results.beside) if results.beside else None,
-        "effects": results.effects.document() if results.effects else None,
-        "again": asdict(results.again) if results.again else None,
+def _results(summary: Summary, causes: CauseList | None, says: str, *, show: bool) -> dict[str, Any]:
+    """What the store tells of a finished run as JSON, and with ``show`` printed after the run in numbers.
+
+    A guided run is put beside random ones; random scenes tell how often the policy fails by their values; scenes of a
+    file that says how they ended before are compared with that.
+    """
+    from vlafuzz.campaign.results import again as how_again
+    from vlafuzz.campaign.results import beside_random
+    from vlafuzz.failures.described import Spaces
+    from vlafuzz.report.effects import effects_of
+    from vlafuzz.search.base import POOL, RANDOM
+    from vlafuzz.store.store import Store
+
+    with Store.open(Path(summary.store)) as store:
+        run = next(run for run in store.runs() if run.id == summary.run)
+        beside = None if summary.strategy in (RANDOM, POOL) else beside_random(store, run.id)
+        effects = effects_of(store, run, Spaces(store.path).of(run.manifest))
+        again = how_again(store, run.id)
+    if show:
+        _print_summary(summary, says, causes.probability if causes else None)
+        if beside is not None:
+            print_lines(_beside(summary, beside))
+        if again is not None:
+            stdout().print(str(again), style="bold", soft_wrap=True)
+        if effects is not None:
+            if effects.table.rows:
+                print_rows(effects.table.rows, title=effects.table.title)
+            print_lines(effects.says, effects.advice)
+    parts = {"random": beside, "effects": effects, "again": again}
+    return {name: None if part is None else asdict(part) for name, part in parts.items()}
+
+
+def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
+    """Print a run in numbers."""
+    from rich.table import Table
+
+    policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
+    title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
+    judged = summary.verdicts["passed"] + summary.verdicts["failed"]
+    again = summary.earlier if ":" in summary.policy else 0  # the user's own model, which may have changed
+    lines = {
+        "strategy": about,
+        "policy": summary.checkup if summary.checkup != "ok" else "",
+        "rollouts": f"{summary.rollouts} of {summary.budget}, in {summary.seconds:.0f} s",
+        "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
+        "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
+        "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
+        "invalid": _counts(summary.invalid),
+        "stages reached": _counts(summary.stages) if judged else "",
+        **(_failures(summary, judged, probability) if judged else {}),
+        "last error": summary.last_error,
+        "mean progress": "" if summary.progress_mean is None else f"{summary.progress_mean:.3f}",
+        "store": summary.store,
     }
-    return asdict(summary) | parts | (results.causes.document() if results.causes else _NO_CAUSES)
+    table = Table(show_header=False, title=title, title_justify="left")
+    table.add_column(style="bold")
+    table.add_column()
+    for name, line in lines.items():
+        if line:
+            table.add_row(name, line)
+    stdout().print(table)
 
 
-def _print(summary: Summary, results: _Results, about: str) -> None:
-    """Print the run in numbers, how the scenes of a file end now, and what operators do to the policy."""
-    from vlafuzz.cli.summary import print_summary
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items())
 
-    probability = results.causes.probability if results.causes else None
-    print_summary(summary, results.beside, about, probability)
-    if results.again is not None:
-        stdout().print(str(results.again), style="bold", soft_wrap=True)
-    if (effects := results.effects) is None:
-        return
-    table = effects.table
-    if table.rows:
-        print_rows(table.rows, title=table.title)
-    for text in filter(None, (effects.says, effects.advice)):
-        stdout().print(text, soft_wrap=True)
+
+def _failures(summary: Summary, judged: int, probability: Probability | None) -> dict[str, str]:
+    """How often the policy fails; the scenes of a guided run do not say so."""
+    from vlafuzz.common.statistics import Share
+    from vlafuzz.search.base import POOL, RANDOM
+
+    failed = summary.verdicts["failed"]
+    if summary.strategy == RANDOM:
+        share = Share.of_counts(failed, judged)
+        return {"failure share": f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"}
+    if summary.strategy == POOL:
+        where = "a failure rate only where they are a random sample"
+        return {"failures": f"{failed} of {judged} scenes, {where}"}
+    lines = {"failures": f"{failed} among {judged} guided scenes, which is not the policy's failure rate"}
+    if probability:
+        bounds = interval(probability.low, probability.high)
+        lines["failure probability"] = f"{percent(probability.value)} of random scenes, 95% interval {bounds}"
+    return lines
+
+
+def _beside(summary: Summary, beside: Beside) -> str:
+    """The failure shares of the run and of random generation, in a sentence."""
+    from vlafuzz.failures.triage.pipeline import SOON
+
+    if not beside.random_judged:
+        takes = f", in about {duration(summary.seconds)}" if summary.seconds > SOON else ""
+        return (
+            "beside random: unknown, the store has no random run of this policy, task and operators; "
+            f"the same command with --strategy random {shlex.join(['--store', summary.store])} adds one{takes}"
+        )
+    if beside.difference is None or beside.low is None or beside.high is None:
+        return "beside random: unknown, no scene of this run could be judged"
+    ours, random = beside.failed / beside.judged, beside.random_failed / beside.random_judged
+    shares = f"{percent(ours)} of {beside.judged} scenes failed"
+    shares += f", of {beside.random_judged} random ones {percent(random)}"
+    bounds = f"95% interval {points(beside.low)} to {points(beside.high)}"
+    few = "" if beside.tells else ": too few to tell"
+    return f"beside random: {shares}: {points(beside.difference)} points, {bounds}{few}"
 
 
 def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> None:
@@ -258,13 +268,11 @@ def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> N
             takes = hours(store, summary.findings)
         command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(summary.policy)])
         whose = "its cause" if summary.findings == 1 else "their causes"
-        failures = plural(summary.findings, "failure")
-        stdout().print(f"{failures}; `{command}` finds {whose}{takes}", soft_wrap=True)
+        print_lines(f"{plural(summary.findings, 'failure')}; `{command}` finds {whose}{takes}")
     shown = found.shown if found else None
     if scene := shown or summary.first_failure:
         command = shlex.join(["vlafuzz", "replay", summary.store, scene[:12]])
-        what = "cause" if shown else "failure"
-        stdout().print(f"see the first {what}: {command}", soft_wrap=True)  # in one piece, to copy
+        print_lines(f"see the first {'cause' if shown else 'failure'}: {command}")
 
 
 def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
@@ -292,14 +300,9 @@ def _triage(
     if found and found.found and not asked.triage and not _foresee(plan, found, allowance.deadline, forecast):
         _hint_at_rest(plan, found)
         return {}
+    of, show = None if asked.triage else summary.run, asked.triage and not asked.json
     try:
-        result = triage_store(
-            plan.store,
-            allowance,
-            plan.triage_place,
-            causes_of=None if asked.triage else summary.run,
-            show=asked.triage and not asked.json,
-        )
+        result = triage_store(plan.store, allowance, plan.triage_place, causes_of=of, show=show)
     except typer.Exit:  # the causes so far are shown all the same
         return None
     if told := broken(result):

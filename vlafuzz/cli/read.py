@@ -1,18 +1,13 @@
 """``vlafuzz read``."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, MarkdownFlag, option
-from vlafuzz.cli.output import Bar, data, print_json, print_rows, stdout
+from vlafuzz.cli.flags import AlphaFlag, JsonFlag, MarkdownFlag, option
+from vlafuzz.cli.output import Bar, data, print_json, print_lines, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError, check_probability, printable, suggestion
-
-if TYPE_CHECKING:
-    from vlafuzz.logs.show import Reading
 
 
 def command(
@@ -24,7 +19,7 @@ def command(
     column: Annotated[
         list[str] | None, option("What a column of CSV holds, if it has another name: success=ok; may be repeated.")
     ] = None,
-    alpha: Annotated[float, option("Probability of a false alarm, at most.")] = 0.05,
+    alpha: AlphaFlag = 0.05,
     out: Annotated[Path | None, option("Write a page.")] = None,
     junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
     markdown: MarkdownFlag = False,
@@ -45,7 +40,14 @@ def command(
     episodes = read_logs(logs, columns)
     old = (_name(against), read_logs(against, columns)) if against else None
     reading = show.Reading.of(_name(logs), episodes, old, alpha)
-    _print(reading, json=json, markdown=markdown)
+    if json:
+        print_json(show.document(reading))
+    elif markdown:
+        data().write(printable(show.markdown(reading)))
+    else:
+        for title, rows in show.tables(reading).items():
+            print_rows(rows, title=title)
+        print_lines(*show.sentences(reading))
     # Last: where one cannot be written, the result is shown all the same.
     if out:
         from vlafuzz.report.page import write_page
@@ -59,20 +61,6 @@ def command(
         raise typer.Exit(1)
     if compared and not compared.tells:
         raise PrerequisiteError(compared.verdict, hint="compare logs with more episodes of the same suites")
-
-
-def _print(reading: Reading, *, json: bool, markdown: bool) -> None:
-    from vlafuzz.logs import show
-
-    if json:
-        print_json(show.document(reading))
-    elif markdown:
-        data().write(printable(show.markdown(reading)))
-    else:
-        for title, rows in show.tables(reading).items():
-            print_rows(rows, title=title)
-        for sentence in show.sentences(reading):
-            stdout().print(sentence, soft_wrap=True)
 
 
 def _name(paths: list[Path]) -> str:

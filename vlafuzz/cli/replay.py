@@ -1,10 +1,8 @@
 """``vlafuzz replay``."""
 
-from __future__ import annotations
-
 import json as json_format
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,10 +11,6 @@ from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
 from vlafuzz.model.scene_lines import is_store
-
-if TYPE_CHECKING:
-    from vlafuzz.campaign.replay import Replayed
-    from vlafuzz.worlds.recording import Recording
 
 
 def command(
@@ -55,6 +49,7 @@ def command(
     from vlafuzz.failures.described import unusual
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import no_pictures, world_of
+    from vlafuzz.worlds.recording import Recording, write_picture
 
     if digest is None and not first_failure and source.is_file() and is_store(source):
         with Store.open(source) as store:
@@ -67,35 +62,8 @@ def command(
     filmed = video is not None or picture is not None
     if filmed:
         world_of(wanted.scene.task).check_pictures()
-    from vlafuzz.worlds.recording import Recording
-
     recording = Recording(480 if filmed else 0)
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
-    _write(replayed, recording, video=video, picture=picture, seen=seen, trace=trace)
-    report = replayed.report() | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
-    if json:
-        print_json(report)
-    else:
-        rows = [{"what": key, "value": _shown(value)} for key, value in report.items()]
-        print_rows(rows, title="replay")
-
-
-def _shown(value: object) -> object:
-    return "\n".join(map(str, value)) if isinstance(value, list) else value
-
-
-def _write(
-    replayed: Replayed,
-    recording: Recording,
-    *,
-    video: Path | None,
-    picture: Path | None,
-    seen: Path | None,
-    trace: Path | None,
-) -> None:
-    """Write what is asked for, and say where it is."""
-    from vlafuzz.worlds.recording import write_picture
-
     if lost := replayed.outcome.lost_stage:
         recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")
     if video:
@@ -107,6 +75,11 @@ def _write(
     if trace and (document := replayed.trace()):
         with writing(trace):
             write_whole(trace, json_format.dumps(document) + "\n")
-    for path in (video, picture, seen, trace):
-        if path:
-            stderr().print(f"written: {path}")
+    for path in filter(None, (video, picture, seen, trace)):
+        stderr().print(f"written: {path}")
+    report = replayed.report() | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
+    if json:
+        print_json(report)
+        return
+    shown = {key: "\n".join(map(str, value)) if isinstance(value, list) else value for key, value in report.items()}
+    print_rows([{"what": key, "value": value} for key, value in shown.items()], title="replay")

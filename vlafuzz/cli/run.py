@@ -1,14 +1,26 @@
-"""``vlafuzz run``."""
+"""``vlafuzz run``: one run, or one for each of several tasks."""
 
 from __future__ import annotations
 
 import shlex
 import sys
-from typing import Annotated, Any
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
-from vlafuzz.cli.one_run import Asked, checked, end, run_plan
-from vlafuzz.cli.output import print_json
+from vlafuzz.cli.one_run import Asked, Done, run_plan
+from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
+from vlafuzz.errors import PrerequisiteError, UsageError
+
+if TYPE_CHECKING:
+    from vlafuzz.campaign.config import Plan, RunConfig
+    from vlafuzz.campaign.tally import Summary
+    from vlafuzz.common.deadline import Deadline
+    from vlafuzz.doctor.before_run import Checked
 
 
 @with_run_options
@@ -65,27 +77,25 @@ def command(
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli.several import print_several, run_tasks
     from vlafuzz.worlds import task_of, tasks_named
 
     named = task_of(world, given["task"])
-    tasks = tasks_named(named) if named else ()
+    tasks, left = tasks_named(named) if named else (), ""
     flags = configured(given | {"task": named})
     asked = Asked(certify=certify, triage=triage, json=json)
     if len(tasks) > 1:
-        runs, path, left = run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked)
-        print_several(runs, path, json=json)
-        end(runs, left, fail_on_finding=fail_on_finding)
-        return
-    if resume:
-        plan = resume_run(flags)
+        runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked)
     else:
-        plan = plan_of(RunConfig(**flags, command=shlex.join(["vlafuzz", *sys.argv[1:]])))
-    plan, speed = checked(plan, flags, unchecked=unchecked)
-    done = run_plan(plan, speed, until, asked)
-    if json:
-        print_json(done.document)
-    end([done], fail_on_finding=fail_on_finding)
+        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=_typed()))
+        plan, speed = _checked(plan, flags, unchecked=unchecked)
+        runs = [run_plan(plan, speed, until, asked)]
+        if json:
+            print_json(runs[0].document)
+    _end(runs, left, fail_on_finding=fail_on_finding)
+
+
+def _typed() -> str:
+    return shlex.join(["vlafuzz", *sys.argv[1:]])
 
 
 def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
@@ -98,3 +108,124 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
     own = ":" in (policy or "")  # has one worker by default
     if executor in (None, "processes") and (workers or (1 if own else most_workers())) > 1:
         forks.load_early()
+
+
+def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
+    """The plan after the check of its policy, with notes on what follows from this machine."""
+    from vlafuzz.doctor.before_run import checked_plan
+
+    if plan.resume is None:
+        note_defaults(plan, flags)
+    with Bar() as bar:
+        return checked_plan(plan, unchecked=unchecked, watch=bar)
+
+
+def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
+    """Say which defaults follow from this machine, where the user would want to know."""
+    from vlafuzz.rollouts.capacity import most_workers
+    from vlafuzz.worlds import no_pictures, world_of
+
+    usual = next(iter(world_of(plan.task.name).robots))
+    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
+        hint = "`vlafuzz doctor` says what to install"
+        Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
+    used, batch, room = plan.place.workers, plan.manifest.batch, most_workers()
+    if "workers" not in flags and plan.place.kind == "processes" and used == batch < room:
+        faster = f"--config batch={room} is faster, and chooses them by less of what came before"
+        Bar.note(f"note: {batch} scenes at a time keep {used} of {room} cores busy; {faster}")
+
+
+def _run_tasks(
+    tasks: Sequence[str], flags: Mapping[str, Any], asked: Asked, until: Deadline, *, resume: bool, unchecked: bool
+) -> tuple[list[Done], str]:
+    """Run each task with the same flags, up to the first interruption, and print how policies do in them.
+
+    All share one store and the time that is left, and the policy is checked once. With ``resume``, runs that ended
+    early are taken up again, and those that are over are not repeated.
+
+    Returns:
+        The runs, and in a sentence which tasks were not begun as the time was over.
+    """
+    from vlafuzz.campaign.config import RunConfig, default_store
+    from vlafuzz.report.counts import standings_of
+    from vlafuzz.store.store import Store
+    from vlafuzz.worlds import default_policy, tasks_named
+
+    policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
+    name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
+    path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
+    config = RunConfig(**{**flags, "store": path, "policy": policy, "task": None, "command": _typed()})
+    again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
+    runs, first, left = list[Done](), None, ""
+    for number, task in enumerate(tasks):
+        if until.passed:
+            left = f"--time was over before these tasks began: {', '.join(tasks[number:])}"
+            break
+        Bar.note(f"task {number + 1} of {len(tasks)}: {task}")
+        plan, over = _plan(replace(config, task=task), again=resume)
+        speed, foreseen, remaining = None, 0, len(tasks) - number
+        if over is None:
+            if first is None:
+                first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining
+                plan = first.plan
+            elif plan.resume is None:
+                plan = replace(plan, manifest=replace(plan.manifest, checkup=first.plan.manifest.checkup))
+            speed = first.speed
+        runs.append(run_plan(plan, speed, until.after(1 / remaining), asked, tasks=foreseen, again=again, over=over))
+        if runs[-1].interrupted:
+            Bar.note(f"hint: `{again}` does the other tasks")
+            break
+    with Store.open(path) as store:
+        rows = standings_of(store)
+    if asked.json:
+        print_json({"tasks": [done.document for done in runs], "standings": [one.document() for one in rows]})
+    else:
+        print_rows([one.row() for one in rows], title=f"policies and tasks of {path}")
+    return runs, left
+
+
+def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
+    """The plan of a task; with the summary of its run if that came to its end before."""
+    from vlafuzz.campaign.config import plan
+    from vlafuzz.campaign.resume import begun, flags_of, resume, summary_of
+    from vlafuzz.store.records import UNFINISHED
+    from vlafuzz.store.store import Store
+
+    run = begun(config) if again else None
+    if run is None:
+        return plan(config), None
+    if run.status in UNFINISHED:
+        return resume(flags_of(config)), None
+    planned = replace(plan(config), manifest=run.manifest)
+    with closing(planned.policy), Store.open(planned.store) as store:
+        return planned, summary_of(store, run)
+
+
+def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
+    """Say whether runs ended early, with the exit code of their results.
+
+    Args:
+        left: which tasks were not begun, in a sentence.
+    """
+    for summary, *_ in runs:
+        if summary.stopped:
+            Bar.note(f"{f'{summary.task} ' * (len(runs) > 1)}stopped: {summary.stopped}")
+    if any(done.interrupted for done in runs):
+        raise typer.Exit(INTERRUPTED)
+    for summary, _, again, _ in runs:
+        of = f"{summary.task}: " * (len(runs) > 1)
+        if summary.unjudged and not summary.verdicts["error"]:
+            hint = "give it more --time"
+            if summary.proposals:
+                checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
+                export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
+                hint = f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
+            raise UsageError(f"{of}{summary.unjudged}", hint=hint)
+        if summary.short:
+            then = f"then `{again}` goes on" if summary.stopped else "the same command tries them again"
+            doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
+            raise PrerequisiteError(f"{of}{summary.short}", hint=f"`{doctor}` says what is wrong; {then}")
+    if left:
+        raise UsageError(left, hint="give it more --time; with --resume it goes on")
+    if fail_on_finding and any(done.summary.findings for done in runs):
+        raise typer.Exit(1)

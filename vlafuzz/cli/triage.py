@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import ExecutorFlag, JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_list, print_rows, stdout
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
@@ -114,7 +114,7 @@ def triage_store(
         causes_of: a run: only the failures that show its commonest causes.
         options: ``max_rollouts``, ``limit`` and ``thorough`` of ``pipeline.triage``.
     """
-    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, triage
+    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, hours, triage
     from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
     from vlafuzz.failures.triage.triager import Unjudged
@@ -143,22 +143,14 @@ def triage_store(
         _print(summary)
     if unfair := unjudged[Unjudged.UNFAIR]:
         Bar.note(f"{plural(unfair, 'failure')} could not be judged: no longer fair")
-    if causes_of is None and allowance.used_up:
-        _note_rest(store, summary.findings - summary.triaged, allowance, again)
-    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
-
-
-def _note_rest(store: Path, left: int, allowance: Allowance, again: str) -> None:
-    """Say how many failures the allowance has left over, and how to go on."""
-    from vlafuzz.failures.triage.pipeline import hours
-    from vlafuzz.store.store import Store
-
-    if left:
+    left = summary.findings - summary.triaged
+    if causes_of is None and allowance.used_up and left:
         over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
         with Store.open(store) as opened:
             takes = hours(opened, left)
-        verb = "is" if left == 1 else "are"
-        Bar.note(f"{plural(left, 'failure')} {verb} left: {over}\nhint: continue with `{again}`{takes}")
+        which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
+        Bar.note(f"{which}: {over}\nhint: continue with `{again}`{takes}")
+    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
 
 
 def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
@@ -183,16 +175,16 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
 
 
 def _print(summary: TriageSummary) -> None:
-    def share(count: int, of: int) -> str:
+    def share(count: int, of: int = summary.triaged) -> str:
         return f"{count} ({count / of:.0%})" if of else "0"
 
     rows = {
         "failures": summary.findings,
         "triaged": summary.triaged,
-        "confirmed": share(summary.confirmed, summary.triaged),
-        "witnessed": share(summary.witnessed, summary.triaged),
+        "confirmed": share(summary.confirmed),
+        "witnessed": share(summary.witnessed),
         "of these, by sight": share(summary.by_sight, summary.witnessed),
-        **{name: share(count, summary.triaged) for name, count in summary.buckets.items()},
+        **{name: share(count) for name, count in summary.buckets.items()},
         "distinct causes": summary.distinct_signatures,
         "operators not nominal before, median": summary.deviating_before,
         "operators left, median": summary.deviating_after,
@@ -209,7 +201,5 @@ def _print(summary: TriageSummary) -> None:
 
 def print_causes(found: CauseList) -> None:
     """Print the causes of a run as a list, and what is known beside them."""
-    causes = [(*cause.conditions, cause.says) for cause in found.causes]
-    print_list(causes, title=found.title)
-    for sentence in found.sentences:
-        stdout().print(sentence, soft_wrap=True)
+    print_list([(*cause.conditions, cause.says) for cause in found.causes], title=found.title)
+    print_lines(*found.sentences)

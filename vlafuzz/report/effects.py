@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -108,10 +108,6 @@ class Effects:
             for number, part in enumerate(effect.bins)
         ]
         return Table("Failure rate by value, in random scenes", rows, self.says)
-
-    def document(self) -> dict[str, Any]:
-        """As JSON."""
-        return asdict(self)
 
 
 def effects_of(store: Store, run: Run, space: Space) -> Effects | None:
