@@ -87,18 +87,15 @@ def printable(text: str) -> str:
     """A text with its control characters escaped, but for line breaks and tabs."""
     if text.isprintable():
         return text
-    return "".join(sign if sign.isprintable() or sign in _SPACES else _escaped(sign) for sign in text)
-
-
-def _escaped(sign: str) -> str:
-    return sign.encode("unicode_escape").decode()
+    return "".join(
+        sign if sign.isprintable() or sign in _SPACES else sign.encode("unicode_escape").decode() for sign in text
+    )
 
 
 def check_probability(flag: str, value: float) -> None:
     """Raise a UsageError if the value of a flag is not above 0 and below 1."""
     if not 0 < value < 1:
-        problem = f"{flag}: expected a probability above 0 and below 1, got {value:g}"
-        raise UsageError(problem, hint=f"{flag} 0.05")
+        raise UsageError(f"{flag}: expected a probability above 0 and below 1, got {value:g}", hint=f"{flag} 0.05")
 
 
 def check_number(flag: str, value: int | None, least: int, most: int | None = None) -> None:
@@ -124,6 +121,4 @@ def suggestion(name: str, known: Iterable[str]) -> str:
     """A hint for an unknown name: the most similar known one, or all of them."""
     known = sorted(known)
     near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-    if near:
-        return f"did you mean {near[0]!r}?"
-    return "known: " + ", ".join(known)
+    return f"did you mean {near[0]!r}?" if near else "known: " + ", ".join(known)

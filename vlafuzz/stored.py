@@ -162,7 +162,15 @@ class StoredResults:
     def runs(self) -> Rows[StoredRun]:
         """All runs, the oldest first."""
         with Store.open(self.path) as store:
-            return Rows(_run(store, run) for run in store.runs())
+            rows = []
+            for run in store.runs():
+                (failed, judged), of = store.judged([run.id]), run.manifest
+                kept: dict[str, Any] = {
+                    name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")
+                }
+                told = {"label": of.named, "seconds": run.seconds, **kept}
+                rows.append(StoredRun(run=run.id, status=run.status, failed=failed, judged=judged, **told))
+            return Rows(rows)
 
     def trials(self, run: int | None = None) -> Rows[StoredTrial]:
         """The trials of a run, by default of all, in the order of their proposals."""
@@ -192,23 +200,6 @@ class StoredResults:
         if run is not None:
             store.causes(run)  # raises if there is none
         return [one for one in store.runs() if run in (None, one.id)]
-
-
-def _run(store: Store, run: Run) -> StoredRun:
-    (failed, judged), manifest = store.judged([run.id]), run.manifest
-    return StoredRun(
-        run=run.id,
-        task=manifest.task,
-        policy=manifest.policy,
-        label=manifest.named,
-        strategy=manifest.strategy,
-        seed=manifest.seed,
-        budget=manifest.budget,
-        status=run.status,
-        seconds=run.seconds,
-        failed=failed,
-        judged=judged,
-    )
 
 
 def _trials(store: Store, run: Run, spaces: Spaces) -> Iterator[StoredTrial]:
@@ -282,7 +273,5 @@ def _fields(value: Any) -> Mapping[str, Any]:
     """Those of a value that is not a single cell."""
     if isinstance(value, Mapping):
         return value
-    names = getattr(value, "_fields", ())
-    if is_dataclass(value):
-        names = [one.name for one in fields(value)]
+    names = [one.name for one in fields(value)] if is_dataclass(value) else getattr(value, "_fields", ())
     return {name: getattr(value, name) for name in names}

@@ -4,44 +4,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-from vlafuzz.cli.flags import Frame, JsonFlag, TrustFlag, option, refuse
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, option, refuse
 from vlafuzz.cli.output import Bar, print_json, print_rows, stderr, table
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
 from vlafuzz.model.scene_lines import is_document, write_scenes
+from vlafuzz.worlds import world_with
+from vlafuzz.worlds.capabilities import Frame, SceneFormats
 
-
-class Wanted(StrEnum):
-    """Verdicts to export."""
-
-    failed = "failed"
-    passed = "passed"
-    all = "all"
-
-
-class Shown(StrEnum):
-    """Scenes to demonstrate."""
-
-    failed = "failed"
-    minimal = "minimal"
-    random = "random"
-
-
-class Format(StrEnum):
-    """File formats."""
-
-    vlafuzz = "vlafuzz"
-    vlatest = "vlatest"
-    lerobot = "lerobot"
-    store = "store"
+Wanted = Literal["failed", "passed", "all"]
+Shown = Literal["failed", "minimal", "random"]
+Format = Literal["vlafuzz", "vlatest", "lerobot", "store"]
 
 
 def export(
@@ -55,7 +35,7 @@ def export(
     ],
     out: Annotated[Path, option("File to write; with --minimal or lerobot a new folder.")],
     run: Annotated[int | None, option("Only this run.", "all runs")] = None,
-    verdict: Annotated[Wanted, option("Which scenes.")] = Wanted.failed,
+    verdict: Annotated[Wanted, option("Which scenes.")] = "failed",
     minimal: Annotated[
         bool, option("A corpus: what is left of triaged failures, with proofs.", flag="--minimal")
     ] = False,
@@ -90,7 +70,7 @@ def export(
             "several.",
             flag="--format",
         ),
-    ] = Format.vlafuzz,
+    ] = "vlafuzz",
     scenes: Annotated[
         Shown | None,
         option(
@@ -138,8 +118,8 @@ def export(
     With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
     one policy in several stores is one failure; a run that is in two of them appears twice.
     """
-    foreign = format_ is Format.vlafuzz and not minimal and all(map(is_document, sources))
-    if format_ is not Format.lerobot or minimal:
+    foreign = format_ == "vlafuzz" and not minimal and all(map(is_document, sources))
+    if format_ != "lerobot" or minimal:
         wanted = {"--scenes": scenes, "--demos": demos, "--demos-per-scene": demos_per_scene, "--hold-out": hold_out}
         refuse(wanted, "only --format lerobot has it")
     if foreign:
@@ -150,21 +130,21 @@ def export(
         refuse({"--controls": controls}, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
     if foreign:
-        _import_scenes(sources, out, frame or Frame.FIT, json=json)
-    elif format_ is Format.store and not minimal:
+        _import_scenes(sources, out, frame or "fit", json=json)
+    elif format_ == "store" and not minimal:
         _merge(sources, out)
     elif len(sources) > 1:
         problem = f"{sources[1]}: several sources are for VLATest's files and --format store"
         raise UsageError(problem, hint="export one after the other")
     elif minimal:
-        if verdict is not Wanted.failed or format_ is not Format.vlafuzz:
+        if verdict != "failed" or format_ != "vlafuzz":
             raise UsageError(
                 "--minimal goes with neither --verdict nor --format",
                 hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
             )
         _export_corpus(sources[0], out, run, controls, firm, workers or 1)
-    elif format_ is Format.lerobot:
-        if verdict is not Wanted.failed:
+    elif format_ == "lerobot":
+        if verdict != "failed":
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(sources[0], out, run, scenes, demos, demos_per_scene, hold_out, workers)
     else:
@@ -174,14 +154,12 @@ def export(
 def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, format_: Format) -> None:
     """Write scenes to one file, ours or one of VLATest."""
     from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
-    from vlafuzz.worlds import world_with
-    from vlafuzz.worlds.capabilities import SceneFormats
 
-    chosen = scenes_of(store, run, verdict.value)
-    exported = write_file(out, chosen, format_.value)
-    if format_ is Format.vlatest and not all(map(world_with(SceneFormats).is_foreign, chosen)):
+    chosen = scenes_of(store, run, verdict)
+    exported = write_file(out, chosen, format_)
+    if format_ == "vlatest" and not all(map(world_with(SceneFormats).is_foreign, chosen)):
         Bar.note("note: positions are stretched from our box onto VLATest's, which undoes --frame fit")
-    what = "scenes" if verdict is Wanted.all or store.suffix in SCENE_FILES else f"{verdict} scenes"
+    what = "scenes" if verdict == "all" or store.suffix in SCENE_FILES else f"{verdict} scenes"
     Bar.note(f"{exported.written} {what} written to {out}")
     _note_left_out(exported.left_out)
 
@@ -212,7 +190,7 @@ def _export_demonstrations(
             store,
             out,
             run,
-            which=(scenes or Shown.failed).value,
+            which=scenes or "failed",
             number=demos,
             per_scene=demos_per_scene or 1,
             hold_out=hold_out or 0.0,
@@ -300,15 +278,13 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
-    from vlafuzz.worlds import world_with
-    from vlafuzz.worlds.capabilities import SceneFormats
 
     world = world_with(SceneFormats)
     with Bar() as bar:
-        imported = [world.import_scenes(path, frame.value) for path in bar.track(files, "reading")]
+        imported = [world.import_scenes(path, frame) for path in bar.track(files, "reading")]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
-    if frame is Frame.KEEP:
+    if frame == "keep":
         Bar.note("note: `export --format vlatest` would move these scenes: it stretches them, as --frame fit does")
     if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):
         left_out = sum(file.left_out for file in imported)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from enum import StrEnum
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Annotated, Any, get_type_hints
@@ -15,15 +14,6 @@ from vlafuzz.cli.output import Bar
 from vlafuzz.errors import UsageError, suggestion
 
 _CONFIG_HINT = "expected the flags of the command, one a line, such as budget: 300"
-
-
-class Frame(StrEnum):
-    """How VLATest's table frame is mapped to ours."""
-
-    FIT = "fit"
-    KEEP = "keep"
-    ORIGINAL = "original"
-    ROBOT = "robot"
 
 
 def listed(names: str | None) -> tuple[str, ...] | None:

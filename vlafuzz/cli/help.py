@@ -85,11 +85,6 @@ def grouped(command: Any) -> Any:
         for option in options:
             special = _PANEL_OF.get(f"{command.name}.{option.name}")
             option.rich_help_panel = special or _PANEL_OF.get(option.name)
-        order = list(PANELS)
-        command.params.sort(key=lambda param: _place(param, order))
+        order = [None, *PANELS]  # arguments have none
+        command.params.sort(key=lambda param: order.index(getattr(param, "rich_help_panel", None)))
     return command
-
-
-def _place(param: Any, order: list[str]) -> int:
-    panel = getattr(param, "rich_help_panel", None)
-    return -1 if param.param_type_name == "argument" else order.index(panel) if panel else len(order)

@@ -10,23 +10,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import (
-    CsvFlag,
-    Frame,
-    JsonFlag,
-    PackFlag,
-    RobotFlag,
-    SeedFlag,
-    WorkersFlag,
-    opened,
-    option,
-    option_of,
-)
+from vlafuzz.cli.flags import CsvFlag, JsonFlag, PackFlag, RobotFlag, SeedFlag, WorkersFlag, opened, option, option_of
 from vlafuzz.cli.lint import FRAME_HELP, check_frame
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.model.scene_lines import is_store
 from vlafuzz.worlds import usual_world
+from vlafuzz.worlds.capabilities import Frame
 
 if TYPE_CHECKING:
     from vlafuzz.lab.studies.sheet import StudyResult
@@ -158,7 +148,7 @@ def coverage(
     rows: list[dict[str, Any]] = []
     with Bar() as bar:
         tracked = bar.track(files, "reading")
-        for path, tracks in tracks_of_files(tracked, operators, (frame or Frame.ORIGINAL).value, bar.note):
+        for path, tracks in tracks_of_files(tracked, operators, frame or "original", bar.note):
             for track in tracks:
                 origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
                 rows += [origin | asdict(row) for row in covered(track, sizes)]

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import Frame, JsonFlag, PackFlag, PlacementFlag, opened, option, refuse
+from vlafuzz.cli.flags import JsonFlag, PackFlag, PlacementFlag, opened, option, refuse
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
 from vlafuzz.common.text import percent
 from vlafuzz.errors import UsageError, check_number, sentence
@@ -17,7 +17,7 @@ from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.worlds import known_worlds, world_with
 from vlafuzz.worlds.audit import CHECKS, AuditedSuite, Scope
-from vlafuzz.worlds.capabilities import PLACEMENTS, Audited, FileVerdicts, SceneFormats
+from vlafuzz.worlds.capabilities import PLACEMENTS, Audited, FileVerdicts, Frame, SceneFormats
 
 FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
 
@@ -86,7 +86,7 @@ def lint(
     with Bar() as bar:
         for path in files:
             quick = is_document(path) and not placement if static is None else static
-            judged.append(linter.lint(path, (frame or Frame.FIT).value, min_distance, None if quick else put, bar))
+            judged.append(linter.lint(path, frame or "fit", min_distance, None if quick else put, bar))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         print_json([file.row() | {"rejections": [asdict(problem) for problem in file.problems]} for file in judged])

@@ -1,30 +1,41 @@
-"""One run of ``vlafuzz run``, with what follows it: forecast, run, causes, certification."""
+"""One run of ``vlafuzz run``, with what follows it: forecast, run, causes, certification.
 
-from __future__ import annotations
+This is loaded after the simulator for workers has begun to load.
+"""
 
 import shlex
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import typer
+from rich.table import Table
 
+from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.forecast import FIRST, Forecast, Speed
+from vlafuzz.campaign.launch import SEARCH, start
+from vlafuzz.campaign.results import Beside, beside_random
+from vlafuzz.campaign.results import again as how_again
+from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
+from vlafuzz.cli.triage import AGAIN, broken, print_causes, triage_store
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, interval, percent, plural, points
 from vlafuzz.errors import PolicyError, StoreError
-
-if TYPE_CHECKING:
-    from vlafuzz.campaign.config import Plan
-    from vlafuzz.campaign.forecast import Forecast, Speed
-    from vlafuzz.campaign.results import Beside
-    from vlafuzz.campaign.tally import Summary, Tally
-    from vlafuzz.common.deadline import Deadline
-    from vlafuzz.failures.causes import CauseList
-    from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.search.probability import Probability
+from vlafuzz.failures.causes import CauseList, causes_of
+from vlafuzz.failures.described import Spaces
+from vlafuzz.failures.triage.jobs import Allowance
+from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, SOON, affordable, hours, pace
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.report.effects import effects_of
+from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
+from vlafuzz.search.probability import Probability
+from vlafuzz.store.records import UNFINISHED
+from vlafuzz.store.store import Store
 
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
@@ -65,11 +76,6 @@ def run_plan(
         again: the command that goes on after an interruption, by default that of the run alone.
         over: of a run that came to its end before, where only what follows it is left to do.
     """
-    from vlafuzz.campaign.forecast import Forecast
-    from vlafuzz.campaign.launch import SEARCH
-    from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.search.base import about, looks_for_causes
-
     certifying = looks_for_causes(plan.strategy) if asked.certify is None else asked.certify
     search = until.after(SEARCH) if asked.triage or certifying else until
     forecast = Forecast(plan, speed, certifying, search, until) if speed else None
@@ -95,9 +101,6 @@ def run_plan(
 
 
 def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -> Summary:
-    from vlafuzz.campaign.launch import start
-    from vlafuzz.store.records import UNFINISHED
-    from vlafuzz.store.store import Store
 
     def note() -> str:
         try:
@@ -127,9 +130,6 @@ class _Progress:
 
     def __call__(self, tally: Tally) -> None:
         """One more trial is stored."""
-        from vlafuzz.campaign.forecast import FIRST
-        from vlafuzz.model.outcome import Verdict
-
         causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
         more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
         self._bar.progress("rollouts", tally.rollouts, self._budget, more)
@@ -142,8 +142,6 @@ class _Progress:
 
 
 def _causes(summary: Summary) -> CauseList | None:
-    from vlafuzz.failures.causes import causes_of
-    from vlafuzz.store.store import Store
 
     with Store.open(Path(summary.store)) as store:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
@@ -155,13 +153,6 @@ def _results(summary: Summary, causes: CauseList | None, says: str, *, show: boo
     A guided run is put beside random ones; random scenes tell how often the policy fails by their values; scenes of a
     file that says how they ended before are compared with that.
     """
-    from vlafuzz.campaign.results import again as how_again
-    from vlafuzz.campaign.results import beside_random
-    from vlafuzz.failures.described import Spaces
-    from vlafuzz.report.effects import effects_of
-    from vlafuzz.search.base import POOL, RANDOM
-    from vlafuzz.store.store import Store
-
     with Store.open(Path(summary.store)) as store:
         run = next(run for run in store.runs() if run.id == summary.run)
         beside = None if summary.strategy in (RANDOM, POOL) else beside_random(store, run.id)
@@ -183,8 +174,6 @@ def _results(summary: Summary, causes: CauseList | None, says: str, *, show: boo
 
 def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
     """Print a run in numbers."""
-    from rich.table import Table
-
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
     judged = summary.verdicts["passed"] + summary.verdicts["failed"]
@@ -218,9 +207,6 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 def _failures(summary: Summary, judged: int, probability: Probability | None) -> dict[str, str]:
     """How often the policy fails; the scenes of a guided run do not say so."""
-    from vlafuzz.common.statistics import Share
-    from vlafuzz.search.base import POOL, RANDOM
-
     failed = summary.verdicts["failed"]
     if summary.strategy == RANDOM:
         share = Share.of_counts(failed, judged)
@@ -237,8 +223,6 @@ def _failures(summary: Summary, judged: int, probability: Probability | None) ->
 
 def _beside(summary: Summary, beside: Beside) -> str:
     """The failure shares of the run and of random generation, in a sentence."""
-    from vlafuzz.failures.triage.pipeline import SOON
-
     if not beside.random_judged:
         takes = f", in about {duration(summary.seconds)}" if summary.seconds > SOON else ""
         return (
@@ -257,10 +241,6 @@ def _beside(summary: Summary, beside: Beside) -> str:
 
 def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> None:
     """Print the causes, or with ``hint`` how to find them; and how to see the first cause or failure."""
-    from vlafuzz.cli.triage import print_causes
-    from vlafuzz.failures.triage.pipeline import hours
-    from vlafuzz.store.store import Store
-
     if found:
         print_causes(replace(found, probability=None))  # which the summary has said
     elif hint and summary.findings:
@@ -277,9 +257,6 @@ def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> N
 
 def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
     """How to certify as many causes as are missing after an interruption, or when the time is over."""
-    from vlafuzz.failures.triage.pipeline import affordable, hours
-    from vlafuzz.store.store import Store
-
     missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
     if missing > 0:
         trust = trust_flag(plan.manifest.policy)
@@ -295,8 +272,6 @@ def _triage(
 
     None if interrupted.
     """
-    from vlafuzz.cli.triage import AGAIN, broken, triage_store
-
     if found and found.found and not asked.triage and not _foresee(plan, found, allowance.deadline, forecast):
         _hint_at_rest(plan, found)
         return {}
@@ -312,9 +287,6 @@ def _triage(
 
 def _foresee(plan: Plan, found: CauseList, until: Deadline, forecast: Forecast | None) -> bool:
     """Say how long certification takes by the time that rollouts took; whether there is time for a cause."""
-    from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable, pace
-    from vlafuzz.store.store import Store
-
     with Store.open(plan.store) as store:
         seconds = pace(store, plan.triage_place.workers)
     one = forecast.certifying(PER_FINDING, seconds) if forecast else PER_FINDING * seconds

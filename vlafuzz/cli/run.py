@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
-from vlafuzz.cli.one_run import Asked, Done, run_plan
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.tally import Summary
+    from vlafuzz.cli.one_run import Asked, Done
     from vlafuzz.common.deadline import Deadline
     from vlafuzz.doctor.before_run import Checked
 
@@ -77,6 +77,7 @@ def command(
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
+    from vlafuzz.cli.one_run import Asked, run_plan
     from vlafuzz.worlds import task_of, tasks_named
 
     named = task_of(world, given["task"])
@@ -147,6 +148,7 @@ def _run_tasks(
         The runs, and in a sentence which tasks were not begun as the time was over.
     """
     from vlafuzz.campaign.config import RunConfig, default_store
+    from vlafuzz.cli.one_run import run_plan
     from vlafuzz.report.counts import standings_of
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import default_policy, tasks_named
@@ -156,7 +158,8 @@ def _run_tasks(
     path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
     config = RunConfig(**{**flags, "store": path, "policy": policy, "task": None, "command": _typed()})
     again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
-    runs, first, left = list[Done](), None, ""
+    first, left = None, ""
+    runs: list[Done] = []
     for number, task in enumerate(tasks):
         if until.passed:
             left = f"--time was over before these tasks began: {', '.join(tasks[number:])}"

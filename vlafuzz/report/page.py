@@ -1,10 +1,11 @@
 """Views and sheets as self-contained HTML pages."""
 
 from base64 import b64encode
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from vlafuzz import __version__
@@ -22,17 +23,19 @@ def render(view: View, *, refresh: int | None = None) -> str:
     Args:
         refresh: seconds after which the browser loads it again.
     """
-    return _template("page.html.j2").render(
+    page = _environment().get_template("page.html.j2")
+    return page.render(
         view=view, buckets=BUCKETS, solvers=SOLVERS, speed=FILM_SPEED, version=__version__, refresh=refresh
     )
 
 
 def render_sheet(sheet: Sheet) -> str:
     """A sheet as one HTML page without external resources."""
-    return _template("sheet.html.j2").render(sheet=sheet, version=__version__)
+    return _environment().get_template("sheet.html.j2").render(sheet=sheet, version=__version__)
 
 
-def _template(name: str) -> Template:
+@cache
+def _environment() -> Environment:
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,  # names and instructions are untrusted text
@@ -41,18 +44,17 @@ def _template(name: str) -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"percent": percent, "data": _data}
+    environment.filters |= {
+        "percent": percent,
+        "data": lambda content, kind: f"data:{kind};base64,{b64encode(content).decode('ascii')}",
+    }
     environment.globals["interval"] = interval
-    return environment.get_template(name)
+    return environment
 
 
 def _shown(value: object) -> object:
     """What a page shows of a value: text without signs that hide something from whoever copies it."""
     return printable(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-
-
-def _data(content: bytes, kind: str) -> str:
-    return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
 
 
 def check_place(out: Path) -> None:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import interval
@@ -127,13 +128,12 @@ class Card:
         return f"without it {counts} ({interval(rate.low, rate.high)})"
 
 
-@dataclass(frozen=True)
-class Filter:
+class Filter(NamedTuple):
     """A filter of the gallery, by one of ``choices`` at a time."""
 
     key: str
     name: str
-    choices: tuple[str, ...]
+    choices: Iterable[str]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,15 +172,11 @@ class View:
     def filters(self) -> tuple[Filter, ...]:
         shown = [card.of for card in self.cards]
         return (
-            Filter("task", "Task", _choices(one.scene.task for one in shown)),
-            Filter("stage", "Lost stage", _choices(one.lost_stage for one in shown)),
-            Filter("operator", "Operator", _choices(name for one in shown for name in one.operators)),
-            Filter("evidence", "Evidence", _choices(one.bucket for one in shown)),
+            Filter("task", "Task", sorted({one.scene.task for one in shown})),
+            Filter("stage", "Lost stage", sorted({one.lost_stage for one in shown})),
+            Filter("operator", "Operator", sorted({name for one in shown for name in one.operators})),
+            Filter("evidence", "Evidence", sorted({one.bucket for one in shown})),
         )
-
-
-def _choices(values: Iterable[str]) -> tuple[str, ...]:
-    return tuple(sorted(set(values)))
 
 
 @dataclass(frozen=True)
