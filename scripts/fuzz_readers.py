@@ -22,7 +22,7 @@ with atheris.instrument_imports(include=["vlafuzz"]):
     from vlafuzz.model.scene import Scene
     from vlafuzz.model.scene_lines import load_scenes
     from vlafuzz.policies.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
-    from vlafuzz.policies.clients.profiles import load_profile
+    from vlafuzz.policies.clients.options import load_profile
     from vlafuzz.worlds.tabletop.objects.references import check_references
     from vlafuzz.worlds.tabletop.space import load_operators
 

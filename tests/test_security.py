@@ -24,7 +24,7 @@ from vlafuzz.common.assets import corpus_dir
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.clients import msgpack_wire, openvla
-from vlafuzz.policies.clients.profiles import load_profile, options_of
+from vlafuzz.policies.clients.options import load_profile, profile_options
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.objects import open_packs
 from vlafuzz.worlds.tabletop.objects.schema import read_file
@@ -232,7 +232,7 @@ class TestProfiles:
     @pytest.mark.parametrize("name", ["../profiles/libero", "/libero", "..", ""])
     def test_one_of_ours_is_named_by_its_name_alone(self, name, opened):
         with pytest.raises(UsageError, match="unknown profile"):
-            options_of(name, "openpi")
+            profile_options(name, "openpi")
         assert {Path(path).resolve().parent.name for path in opened} <= {"profiles", "clients"}
 
     @pytest.mark.parametrize(

@@ -14,8 +14,7 @@ from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.openvla import OpenVla
-from vlafuzz.policies.clients.options import ProfiledOptions
-from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.options import ProfiledOptions, known_profiles
 from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import client, make_policy
 from vlafuzz.worlds.manipulation.rigs.camera import camera_pose

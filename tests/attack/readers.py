@@ -19,7 +19,7 @@ from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene_lines import is_document
-from vlafuzz.policies.clients.profiles import load_profile
+from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import load_jitter
 from vlafuzz.worlds.tabletop.lint import lint

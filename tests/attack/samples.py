@@ -22,7 +22,7 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.clients import profiles
+from vlafuzz.policies.clients.options import PROFILES
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
@@ -39,7 +39,7 @@ def folder() -> Path:
 @cache
 def yamls(pattern: str) -> tuple[tuple[str, Any], ...]:
     """Text and content of shipped files."""
-    places = {"profile": profiles.FOLDER.glob("*.yaml"), "objects": [operators_dir() / "objects" / "builtin.yaml"]}
+    places = {"profile": PROFILES.glob("*.yaml"), "objects": [operators_dir() / "objects" / "builtin.yaml"]}
     files = places.get(pattern) or operators_dir().glob(pattern)
     return tuple((path.read_text(), yaml.safe_load(path.read_text())) for path in sorted(files))
 

@@ -15,7 +15,7 @@ from tests.attack import mutators
 from tests.attack.readers import Reader, Rng
 from tests.policies.clients import groot_server
 from tests.policies.clients.served import black, seen, start
-from vlafuzz.policies.clients import openvla, websocket_connection, zmq_connection
+from vlafuzz.policies.clients import groot, openpi, openvla, vla_eval
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval
 from vlafuzz.rollouts.policies import make_policy
 
@@ -113,7 +113,7 @@ def vla_eval_frames(rng: Rng, folder: Path) -> None:
     greeted = pack_vla_eval("hello", HELLO, 1)
     first = frame_of(rng, hello, "vla-eval") if rng.random() < 0.4 else greeted
     frames = first, greeted, frame_of(rng, reply, "vla-eval")
-    _rolled("vla-eval:ws://127.0.0.1:9?camera=0", websocket_connection, "WebSocketConnection", *frames)
+    _rolled("vla-eval:ws://127.0.0.1:9?camera=0", vla_eval, "WebSocketConnection", *frames)
 
 
 def openpi_frames(rng: Rng, folder: Path) -> None:
@@ -123,7 +123,7 @@ def openpi_frames(rng: Rng, folder: Path) -> None:
     if rng.random() < 0.1:
         frame = mutators.text(rng, "Traceback\nValueError: x")
     frames = pack_openpi({}), pack_openpi({}), frame
-    _rolled(f"openpi:ws://127.0.0.1:9?{query}", websocket_connection, "WebSocketConnection", *frames)
+    _rolled(f"openpi:ws://127.0.0.1:9?{query}", openpi, "WebSocketConnection", *frames)
 
 
 def groot_frames(rng: Rng, folder: Path) -> None:
@@ -132,7 +132,7 @@ def groot_frames(rng: Rng, folder: Path) -> None:
     reset, config = msgpack.packb({}), msgpack.packb(marks)
     first = frame_of(rng, marks, "groot") if rng.random() < 0.3 else config
     frames = first, config, reset, frame_of(rng, reply, "groot")
-    _rolled("groot:tcp://127.0.0.1:9?camera=0", zmq_connection, "ZmqConnection", *frames)
+    _rolled("groot:tcp://127.0.0.1:9?camera=0", groot, "ZmqConnection", *frames)
 
 
 def act_frames(rng: Rng, folder: Path) -> None:

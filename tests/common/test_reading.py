@@ -18,7 +18,7 @@ from vlafuzz.common.reading import inflated, npy_array, read_bytes
 from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
-from vlafuzz.policies.clients.profiles import load_profile
+from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.worlds.manipulation.jitter import load_jitter
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.schema import read_file

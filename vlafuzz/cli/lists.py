@@ -50,7 +50,7 @@ def objects(pack: PackFlag = None, json: JsonFlag = False, csv: CsvFlag = False)
 
 def policies(json: JsonFlag = False, csv: CsvFlag = False) -> None:
     """List the policies that can be tested."""
-    from vlafuzz.policies.clients.profiles import known_profiles
+    from vlafuzz.policies.clients.options import known_profiles
     from vlafuzz.policies.clients.servers import client
     from vlafuzz.rollouts.policies import known_policies
 

@@ -68,9 +68,8 @@ class ActionSpec:
     Attributes:
         rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles as in ManiSkill; ``rpy``,
             extrinsic (fixed-axis) x-y-z angles as in most data sets.
-        relative_to: whether a delta is added to the last target or to the hand's current pose. position_scale: metres
-        per unit.
-        rotation_scale: radians per unit.
+        relative_to: whether a delta is added to the last target or to the hand's current pose.
+        position_scale: metres per unit; ``rotation_scale``: radians per unit.
         gripper: ``open_positive`` and ``close_positive`` are in [-1, 1] with the threshold at 0, ``open_01`` and
             ``close_01`` in [0, 1] with the threshold at 0.5.
         sticky: control steps for which a changed gripper command is held.
@@ -106,14 +105,14 @@ class PolicySpec:
 
     Attributes:
         cameras: images to render.
-        silhouettes: outlines of what the third-person camera sees; they need physics only, no renderer. state:
-        proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
+        silhouettes: outlines of what the third-person camera sees; they need physics only, no renderer.
+        state: proprioception ``(7,)``: position of the TCP in metres, its rotation vector in radians, and the
             gripper's opening, 1 for fully open.
-        privileged: the simulator's state and the scene itself: for experts, never for a policy under test. calibrated:
-        the true camera and light, and which objects the instruction means: for the seeing expert. execute: actions of a
-        chunk to execute before the next call; None for all of them. deterministic: the same observations and seed
-        always give the same actions.
+        privileged: the simulator's state and the scene itself: for experts, never for a policy under test.
+        execute: actions of a chunk to execute before the next call; None for all of them.
+        deterministic: the same observations and seed always give the same actions.
         max_batch: the largest number of observations in one call of ``act``.
+        calibrated: the true camera and light, and which objects the instruction means: for the seeing expert.
     """
 
     name: str
@@ -180,8 +179,8 @@ class Outlines:
     """What the third-person camera sees, reduced to outlines.
 
     Attributes:
-        things: every object that is at least partly visible, in an order that carries no information. hand: ``(2,)``
-        the tool centre point as (u, v) in [0, 1]; None when out of view.
+        things: every object that is at least partly visible, in an order that carries no information.
+        hand: ``(2,)`` the tool centre point as (u, v) in [0, 1]; None when out of view.
         table: ``(3,)`` apparent colour of the table.
     """
 

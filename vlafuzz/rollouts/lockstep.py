@@ -13,7 +13,6 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
-from vlafuzz.policies.clients.servers import answers_batches
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import Batches, broken, checked
 from vlafuzz.worlds.evaluation import Evaluation, SteppedEvaluator, proceed
@@ -24,7 +23,7 @@ Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes,
 
 def lanes_for(policy: Policy) -> int:
     """Scenes at a time for a policy: as many as its server batches; one where it answers one by one."""
-    return policy.spec.max_batch if answers_batches(policy) else 1
+    return policy.spec.max_batch if getattr(policy, "answers_batches", False) else 1
 
 
 class LockstepExecutor:

@@ -14,8 +14,9 @@ def no_pause(monkeypatch):
 @pytest.fixture
 def opened(monkeypatch):
     """All connections that a test opens, which it must close."""
+    from websockets.sync import client as sockets
+
     from tests.policies.clients.served import still_open
-    from vlafuzz.policies.clients import websocket_connection as sockets
 
     connections, connect = [], sockets.connect
     monkeypatch.setattr(sockets, "connect", lambda *a, **k: connections.append(connect(*a, **k)) or connections[-1])

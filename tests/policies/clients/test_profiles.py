@@ -14,8 +14,7 @@ from vlafuzz.policies.clients.lerobot import LeRobotOptions
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi, OpenPiOptions
 from vlafuzz.policies.clients.openvla import ActOptions, OpenVla
-from vlafuzz.policies.clients.options import ProfiledOptions, VlaEvalOptions
-from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.options import ProfiledOptions, VlaEvalOptions, known_profiles
 from vlafuzz.policies.clients.servers import client, parse
 from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, VlaEval
 from vlafuzz.rollouts.policies import check_policy_name

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from websockets.sync import client as sockets
 
 from tests.policies.clients.served import (
     CLOSE,
@@ -26,7 +27,6 @@ from tests.policies.clients.served import (
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import Observation, Policy
-from vlafuzz.policies.clients import websocket_connection as sockets
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import make_policy

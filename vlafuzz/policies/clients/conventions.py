@@ -14,18 +14,18 @@ Array = NDArray[np.float64]
 State = NDArray[np.float32]
 
 
-def _two_columns(numbers: Array) -> Rotation:
-    """From the first two columns of the matrix (Zhou et al., 2019), which are made orthonormal."""
-    first = _unit(numbers[:, :3])
-    second = _unit(numbers[:, 3:] - np.sum(first * numbers[:, 3:], axis=1, keepdims=True) * first)
-    return Rotation.from_matrix(np.stack([first, second, np.cross(first, second)], axis=-1))
-
-
 def _unit(vectors: Array) -> Array:
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     if not (lengths > 1e-9).all():
         raise ValueError("six numbers that are no rotation: two columns of a matrix are not parallel, nor zero")
     return np.asarray(vectors / lengths)
+
+
+def _two_columns(numbers: Array) -> Rotation:
+    """From the first two columns of the matrix (Zhou et al., 2019), which are made orthonormal."""
+    first = _unit(numbers[:, :3])
+    second = _unit(numbers[:, 3:] - np.sum(first * numbers[:, 3:], axis=1, keepdims=True) * first)
+    return Rotation.from_matrix(np.stack([first, second, np.cross(first, second)], axis=-1))
 
 
 # A hand that points down is half a turn about x away from the base. Its angle would jump between 180 and -180
@@ -47,18 +47,6 @@ def _quaternions(turns: Rotation) -> Array:
     return np.asarray(numbers)
 
 
-def _angles(turns: Rotation, axes: str) -> Array:
-    """``(n, 3)`` Euler angles, the first one from -90 to 270 degrees."""
-    angles = turns.as_euler(axes)
-    angles[angles[:, 0] < -np.pi / 2, 0] += 2 * np.pi
-    return np.asarray(angles)
-
-
-def _columns(turns: Rotation) -> Array:
-    """``(n, 3, 2)``: the first two columns of the matrices."""
-    return np.asarray(turns.as_matrix()[:, :, :2])
-
-
 class Numbers(NamedTuple):
     """A rotation as ``width`` numbers: how they are read, and how they are written."""
 
@@ -67,17 +55,27 @@ class Numbers(NamedTuple):
     write: Callable[[Rotation], Array]
 
 
+def _euler(axes: str) -> Numbers:
+    def angles(turns: Rotation) -> Array:
+        """``(n, 3)`` Euler angles, the first one from -90 to 270 degrees."""
+        written = turns.as_euler(axes)
+        written[written[:, 0] < -np.pi / 2, 0] += 2 * np.pi
+        return np.asarray(written)
+
+    return Numbers(3, lambda n: Rotation.from_euler(axes, n), angles)
+
+
 ROTATIONS = {
     "axis_angle": Numbers(3, Rotation.from_rotvec, _vectors),
-    "rpy": Numbers(3, lambda n: Rotation.from_euler("xyz", n), lambda turns: _angles(turns, "xyz")),
-    "euler_xyz": Numbers(3, lambda n: Rotation.from_euler("XYZ", n), lambda turns: _angles(turns, "XYZ")),
+    "rpy": _euler("xyz"),
+    "euler_xyz": _euler("XYZ"),
     "quaternion_xyzw": Numbers(4, Rotation.from_quat, _quaternions),
     "quaternion_wxyz": Numbers(
         4, lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)), lambda turns: np.roll(_quaternions(turns), 1, axis=1)
     ),
-    "rot6d": Numbers(6, _two_columns, lambda turns: _columns(turns).transpose(0, 2, 1).reshape(-1, 6)),
+    "rot6d": Numbers(6, _two_columns, lambda turns: turns.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)),
     "rot6d_interleaved": Numbers(  # in row-major order
-        6, lambda n: _two_columns(n[:, [0, 2, 4, 1, 3, 5]]), lambda turns: _columns(turns).reshape(-1, 6)
+        6, lambda n: _two_columns(n[:, [0, 2, 4, 1, 3, 5]]), lambda turns: turns.as_matrix()[:, :, :2].reshape(-1, 6)
     ),
 }
 SCALED = tuple(name for name, numbers in ROTATIONS.items() if numbers.width == 3)
@@ -88,8 +86,8 @@ class Convention:
     """What the numbers of a model's action mean: a position, a rotation and the gripper.
 
     Attributes:
-        pose: the action is a target pose in the frame of the proprioception, instead of a delta. tool: deltas are in
-        the hand's frame, instead of the robot's base.
+        pose: the action is a target pose in the frame of the proprioception, instead of a delta.
+        tool: deltas are in the hand's frame, instead of the robot's base.
         rotation: a name of ``ROTATIONS``.
         position_scale: metres per unit; ``rotation_scale``: radians per unit, only for ``SCALED``.
     """
@@ -120,8 +118,7 @@ class Convention:
         """
         width, read, _ = ROTATIONS[self.rotation]
         if actions.ndim != 2 or actions.shape[1] != 4 + width:
-            expected = f"expected (steps, {4 + width}) with {self.rotation}"
-            raise ValueError(f"actions of shape {actions.shape}, {expected}")
+            raise ValueError(f"actions of shape {actions.shape}, expected (steps, {4 + width}) with {self.rotation}")
         if not np.isfinite(actions).all():
             raise ValueError(f"an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}")
         shifts = actions[:, :3] * self.position_scale
@@ -163,11 +160,11 @@ def _quaternion(state: State) -> State:
 def _from_down(state: State) -> State:
     """Angles relative to a hand that points down; the fingers are alike, so the smaller turn counts."""
     now = Rotation.from_rotvec(state[3:6])
-    turn = min((now * down for down in _DOWN), key=lambda turned: float(turned.magnitude()))
+    down = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
+    turn = min((now * half for half in down), key=lambda turned: float(turned.magnitude()))
     return np.concatenate([state[:3], turn.as_euler("xyz"), [0.0], state[6:]], dtype=np.float32)
 
 
-_DOWN = Rotation.from_rotvec(np.pi * np.eye(3)[:2])  # half turns about x and about y, each its own inverse
 OWN = "eef_pos3_axisangle3_gripper1"  # as in ``PolicySpec.state``
 MEASURED = "eef_pos3_axisangle3_gripper2"  # with both fingers, where a world measures them
 # How our seven numbers are sent.

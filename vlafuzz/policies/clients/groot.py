@@ -10,8 +10,10 @@ from pydantic import AfterValidator, BaseModel
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.connections import ZmqConnection
 from vlafuzz.policies.clients.conventions import layout_width
 from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.harness import check_chunks
@@ -88,14 +90,12 @@ class Groot:
     options: ClassVar[type[CommonOptions]] = GrootOptions
 
     def __init__(self, address: Address) -> None:
-        with needed(address.name):
-            from vlafuzz.policies.clients import msgpack_wire, zmq_connection
         self._name, self._url, self._options = address.name, address.url, address.options
-        self._msgpack, self._connect = msgpack_wire, zmq_connection.ZmqConnection
-        self._connection: zmq_connection.ZmqConnection | None = None
+        self._connection: ZmqConnection | None = None
         self._model = Model(address.name, address.options)
         self.spec = self._model.spec
-        with wire.required("GR00T", "start it first: python gr00t/eval/run_gr00t_server.py …"):
+        start_it = "start it first: python gr00t/eval/run_gr00t_server.py …"
+        with needed(self._name, "msgpack", "zmq"), wire.required("GR00T", start_it):
             self._modalities = self._get_modalities()
         with wire.closed_on_error(self):
             self._check_keys()
@@ -194,7 +194,7 @@ class Groot:
         """One request; the connection is opened when there is none, and closed when it breaks."""
         with wire.closed_on_error(self):
             if self._connection is None:
-                self._connection = self._connect(self._url, self._options.timeout)
-            frame = self._connection.ask(self._msgpack.pack_groot(message))
+                self._connection = ZmqConnection(self._url, self._options.timeout)
+            frame = self._connection.ask(pack_groot(message))
             with wire.read(f"{self._url}: not a GR00T message"):
-                return self._msgpack.unpack_groot(frame)
+                return unpack_groot(frame)

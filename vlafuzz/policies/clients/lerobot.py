@@ -77,7 +77,7 @@ class LeRobot:
             hint = f"lerobot:{inner[0]}" if inner else "name the folder that lerobot saved"
             missing = "no config.json there" if folder.is_dir() else "no such folder"
             raise UsageError(f"{address.name}: {missing}", hint)
-        with needed(address.name, INSTALL), _loading(address.name):
+        with needed(address.name, hint=INSTALL), _loading(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
         self._name, self._card = address.name, _card(address.name, self._policy.config)
         self._model = Model(address.name, fitted(address.name, address.options, self._card))

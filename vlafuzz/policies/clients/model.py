@@ -7,8 +7,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.clients.conventions import sent
-from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
-from vlafuzz.policies.clients.profiles import known_profiles
+from vlafuzz.policies.clients.options import SIDE, ProfiledOptions, known_profiles
 
 
 class Model:
@@ -16,11 +15,20 @@ class Model:
 
     def __init__(self, name: str, options: ProfiledOptions) -> None:
         self._options, self._convention, self.layout = options, options.convention, options.layout
+        units: dict[str, Any] = {}
+        if self._convention.plain:  # else ``actions`` makes them metric
+            units = {name: getattr(options, name) for name in ("rotation", "position_scale", "rotation_scale")}
         server = getattr(options, "protocol", "")
         self.spec = PolicySpec(
             name,
             version=options.version or "1",
-            action=_action(options),
+            action=ActionSpec(
+                **units,
+                relative_to="current" if self._convention.measured else options.relative_to,
+                gripper=options.gripper or "open_positive",
+                sticky=options.sticky,
+                hz=options.hz,
+            ),
             cameras=_cameras(options),
             state=self.layout is not None or self._convention.measured,
             execute=options.execute,
@@ -33,8 +41,7 @@ class Model:
         """An observation under the model's own keys, third-person picture first."""
         options = self._options
         keys = {"front": options.image_key, "wrist": options.wrist_key}
-        names = [camera.name for camera in self.spec.cameras]
-        message: dict[str, Any] = {keys[name]: seen.images[name] for name in names}
+        message: dict[str, Any] = {keys[camera.name]: seen.images[camera.name] for camera in self.spec.cameras}
         if self.layout is not None and seen.state is not None:
             message[options.state_key] = sent(self.layout, seen)
         return message | {options.instruction_key: seen.instruction}
@@ -61,19 +68,6 @@ class Model:
             return chunk
         hand = np.zeros(6) if seen.state is None else seen.state[:6].astype(np.float64)
         return self._convention.moves(chunk, hand)
-
-
-def _action(options: ProfiledOptions) -> ActionSpec:
-    units: dict[str, Any] = {}
-    if options.convention.plain:  # else ``Model.actions`` makes them metric
-        units = {name: getattr(options, name) for name in ("rotation", "position_scale", "rotation_scale")}
-    return ActionSpec(
-        **units,
-        relative_to="current" if options.convention.measured else options.relative_to,
-        gripper=options.gripper or "open_positive",
-        sticky=options.sticky,
-        hz=options.hz,
-    )
 
 
 def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:

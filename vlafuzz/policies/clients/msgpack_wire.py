@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import msgpack
 import numpy as np
 
 from vlafuzz.common.reading import KINDS, array_of, npy_array
@@ -24,7 +23,7 @@ MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "
 
 
 def pack_openpi(message: Mapping[str, Any]) -> bytes:
-    return bytes(msgpack.packb(message, default=_encode_openpi))
+    return _pack(message, _encode_openpi)
 
 
 def unpack_openpi(frame: bytes) -> dict[Any, Any]:
@@ -36,8 +35,7 @@ def unpack_openpi(frame: bytes) -> dict[Any, Any]:
 
 
 def pack_vla_eval(kind: str, payload: Mapping[str, Any], number: int) -> bytes:
-    message = {"type": kind, "payload": payload, "seq": number, "timestamp": time.time()}
-    return bytes(msgpack.packb(message, default=_encode_vla_eval))
+    return _pack({"type": kind, "payload": payload, "seq": number, "timestamp": time.time()}, _encode_vla_eval)
 
 
 def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
@@ -54,7 +52,7 @@ def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
 
 
 def pack_groot(message: object) -> bytes:
-    return bytes(msgpack.packb(message, default=_encode_groot))
+    return _pack(message, _encode_groot)
 
 
 def unpack_groot(frame: bytes) -> Any:
@@ -62,7 +60,15 @@ def unpack_groot(frame: bytes) -> Any:
     return _unpack(frame, _decode_groot)
 
 
+def _pack(message: object, encode: Callable[[Any], Any]) -> bytes:
+    import msgpack
+
+    return bytes(msgpack.packb(message, default=encode))
+
+
 def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
+    import msgpack
+
     left = MOST_VALUES
 
     def counted(values: Any) -> Any:
@@ -72,14 +78,9 @@ def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
             raise ValueError(f"more than {MOST_VALUES} values")
         return values
 
+    most = {"max_array_len": MOST_VALUES, "max_map_len": MOST_VALUES}
     try:
-        return msgpack.unpackb(
-            frame,
-            object_hook=lambda values: decode(counted(values)),
-            list_hook=counted,
-            max_array_len=MOST_VALUES,
-            max_map_len=MOST_VALUES,
-        )
+        return msgpack.unpackb(frame, object_hook=lambda values: decode(counted(values)), list_hook=counted, **most)
     except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
 
@@ -106,8 +107,7 @@ def _decode_openpi(value: dict[Any, Any]) -> Any:
 def _encode_vla_eval(value: Any) -> Any:
     check_sendable(value)
     # Uncompressed: PNG compression of an image takes longer than simulating the step.
-    shape = list(value.shape)
-    return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": shape}
+    return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": list(value.shape)}
 
 
 def _decode_vla_eval(value: dict[str, Any]) -> Any:

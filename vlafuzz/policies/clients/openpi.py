@@ -1,18 +1,17 @@
 """Models behind openpi's policy server."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.connections import WebSocketConnection
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
-from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.sessions import Session, Sessions
 
 
@@ -36,17 +35,11 @@ class OpenPi(Sessions):
     form: ClassVar[str] = "openpi:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
     options: ClassVar[type[CommonOptions]] = OpenPiOptions
-    server, start_it = "openpi", "uv run scripts/serve_policy.py …"
-
-    def __init__(self, address: Address) -> None:
-        with needed(address.name):
-            from vlafuzz.policies.clients import msgpack_wire, websocket_connection
-        self._msgpack, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
-        super().__init__(address)
+    server, start_it, packages = "openpi", "uv run scripts/serve_policy.py …", ("msgpack", "websockets")
 
     def _open(self, start: EpisodeStart | None) -> Session:
         headers = wire.rollout_header(start) if start else {}
-        session = OpenPiSession(self._connect(self._url, self._options.timeout, headers), self._msgpack)
+        session = OpenPiSession(WebSocketConnection(self._url, self._options.timeout, headers))
         with wire.closed_on_error(session):
             session.receive()  # the server's metadata, which is arbitrary
         return session
@@ -55,12 +48,8 @@ class OpenPi(Sessions):
 class OpenPiSession(Session):
     """A rollout at such a server."""
 
-    def __init__(self, connection: Any, msgpack: Any) -> None:
-        super().__init__(connection)
-        self._msgpack = msgpack
-
     def ask(self, seen: Observation) -> None:
-        self._connection.send(self._msgpack.pack_openpi(self.model.message(seen)))
+        self._connection.send(pack_openpi(self.model.message(seen)))
         self._unanswered.append(seen)
 
     def answer(self, wait: float) -> NDArray[np.float64]:
@@ -72,8 +61,7 @@ class OpenPiSession(Session):
         url, frame = self._connection.url, self._connection.receive(wait)
         if not isinstance(frame, str):
             with wire.read(f"{url}: not an openpi message"):
-                message: dict[object, object] = self._msgpack.unpack_openpi(frame)
-            return message
+                return unpack_openpi(frame)
         last = wire.short(frame.strip().rpartition("\n")[2] or frame)  # of a traceback
         key = re.fullmatch(r"KeyError: '([^']+)'", last)
         sent = self.model.message(self._unanswered[0]) if self._unanswered else {}

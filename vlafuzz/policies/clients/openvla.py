@@ -4,8 +4,6 @@ The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clien
 more, which servers accept, too.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Mapping, Sequence
@@ -17,7 +15,7 @@ from numpy.typing import NDArray
 from vlafuzz.common.reading import array_of
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.http_connection import HttpConnection
+from vlafuzz.policies.clients.connections import HttpConnection
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.sessions import Session, Sessions
 
@@ -26,8 +24,8 @@ class ActOptions(ProfiledOptions):
     """The user's options for the model. The default keys are OpenVLA's; OFT needs image_key=full_image.
 
     Attributes:
-        unnorm_key: the data set whose statistics scale the actions; None for the model's default. encoded: encode the
-        JSON as a string once more.
+        unnorm_key: the data set whose statistics scale the actions; None for the model's default.
+        encoded: encode the JSON as a string once more.
     """
 
     protocol: ClassVar[str] = "http"
@@ -87,7 +85,13 @@ class ActSession(Session):
 
 def encode(value: object) -> bytes:
     """A value as JSON."""
-    return json.dumps(value, default=_encode).encode()
+
+    def written(array: Any) -> Any:
+        wire.check_sendable(array, np.ndarray | np.generic)
+        data = base64.b64encode(array.tobytes()).decode()
+        return {"__numpy__": data, "dtype": array.dtype.str, "shape": list(array.shape)}
+
+    return json.dumps(value, default=written).encode()
 
 
 def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
@@ -106,20 +110,13 @@ def decode(body: bytes | str) -> Any:
 
 
 def _parsed(text: bytes | str) -> Any:
+    def read(value: dict[str, Any]) -> Any:
+        if "__numpy__" not in value:
+            return value
+        array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
+        return array if array.shape else array[()]
+
     signs = text if isinstance(text, bytes) else text.encode("utf-8", "replace")
     if sum(map(signs.count, (b"{", b"[", b","))) > wire.MOST_VALUES:  # base64 has none of them
         raise ValueError(f"more than {wire.MOST_VALUES} values")
-    return json.loads(text, object_hook=_decode)
-
-
-def _encode(value: Any) -> Any:
-    wire.check_sendable(value, np.ndarray | np.generic)
-    data = base64.b64encode(value.tobytes()).decode()
-    return {"__numpy__": data, "dtype": value.dtype.str, "shape": list(value.shape)}
-
-
-def _decode(value: dict[str, Any]) -> Any:
-    if "__numpy__" not in value:
-        return value
-    array = array_of(base64.b64decode(value["__numpy__"]), value["dtype"], value["shape"])
-    return array if array.shape else array[()]
+    return json.loads(text, object_hook=read)

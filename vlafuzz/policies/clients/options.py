@@ -1,15 +1,21 @@
-"""Options in the names of policies behind servers and in folders: what a model is sent, and what it means."""
+"""Options in the names of policies behind servers and in folders, and profiles: the options of known models."""
 
 import hashlib
 import math
 import re
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator
 
+from vlafuzz.common.reading import read_yaml, validated
+from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.policies.base import SIM_HZ, PolicySpec
 from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, SCALED, Convention
 
+PROFILES = Path(__file__).parent / "profiles"
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
 # Options that are guessed where nobody gives them: what the default means. A wrong one makes any model fail.
 CONVENTIONS = {
@@ -47,14 +53,13 @@ def _signed(scale: float) -> float:
 
 
 # Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
-State = Literal[
-    "0",
-    "1",
+_Layout = Literal[
     "eef_pos3_axisangle3_gripper1",
     "eef_pos3_axisangle3_gripper2",
     "eef_pos3_quat4_gripper1",
     "eef_pos3_rpy3_pad1_gripper1",
 ]
+State = Literal["0", "1", _Layout]
 Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Size = Annotated[tuple[int, int], BeforeValidator(_size)]
 _Count = Annotated[int, Field(ge=1)]
@@ -87,9 +92,8 @@ class CommonOptions(BaseModel):
         """The profile, with a digest of all options that follow from it: a file of one may be edited."""
         if self.profile is None:
             return {"profile": "none"}
-        options = self.model_dump_json(exclude={"version", "timeout"})
-        digest = hashlib.blake2b(options.encode(), digest_size=6).hexdigest()
-        return {"profile": self.profile, "options": digest}
+        options = self.model_dump_json(exclude={"version", "timeout"}).encode()
+        return {"profile": self.profile, "options": hashlib.blake2b(options, digest_size=6).hexdigest()}
 
     def refusals(self) -> list[tuple[str, str]]:
         """Options that cannot be executed or sent, each as a message and a hint."""
@@ -147,8 +151,9 @@ class ProfiledOptions(CommonOptions):
 
     @property
     def convention(self) -> Convention:
-        pose, tool = self.action == "eef_pose", self.frame == "tool"
-        return Convention(pose, tool, self.rotation, self.position_scale, self.rotation_scale)
+        return Convention(
+            self.action == "eef_pose", self.frame == "tool", self.rotation, self.position_scale, self.rotation_scale
+        )
 
     @property
     def layout(self) -> str | None:
@@ -159,19 +164,63 @@ class ProfiledOptions(CommonOptions):
     def refusals(self) -> list[tuple[str, str]]:
         problems = []
         if self.action.startswith("joint"):
-            message = f"its actions are of joints ({self.action.replace('_', ' ')}), which cannot be executed"
-            problems.append((message, "supported: action=eef_delta and action=eef_pose"))
+            joints = f"its actions are of joints ({self.action.replace('_', ' ')}), which cannot be executed"
+            problems.append((joints, "supported: action=eef_delta and action=eef_pose"))
         if self.state == "joint_positions":
-            message = "joint positions cannot be sent as proprioception"
-            problems.append((message, f"supported: {', '.join(LAYOUTS)}, 0"))
+            supported = f"supported: {', '.join(LAYOUTS)}, 0"
+            problems.append(("joint positions cannot be sent as proprioception", supported))
         if SIM_HZ % self.hz:
-            message = f"hz: expected a divisor of {SIM_HZ}, got {self.hz}"
-            problems.append((message, "such as hz=5, hz=10 or hz=20"))
+            problems.append((f"hz: expected a divisor of {SIM_HZ}, got {self.hz}", "such as hz=5, hz=10 or hz=20"))
         if self.convention.measured and self.execute != 1:
             problems.append(("poses and moves in the hand's frame are executed one at a time", "execute=1"))
         if self.rotation not in SCALED and self.rotation_scale != 1:
             problems.append((f"rotation_scale: {self.rotation} has no scale", "leave it out"))
         if self.chunk and (self.execute or 0) > self.chunk:
-            message = f"execute={self.execute} of a chunk of {self.chunk}"
-            problems.append((message, f"execute at most {self.chunk}"))
+            problems.append((f"execute={self.execute} of a chunk of {self.chunk}", f"execute at most {self.chunk}"))
         return problems
+
+
+class Profile(BaseModel, extra="forbid", frozen=True):
+    """A kind of model. ``protocols``: overriding and additional options by protocol."""
+
+    about: str
+    source: str
+    options: Mapping[str, Any]
+    protocols: Mapping[str, Mapping[str, Any]]
+
+    @field_validator("options")
+    @classmethod
+    def _names_no_other(cls, options: Mapping[str, Any]) -> Mapping[str, Any]:
+        if "profile" in options:
+            raise ValueError("a profile does not name another one")
+        return options
+
+    def options_for(self, protocol: str) -> Mapping[str, Any] | None:
+        """All options for a protocol; None when no server of that protocol serves such models."""
+        return {**self.options, **self.protocols[protocol]} if protocol in self.protocols else None
+
+
+@cache
+def known_profiles() -> Mapping[str, Profile]:
+    """The built-in profiles by name."""
+    return {path.stem: load_profile(path) for path in sorted(PROFILES.glob("*.yaml"))}
+
+
+def load_profile(path: Path) -> Profile:
+    """Read a profile from a file; UsageError when this fails."""
+    content = read_yaml(path, UsageError, hint="name a profile, or a file of one")
+    hint = f"it has the keys {', '.join(Profile.model_fields)}: see those in {PROFILES}"
+    return validated(Profile, content, path, UsageError, hint)
+
+
+def profile_options(name: str, protocol: str) -> Mapping[str, Any]:
+    """The options for a protocol in a profile, a built-in one or a ``.yaml`` file; UsageError when none."""
+    known = known_profiles()
+    if not name.endswith((".yaml", ".yml")) and name not in known:
+        raise UsageError(f"unknown profile {name!r}", hint=f"{suggestion(name, known)} or a file: mine.yaml")
+    profile = known[name] if name in known else load_profile(Path(name))
+    options = profile.options_for(protocol)
+    if options is None:
+        message = f"the profile {name!r} says nothing about {protocol}"
+        raise UsageError(message, hint=f"it covers {', '.join(profile.protocols)}")
+    return options

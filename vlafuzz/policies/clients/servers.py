@@ -12,8 +12,7 @@ from pydantic import ValidationError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, install, suggestion
 from vlafuzz.policies.base import Policy, PolicySpec
-from vlafuzz.policies.clients import profiles
-from vlafuzz.policies.clients.options import CommonOptions
+from vlafuzz.policies.clients.options import CommonOptions, profile_options
 
 # Named protocol:address, or just by the address for HTTP; each is imported when it is asked for.
 SERVERS = {
@@ -91,15 +90,12 @@ def is_remote(policy: Policy) -> bool:
     return bool(getattr(policy, "schemes", ()))
 
 
-def answers_batches(policy: Policy) -> bool:
-    """Whether the policy is behind a server that answers several observations in one call of its model."""
-    return bool(getattr(policy, "answers_batches", False))
-
-
 @contextmanager
-def needed(name: str, hint: str | None = None) -> Iterator[None]:
-    """Import optional packages in this block; else a PrerequisiteError, by default about the extra remote."""
+def needed(name: str, *packages: str, hint: str | None = None) -> Iterator[None]:
+    """Import these packages and those of the block; else a PrerequisiteError, by default about the extra remote."""
     try:
+        for package in packages:
+            importlib.import_module(package)
         yield
     except ModuleNotFoundError as error:
         message = f"{name} needs the package {error.name!r}"
@@ -136,12 +132,12 @@ def _options(name: str, kind: Client, query: str) -> CommonOptions:
         pairs = parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query))
     except ValueError as error:
         raise UsageError(f"{name!r}: {error}", hint=f"expected {kind.form}?option=value&…") from None
-    keys = [key for key, _ in pairs]
-    if twice := sorted({key for key in keys if keys.count(key) > 1}):
-        raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     given: dict[str, Any] = dict(pairs)
+    keys = [key for key, _ in pairs]
+    if twice := sorted(key for key in given if keys.count(key) > 1):
+        raise UsageError(f"{name!r}: {twice[0]} is given twice", hint="give it once")
     if "profile" in given:
-        given = {**profiles.options_of(given["profile"], kind.options.protocol), **given}
+        given = {**profile_options(given["profile"], kind.options.protocol), **given}
     try:
         options: CommonOptions = kind.options.model_validate(given)
     except ValidationError as error:

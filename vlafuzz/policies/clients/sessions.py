@@ -14,7 +14,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.model import Model
-from vlafuzz.policies.clients.servers import Address
+from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.harness import check_chunks
 
 
@@ -44,12 +44,13 @@ class Sessions(ABC):
 
     server: ClassVar[str]  # in messages
     start_it: ClassVar[str]  # how to start one
+    packages: ClassVar[tuple[str, ...]] = ()  # optional ones that it needs
 
     def __init__(self, address: Address) -> None:
         self._name, self._url, self._options = address.name, address.url, address.options
         self._live: dict[str, tuple[EpisodeStart, Session]] = {}
         self._kept: dict[tuple[str, int], ActionChunk | PolicyError] = {}  # by rollout and step
-        with wire.required(self.server, f"start it first: {self.start_it}"):
+        with needed(self._name, *self.packages), wire.required(self.server, f"start it first: {self.start_it}"):
             first = wire.with_retries(lambda: self._open(None))
         first.close()
         self._model = self._described(first)
@@ -84,8 +85,7 @@ class Sessions(ABC):
         those, since the servers have advanced the rollouts.
         """
         keys = [(seen.episode, seen.step) for seen in observations]
-        new = [seen for seen, key in zip(observations, keys, strict=True) if key not in self._kept]
-        self._kept |= {(seen.episode, seen.step): answer for seen, answer in self._exchange(new)}
+        self._exchange([seen for seen, key in zip(observations, keys, strict=True) if key not in self._kept])
         answers = [self._kept[key] for key in keys]
         errors = [answer for answer in answers if isinstance(answer, PolicyError)]
         if not errors or len(keys) == 1:
@@ -106,15 +106,16 @@ class Sessions(ABC):
     def close(self) -> None:
         self.finish([start for start, _ in self._live.values()])
 
-    def _exchange(self, observations: Sequence[Observation]) -> list[tuple[Observation, ActionChunk | PolicyError]]:
-        """Each answer, or why there is none: then the session is closed."""
+    def _exchange(self, observations: Sequence[Observation]) -> None:
+        """Keep each answer, or why there is none: then the session is closed."""
         try:
             asked = [(seen, self._ask(seen)) for seen in observations]
             until = time.monotonic() + self._options.timeout * len(asked)
-            return [(seen, self._receive(seen, session, until)) for seen, session in asked]
+            answers = [(seen, self._receive(seen, session, until)) for seen, session in asked]
         except BaseException:  # the sessions may hold replies that nobody will read
             self._drop([seen.episode for seen in observations])
             raise
+        self._kept |= {(seen.episode, seen.step): answer for seen, answer in answers}
 
     def _ask(self, seen: Observation) -> Session | PolicyError:
         if seen.episode not in self._live:

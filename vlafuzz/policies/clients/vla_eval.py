@@ -15,10 +15,11 @@ from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
+from vlafuzz.policies.clients.connections import WebSocketConnection
 from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN, layout_width, sent
 from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.options import SIDE, CommonOptions, ProfiledOptions, VlaEvalOptions
-from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.sessions import Session, Sessions
 
 PROTOCOL_VERSION = 1
@@ -71,7 +72,14 @@ class DeclaredModel(Model):
     """
 
     def __init__(self, name: str, hello: Hello, options: VlaEvalOptions) -> None:
-        _check_components(name, hello)
+        if hello.observation_params.absolute_action:
+            message = f"{name}: the server's actions are poses of the hand (absolute_action)"
+            raise UsageError(message, hint="supported: moves of the hand (delta_xyz)")
+        known_formats = {"position": (UNDECLARED, POSITION), "actions": (UNDECLARED,)}
+        for component, declared in hello.action_spec.items():  # an option may override rotation and gripper
+            if component not in ("rotation", "gripper") and declared.format not in known_formats.get(component, ()):
+                message = f"{name}: the server's actions have {component} {declared.format!r}"
+                raise UsageError(message, hint="supported: position (delta_xyz), rotation and gripper")
         rotation, rotation_from = _convention(name, hello, "rotation", ROTATIONS, options.rotation)
         gripper, gripper_from = _convention(name, hello, "gripper", GRIPPERS, options.gripper)
         pictures = [part for part in hello.observation_spec.values() if part.format == PICTURE]
@@ -149,19 +157,6 @@ def _layout(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:
     return declared.format
 
 
-def _check_components(name: str, hello: Hello) -> None:
-    if hello.observation_params.absolute_action:
-        message = f"{name}: the server's actions are poses of the hand (absolute_action)"
-        raise UsageError(message, hint="supported: moves of the hand (delta_xyz)")
-    known = {"position": (UNDECLARED, POSITION), "actions": (UNDECLARED,)}
-    for component, declared in hello.action_spec.items():
-        if component in ("rotation", "gripper"):
-            continue  # an option may override it
-        if declared.format not in known.get(component, ()):
-            message = f"{name}: the server's actions have {component} {declared.format!r}"
-            raise UsageError(message, hint="supported: position (delta_xyz), rotation and gripper")
-
-
 def _convention(
     name: str, hello: Hello, component: str, known: Mapping[str, str], option: str | None
 ) -> tuple[str | None, str]:
@@ -193,19 +188,13 @@ class VlaEval(Sessions):
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
     answers_batches: ClassVar[bool] = True
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
-    server, start_it = "vla-eval", "vla-eval serve --config …"
-
-    def __init__(self, address: Address) -> None:
-        with needed(address.name):
-            from vlafuzz.policies.clients import msgpack_wire, websocket_connection
-        self._msgpack, self._connect = msgpack_wire, websocket_connection.WebSocketConnection
-        super().__init__(address)
+    server, start_it, packages = "vla-eval", "vla-eval serve --config …", ("msgpack", "websockets")
 
     def _described(self, first: VlaEvalSession) -> DeclaredModel:
         return DeclaredModel(self._name, first.hello, self._options)
 
     def _open(self, start: EpisodeStart | None) -> VlaEvalSession:
-        session = VlaEvalSession(self._connect(self._url, self._options.timeout), self._msgpack)
+        session = VlaEvalSession(WebSocketConnection(self._url, self._options.timeout))
         with wire.closed_on_error(session):
             session.greet()
         return session
@@ -215,7 +204,10 @@ class VlaEval(Sessions):
         with wire.closed_on_error(session):
             if self._described(session).spec != self.spec:
                 raise wire.replaced(self._name)
-            session.send("episode_start", {"task": _task(start)})
+            suite, _, number = start.task.rpartition("/")  # some servers have settings for each suite
+            place = {"suite": suite, "task_id": int(number)} if suite else {"suite": "vlafuzz"}
+            task = {"name": start.instruction, "task": start.task, **place}
+            session.send("episode_start", {"task": task | {"episode": start.episode, "seed": start.seed}})
         return session
 
 
@@ -224,9 +216,9 @@ class VlaEvalSession(Session):
 
     hello: Hello
 
-    def __init__(self, connection: Any, msgpack: Any) -> None:
+    def __init__(self, connection: Any) -> None:
         super().__init__(connection)
-        self._msgpack, self._number = msgpack, 0
+        self._number = 0
 
     def greet(self) -> None:
         greeting, url = self._receive("hello", self.send("hello", GREETING)), self._connection.url
@@ -249,24 +241,17 @@ class VlaEvalSession(Session):
     def send(self, kind: str, payload: Mapping[str, Any]) -> int:
         """Send a message; returns its number, which the reply must repeat."""
         self._number += 1
-        self._connection.send(self._msgpack.pack_vla_eval(kind, payload, self._number))
+        self._connection.send(pack_vla_eval(kind, payload, self._number))
         return self._number
 
     def _receive(self, kind: str, number: int, wait: float | None = None) -> Mapping[str, Any]:
         """The reply to message ``number``; PolicyError when it is late, an error, or another message."""
         url, frame = self._connection.url, self._connection.receive(wait)
         with wire.read(f"{url}: not a vla-eval message"):
-            received, payload, echoed = self._msgpack.unpack_vla_eval(frame)
+            received, payload, echoed = unpack_vla_eval(frame)
         if received == "error":
             raise wire.failure(url, wire.short(payload.get("error")), "remote")
         if (received, echoed) != (kind, number):
             problem = f"expected the message {kind!r} with number {number}, got {received!r} with {echoed!r}"
             raise wire.failure(url, problem, "protocol")
-        return payload  # type: ignore[no-any-return]
-
-
-def _task(start: EpisodeStart) -> dict[str, Any]:
-    suite, _, number = start.task.rpartition("/")  # some servers have settings for each suite
-    place = {"suite": suite, "task_id": int(number)} if suite else {"suite": "vlafuzz"}
-    task = {"name": start.instruction, "task": start.task}
-    return task | place | {"episode": start.episode, "seed": start.seed}
+        return payload

@@ -1,7 +1,4 @@
-"""What the clients of all model servers share: limits, error messages, retries, and checks of replies.
-
-Replies are untrusted: their size, type and shape are checked before they are used.
-"""
+"""What the clients of all model servers share: error messages, retries, and checks of replies, which are untrusted."""
 
 import json
 import logging
@@ -19,9 +16,7 @@ from vlafuzz.common.text import shortened
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
 from vlafuzz.policies.base import EpisodeStart
 
-MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
 MOST_VALUES = 1 << 16  # in the lists and maps of a message, where a byte may become 80; arrays are one each
-OPENING = 10.0  # seconds for a connection to open
 PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
 CONNECTION: tuple[Cause, ...] = ("connect",)
 UNANSWERED: tuple[Cause, ...] = (*CONNECTION, "timeout")
@@ -37,30 +32,9 @@ def failure(url: str, message: str, cause: Cause, hint: str | None = None) -> Po
     return PolicyError(f"{url}: {message}", hint, cause)
 
 
-def late(url: str, wait: float) -> PolicyError:
-    """The error for a reply that did not come in time."""
-    return failure(url, f"no reply within {wait:.3g} s", "timeout", "the option timeout=… waits longer")
-
-
-def too_large(url: str) -> PolicyError:
-    """The error for a reply above ``MAX_BYTES``."""
-    return failure(url, f"a reply of more than {MAX_BYTES >> 20} MiB", "protocol")
-
-
 def replaced(name: str) -> PolicyError:
     """The error for a server that declares something else than the one before it."""
     return PolicyError(f"{name}: another server answers than at the beginning of the run", cause="protocol")
-
-
-@contextmanager
-def blamed(url: str, wait: float) -> Iterator[None]:
-    """Convert the errors of a socket in the block to PolicyErrors; it waits for ``wait`` seconds."""
-    try:
-        yield
-    except TimeoutError:
-        raise late(url, wait) from None
-    except (OSError, UnicodeError) as error:  # UnicodeError: of an invalid host name
-        raise failure(url, short(getattr(error, "strerror", None) or error), "connect") from None
 
 
 @contextmanager
@@ -102,8 +76,7 @@ def validated(kind: type[Declared], url: str, what: str, declared: object) -> De
 def with_retries(attempt: Callable[[], T]) -> T:
     """The result of ``attempt``, which is repeated up to twice when it cannot connect.
 
-    The server must not keep state between attempts: retry the opening of a connection, or a request to a stateless
-    server.
+    Retry only what leaves no state in the server: opening a connection, or a request to a stateless server.
     """
     for pause in PAUSES:
         try:

@@ -4,6 +4,7 @@ import errno
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import asdict
+from functools import partial
 from urllib.parse import urlencode
 
 from vlafuzz.errors import UsageError, suggestion
@@ -22,10 +23,21 @@ def serving(policy: Policy, protocol: str, address: str = "127.0.0.1", port: int
     """Serve a policy within the block; yields the name by which vlafuzz reaches it, with suitable options.
 
     Raises:
-        UsageError: no such protocol, the port is taken, or the policy needs what no client can send. PrerequisiteError:
-        a package must be installed.
+        UsageError: no such protocol, the port is taken, or the policy needs what no client can send.
+        PrerequisiteError: a package must be installed.
     """
-    listening = _listening(protocol)
+    if protocol not in PROTOCOLS:
+        raise UsageError(f"unknown protocol {protocol!r}", hint=suggestion(protocol, PROTOCOLS))
+    listening: Callable[[ServedPolicy, str, int], AbstractContextManager[int]]
+    if protocol == "http":
+        from vlafuzz.policies.serving import http
+
+        listening = http.listening
+    else:
+        with needed(f"--protocol {protocol}"):
+            from vlafuzz.policies.serving import websockets
+        talk = websockets.talk_openpi if protocol == "openpi" else websockets.talk_vla_eval
+        listening = partial(websockets.listening, talk)
     served = ServedPolicy(policy)
     with ExitStack() as stack:
         try:
@@ -68,16 +80,3 @@ def says_of(spec: PolicySpec) -> str:
     of_chunk = f"{some} of each chunk {'is' if spec.execute == 1 else 'are'} executed"
     once = "at once" if spec.max_batch > 1 else "at a time"
     return f"it answers {batch} {once}, and {of_chunk} (max_batch and execute of its PolicySpec)"
-
-
-def _listening(protocol: str) -> Callable[[ServedPolicy, str, int], AbstractContextManager[int]]:
-    if protocol not in PROTOCOLS:
-        raise UsageError(f"unknown protocol {protocol!r}", hint=suggestion(protocol, PROTOCOLS))
-    if protocol == "http":
-        from vlafuzz.policies.serving import openvla
-
-        return openvla.listening
-    with needed(f"--protocol {protocol}"):
-        from vlafuzz.policies.serving import websockets
-    talk = websockets.talk_openpi if protocol == "openpi" else websockets.talk_vla_eval
-    return lambda served, address, port: websockets.listening(served, talk, address, port)

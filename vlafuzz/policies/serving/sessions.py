@@ -66,18 +66,15 @@ class RequestGatherer:
             self._changed.wait_for(lambda: mine.answer is not None or not self._busy)
             if mine.answer is None:
                 self._busy = True
-                self._gather()
+                # A client that sends many observations needs longer for all of them than ``wait``.
+                while not self._complete() and self._changed.wait(max(self._wait, PATIENCE * self._took)):
+                    pass  # another request has come
         if mine.answer is None:
             self._answer_all()
         assert mine.answer is not None
         if isinstance(mine.answer, PolicyError):
             raise mine.answer
         return mine.answer
-
-    def _gather(self) -> None:
-        """A client that sends many observations needs longer for all of them than ``wait``."""
-        while not self._complete() and self._changed.wait(max(self._wait, PATIENCE * self._took)):
-            pass  # another request has come
 
     def _complete(self) -> bool:
         """Whether there is no reason to wait for further requests."""
@@ -152,8 +149,11 @@ class ClientSession:
         pairs = zip(spec.cameras, pictures, strict=False)
         images = {camera.name: _fitting(picture, camera) for camera, picture in pairs}
         proprioception = _proprioception(state) if spec.state else None
-        start = self._start or self._begin(instruction)
-        seen = Observation(start.episode, self._step, instruction, images=images, state=proprioception)
+        if self._start is None:
+            start = EpisodeStart(f"served-{self._begun}", instruction, self._header.task, self._header.seed)
+            self._policy.ask(self._number, Request(begin=[start]))
+            self._start, self._step, self._begun = start, 0, self._begun + 1
+        seen = Observation(self._start.episode, self._step, instruction, images=images, state=proprioception)
         (chunk,) = self._policy.ask(self._number, Request(act=[seen]))
         self._step += 1
         return chunk.actions[: spec.execute]
@@ -163,13 +163,6 @@ class ClientSession:
         if self._start is not None:
             self._policy.ask(self._number, Request(over=[self._start.episode]))
         self._start = None
-
-    def _begin(self, instruction: str) -> EpisodeStart:
-        name = f"served-{self._begun}"
-        start = EpisodeStart(name, instruction, self._header.task, self._header.seed)
-        self._policy.ask(self._number, Request(begin=[start]))
-        self._start, self._step, self._begun = start, 0, self._begun + 1
-        return start
 
 
 def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
@@ -187,6 +180,7 @@ def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
 def _proprioception(numbers: object) -> NDArray[np.float32]:
     state = np.asarray([] if numbers is None else numbers)
     if state.shape != (7,) or state.dtype.kind not in "iuf":
-        expected = "expected 7 numbers: position, rotation vector, opening"
-        raise ValueError(f"proprioception of shape {state.shape}, {expected}")
+        raise ValueError(
+            f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"
+        )
     return state.astype(np.float32)

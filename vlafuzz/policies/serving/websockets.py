@@ -13,7 +13,6 @@ from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
 from vlafuzz.common.reading import array_of, decoded
-from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
 from vlafuzz.policies.clients.openpi import OpenPiOptions
@@ -25,11 +24,12 @@ INTERNAL_ERROR = 1011  # close code of WebSockets
 HEALTH = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}  # of vla-eval and openpi
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
-Talk = Callable[[ServedPolicy, ServerConnection], None]
 
 
 @contextmanager
-def listening(served: ServedPolicy, talk: Talk, address: str, port: int) -> Iterator[int]:
+def listening(
+    talk: Callable[[ServedPolicy, ServerConnection], None], served: ServedPolicy, address: str, port: int
+) -> Iterator[int]:
     """Answer connections within the block, with a thread for each; yields the port."""
     live: set[ServerConnection] = set()
 
@@ -99,7 +99,7 @@ def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
         for frame in connection:
             kind, payload, number = unpack_vla_eval(frame)
             try:
-                reply = _reply(served.spec, session, kind, payload)
+                reply = _reply(served, session, kind, payload)
             except Exception as error:  # the client gets the policy's error, and the session goes on
                 reply = "error", {"error": f"{kind}_failed: {type(error).__name__}: {short(error)}"}
             if reply:
@@ -111,10 +111,20 @@ def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
 
 
 def _reply(
-    spec: PolicySpec, session: ClientSession, kind: str, payload: Mapping[str, Any]
+    served: ServedPolicy, session: ClientSession, kind: str, payload: Mapping[str, Any]
 ) -> tuple[str, Mapping[str, Any]] | None:
+    spec = served.spec
     if kind == "hello":
-        return "hello", _hello(spec)
+        wrist = any(camera.role == "wrist" for camera in spec.cameras)
+        return kind, {
+            "harness_version": __version__,
+            "protocol_version": PROTOCOL_VERSION,
+            "model_server": f"vlafuzz {spec.name}",
+            "capabilities": {},
+            "observation_params": {"send_state": spec.state, "send_wrist_image": wrist},
+            "action_spec": declared_actions(spec.action),
+            "observation_spec": declared_observations(spec.cameras, OWN if spec.state else None),
+        }
     if kind == "episode_start":
         session.expect(RolloutHeader.model_validate(payload.get("task", {})))
     elif kind == "episode_end":
@@ -127,22 +137,6 @@ def _reply(
     else:
         raise ValueError(f"unknown type {kind!r}")
     return None
-
-
-def _hello(spec: PolicySpec) -> Mapping[str, Any]:
-    """The payload of our greeting, which declares what the policy takes and gives."""
-    return {
-        "harness_version": __version__,
-        "protocol_version": PROTOCOL_VERSION,
-        "model_server": f"vlafuzz {spec.name}",
-        "capabilities": {},
-        "observation_params": {
-            "send_state": spec.state,
-            "send_wrist_image": any(camera.role == "wrist" for camera in spec.cameras),
-        },
-        "action_spec": declared_actions(spec.action),
-        "observation_spec": declared_observations(spec.cameras, OWN if spec.state else None),
-    }
 
 
 def _picture(sent: Any) -> Any:
