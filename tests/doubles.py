@@ -222,6 +222,13 @@ def trial(proposal: int, outcome: Outcome, *, duplicate: bool = False) -> Trial:
     )
 
 
+def ended(scene: Scene, outcome: Outcome | None = None, proposal: int = 0, cell: str = "grasp|light|x0y0") -> Trial:
+    """A trial in a scene, by default a failure."""
+    outcome = outcome or failed()
+    where = cell if outcome.verdict is Verdict.FAILED else None
+    return Trial(proposal=proposal, scene=scene, outcome=outcome, severity=1.0, cell=where)
+
+
 def make_random_again(space: Source, seed: int, budget: int | None) -> Strategy:
     """Random under another name: it proposes the same scenes."""
     return Random(space, seed, budget)

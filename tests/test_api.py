@@ -59,7 +59,7 @@ def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
     assert "a.db" in str(caught.value.hint)
 
 
-def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch):
     dark = [CONDITIONS["light"][0]]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(dark))
     monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner(dark))
@@ -91,7 +91,7 @@ def test_it_works_in_this_process_only(tmp_path: Path):
         fuzz(AfraidOfTheDark(), budget=4, workers=2, store=tmp_path / "a.db")
 
 
-def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monkeypatch):
     bright = {"old": 0.0, "new": 0.0, "newer": 9.0}  # light from which they pass
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(bright, object))
     monkeypatch.setattr(

@@ -15,6 +15,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import pytest
 
+from tests.cli.typed import told
 from tests.documentation import ROOT, files, text
 from tests.doubles import ClosedForm
 from tests.report.stores import store
@@ -101,8 +102,7 @@ def test_the_example_of_an_own_strategy_is_the_tested_one_and_runs(save, monkeyp
     assert Path(climb.__file__).read_text().endswith("\n\n" + OWN_STRATEGY)
     save(OWN_STRATEGY)
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
-    assert main(["run", "--strategy", "python:mine:make", "--budget", "30", "--store", "a.db", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rollouts"] == 30
+    assert told(capsys, "run --strategy python:mine:make --budget 30 --store a.db --json")["rollouts"] == 30
 
 
 def output_of(example: str, folder: Path) -> str:
@@ -204,8 +204,7 @@ def test_networks_with_pictures_are_served_as_their_section_says(policy, tmp_pat
     with serving(make_policy(policy), "vla-eval") as name:
         assert asked.items() <= dict(parse_qsl(urlsplit(name).query)).items()
         run = ["run", "--policy", name, "--label", "a", "--budget", "2", "--no-certify", "--unchecked"]
-        assert main([*run, "--store", "a.db", "--json"]) == 0
-    verdicts = json.loads(capsys.readouterr().out)["verdicts"]
+        verdicts = told(capsys, [*run, "--store", "a.db", "--json"])["verdicts"]
     assert verdicts["passed" if policy == "mini" else "failed"] >= 1
     assert verdicts["error"] == 0
 

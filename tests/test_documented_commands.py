@@ -61,7 +61,7 @@ def test_all_commands_of_a_page_work(page, tmp_path, monkeypatch):
     follow(page, {"", SLOW}, tmp_path, monkeypatch)
 
 
-def follow(page: Path, marks: set[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def follow(page: Path, marks: set[str], folder: Path, monkeypatch) -> None:
     """Type the commands of a page one after the other, in a folder with the files that it shows."""
     monkeypatch.chdir(folder)
     monkeypatch.setattr(sys, "path", [*sys.path])

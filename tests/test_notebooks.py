@@ -38,7 +38,7 @@ def test_the_notebook_finds_out_that_the_policy_is_afraid_of_the_dark():
 
 @pytest.mark.slow
 @pytest.mark.render
-def test_the_notebook_with_pictures_shows_a_failure_and_its_witness(monkeypatch: pytest.MonkeyPatch):
+def test_the_notebook_with_pictures_shows_a_failure_and_its_witness(monkeypatch):
     shown: list[object] = []
     display = types.ModuleType("IPython.display")
     display.HTML = display.clear_output = object  # tqdm imports more

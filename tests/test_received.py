@@ -69,7 +69,7 @@ def valid(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def received(valid: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], Path]:
+def received(valid: Path, tmp_path: Path, monkeypatch) -> Callable[[str], Path]:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "cache"))
     (tmp_path / "private").write_text(SECRET)
     return lambda kind: Path(shutil.copytree(valid / kind, tmp_path / "received", copy_function=os.link))

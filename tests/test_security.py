@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 import vlafuzz
+from tests.cli.typed import told
 from tests.packs import box, write_pack
 from tests.policies.clients import groot_server, served, test_openpi
 from tests.policies.clients import test_openvla as test_act
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.config import default_store
-from vlafuzz.cli import main
 from vlafuzz.common.assets import corpus_dir
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.failures.corpus.folder import read_corpus
@@ -200,8 +200,7 @@ SCENE = json.loads(nominal().to_json())
 def test_a_scene_names_no_path(change, tmp_path, monkeypatch, capsys, opened):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scenes.jsonl").write_text(json.dumps(SCENE | change) + "\n")
-    assert main(["lint", "scenes.jsonl", "--json"]) == 1
-    assert json.loads(capsys.readouterr().out)
+    assert told(capsys, "lint scenes.jsonl --json", code=1)
     assert not [path for path in opened if "outside" in path]
 
 

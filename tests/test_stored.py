@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 import vlafuzz
-from tests.doubles import failed
+from tests.doubles import ended
 from tests.failures.triage.planted import CONDITIONS, Planted
 from tests.report.stores import MANIFEST, store
 from vlafuzz.errors import PrerequisiteError, StoreError
-from vlafuzz.store.records import Attribution, Trial
+from vlafuzz.store.records import Attribution
 from vlafuzz.store.store import Store
 
 
@@ -44,7 +44,7 @@ def test_trials_tell_their_values_and_which_scenes_were_drawn_at_random(tmp_path
         for strategy in ("causes", "random"):
             run = opened.begin(replace(MANIFEST, strategy=strategy, label="step-2"))
             for number in range(2):
-                opened.add(run, Trial(proposal=number, scene=yawed, outcome=failed(), severity=1.0))
+                opened.add(run, ended(yawed, proposal=number))
         opened.keep_causes(1, Attribution((), at_random=(1,)))
     trials = vlafuzz.open_store(tmp_path / "a.db").trials()
     assert [trial.random for trial in trials] == [False, True, True, True]
@@ -63,7 +63,7 @@ def test_a_data_frame_has_a_column_for_each_inner_value(results):
     assert results.causes().to_dataframe().empty
 
 
-def test_without_pandas_it_says_what_to_install(results, monkeypatch: pytest.MonkeyPatch):
+def test_without_pandas_it_says_what_to_install(results, monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(PrerequisiteError, match="needs pandas") as raised:
         results.runs().to_dataframe()

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.doubles import failed, manifest, trial
 from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
@@ -29,7 +30,7 @@ OWN = "python:sent_along:make"
 
 
 @pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(tmp_path: Path, monkeypatch) -> Path:
     """A folder with a store, a corpus and the module that they name, as somebody may send it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delitem(sys.modules, "sent_along", raising=False)
@@ -52,7 +53,7 @@ COMMANDS = {
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_no_command_loads_code_because_a_file_names_it(name: str, folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_no_command_loads_code_because_a_file_names_it(name: str, folder: Path, capsys):
     assert main(COMMANDS[name]) == 2
     said = capsys.readouterr().err
     assert f"error: the file names '{OWN}': code" in said
@@ -78,11 +79,10 @@ def test_films_and_scene_runners_load_no_such_code(folder: Path):
     assert not (folder / RAN).exists()
 
 
-def test_a_strategy_of_a_run_is_not_loaded_either(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_strategy_of_a_run_is_not_loaded_either(folder: Path, capsys):
     with Store.open(Path("b.db"), "write") as store:
         store.finish(store.begin(manifest(policy="frozen", strategy=OWN)), "interrupted", 1.0)
-    assert main(["run", "--resume", "--store", "b.db"]) == 2
-    assert f"the file names '{OWN}'" in capsys.readouterr().err
+    assert f"the file names '{OWN}'" in typed(capsys, "run --resume --store b.db", code=2).err
     assert not (folder / RAN).exists()
 
 
@@ -152,10 +152,9 @@ def test_the_name_of_a_store_is_no_trust(folder: Path):
     assert not (folder / RAN).exists()
 
 
-def test_a_file_that_is_named_like_code_is_no_code(folder: Path, capsys: pytest.CaptureFixture[str]):
+def test_a_file_that_is_named_like_code_is_no_code(folder: Path, capsys):
     Path(OWN).touch()  # as `bisect corpus --checkpoints *` would name it
-    assert main(["bisect", "corpus", "--checkpoints", "mini", OWN]) == 2
-    assert "is the name of a file here" in capsys.readouterr().err
+    assert "is the name of a file here" in typed(capsys, ["bisect", "corpus", "--checkpoints", "mini", OWN], code=2).err
     assert not (folder / RAN).exists()
 
 
@@ -177,7 +176,7 @@ def test_a_server_elsewhere_needs_trust(name: str):
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
-def test_the_address_of_a_server_here_is_said_once(host: str, capsys: pytest.CaptureFixture[str]):
+def test_the_address_of_a_server_here_is_said_once(host: str, capsys):
     with trusting():
         check_trusted(f"openpi:ws://{host}:8000")
         check_trusted(f"openpi:ws://{host}:8000")

@@ -21,7 +21,7 @@ def passes(checkpoint: str):
 
 
 @pytest.fixture(autouse=True)
-def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def corpus(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     OPENED.clear()
 
@@ -39,7 +39,7 @@ def bisect(*arguments: str) -> int:
     return main(["bisect", "dark", *arguments])
 
 
-def test_it_names_the_broken_checkpoint_and_exits_with_1(capsys: pytest.CaptureFixture[str]):
+def test_it_names_the_broken_checkpoint_and_exits_with_1(capsys):
     assert bisect("--checkpoints", "100", "200", "300", "400", "500", "600", "700") == 1
     captured = capsys.readouterr()
     assert "the first broken checkpoint is 300 (" in captured.out
@@ -48,9 +48,7 @@ def test_it_names_the_broken_checkpoint_and_exits_with_1(capsys: pytest.CaptureF
     assert len(OPENED) <= 5
 
 
-def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(monkeypatch, capsys):
     arguments = ["--checkpoints", "100", "200", "300", "400", "--answers", "a.jsonl", "--json"]
     assert bisect(*arguments) == 1
     first, whole = json.loads(capsys.readouterr().out), Path("a.jsonl").read_text()
@@ -68,12 +66,12 @@ def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(
     assert capsys.readouterr().err.startswith("error: a.jsonl, line 1: policy: ")
 
 
-def test_its_time_may_end_before_it_tells(capsys: pytest.CaptureFixture[str]):
+def test_its_time_may_end_before_it_tells(capsys):
     assert bisect("--checkpoints", "100", "200", "--time", "0.000001s") == 3
     assert "200: --time is over: cannot tell: 0 of 0 controls could be judged" in capsys.readouterr().err
 
 
-def test_a_pattern_names_the_policies(capsys: pytest.CaptureFixture[str]):
+def test_a_pattern_names_the_policies(capsys):
     assert bisect("--policy", "mine-{}", "--checkpoints", "100", "200", "300", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
     assert (printed["named"], printed["certain"], printed["likely"]) == ("mine-300", True, ["mine-300"])
@@ -82,7 +80,7 @@ def test_a_pattern_names_the_policies(capsys: pytest.CaptureFixture[str]):
     assert printed["rollouts"] == sum(step["of"] for step in printed["comparisons"])
 
 
-def test_checkpoints_at_one_address_answer_in_turn(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_checkpoints_at_one_address_answer_in_turn(monkeypatch, capsys):
     served, asked = "700", list[str]()
     make = lambda source, run, policy: RuleRunner(passes(served), run)  # noqa: E731
     monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
@@ -101,7 +99,7 @@ def test_checkpoints_at_one_address_answer_in_turn(monkeypatch: pytest.MonkeyPat
     assert "--label NAME says which one does now" in capsys.readouterr().err
 
 
-def test_where_nothing_is_broken_it_exits_with_0(capsys: pytest.CaptureFixture[str]):
+def test_where_nothing_is_broken_it_exits_with_0(capsys):
     assert bisect("--checkpoints", "100", "200", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["alarm"], printed["named"], printed["likely"], OPENED) == (False, None, [], ["200"])
@@ -118,7 +116,7 @@ def test_where_nothing_is_broken_it_exits_with_0(capsys: pytest.CaptureFixture[s
         (["--checkpoints", "100", "200", "--comparisons", "0"], "error: --comparisons: expected at least 1"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys: pytest.CaptureFixture[str]):
+def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys):
     assert bisect(*arguments) == 2
     assert capsys.readouterr().err.startswith(said)
     assert OPENED == []

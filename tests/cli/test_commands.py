@@ -1,6 +1,7 @@
-"""What holds for every command."""
+"""What holds for every command, and its page of help."""
 
 import re
+import shlex
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import pytest
 
 from tests.cli.typed import typed
 from vlafuzz.cli import COMMANDS, load, main, names
+from vlafuzz.cli.help import EXAMPLES, MANY
 from vlafuzz.rollouts import policies
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
@@ -80,3 +82,23 @@ def test_an_old_command_is_answered_with_its_new_name(name: str, capsys):
 def test_an_old_option_is_answered_with_its_new_name(command: str, flag: str, capsys):
     assert main([command, f"{flag}=x"]) == 2
     assert capsys.readouterr().err == f"error: {flag}: this is {names.OPTIONS[command][flag]} now\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_flag_of_a_command_with_many_is_in_a_panel(name):
+    command = load(name)
+    options = [param for param in command.params if param.param_type_name == "option"]
+    if len(options) > MANY:
+        assert [option.name for option in options if not option.rich_help_panel] == []
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_help_ends_with_two_examples_that_the_parser_takes(name, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "150")
+    shown = typed(capsys, [name, "--help"]).out
+    for example in EXAMPLES[name]:
+        assert example in shown
+        program, used, *words = shlex.split(example)
+        assert (program, used) == ("vlafuzz", name)
+        command = load(name)
+        command.make_parser(command.context_class(command)).parse_args(args=words)

@@ -1,6 +1,5 @@
 """``vlafuzz diff``: two policies by the causes of their failures."""
 
-import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import failed, manifest, scene
+from tests.cli.typed import told, typed
+from tests.doubles import ended, manifest, scene
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky
 from tests.failures.corpus.test_export import CheckingRunner
@@ -20,7 +20,6 @@ from vlafuzz.failures.corpus.diff import known
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]
@@ -60,7 +59,7 @@ RULES = {"idle": fails(dark, far), "pinhole": fails(dazzled, far), "expert": fai
 
 
 @pytest.fixture(autouse=True)
-def corpora(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def corpora(tmp_path: Path, monkeypatch) -> None:
     """Of idle, which fails in the dark, and of pinhole, which is dazzled; both fail far out."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(RULES, object))
@@ -73,12 +72,11 @@ def corpora(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         write_corpus(corpus, tmp_path / name)
 
 
-def diff(*arguments: str, capsys: pytest.CaptureFixture[str]) -> dict:
-    assert main(["diff", *arguments, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
+def diff(*arguments: str, capsys) -> dict:
+    return told(capsys, ["diff", *arguments, "--json"])
 
 
-def test_causes_are_fixed_remaining_or_new(capsys: pytest.CaptureFixture[str]):
+def test_causes_are_fixed_remaining_or_new(capsys):
     printed = diff("old", "new", capsys=capsys)
     assert {each["signature"].split("|")[-1]: each["standing"] for each in printed["causes"]} == {
         "light:bright": "new",
@@ -89,7 +87,7 @@ def test_causes_are_fixed_remaining_or_new(capsys: pytest.CaptureFixture[str]):
     assert (printed["new"]["changed"], printed["new"]["of"], printed["broken"]["changed"]) == (4, 6, 0)
 
 
-def test_the_other_way_round_what_was_fixed_is_new(capsys: pytest.CaptureFixture[str]):
+def test_the_other_way_round_what_was_fixed_is_new(capsys):
     printed = diff("new", "old", capsys=capsys)
     standings = {each["signature"].split("|")[-1]: each["standing"] for each in printed["causes"]}
     assert (standings["light:dark"], standings["light:bright"]) == ("new", "fixed")
@@ -114,27 +112,24 @@ def test_each_cause_has_eight_pairs_of_rollouts():
     assert sorted(found.repeats, reverse=True)[:3] == [4, 4, 3]
 
 
-def test_a_policy_may_have_another_name_now(capsys: pytest.CaptureFixture[str]):
+def test_a_policy_may_have_another_name_now(capsys):
     printed = diff("old", "new", "--policy-b", "expert", capsys=capsys)
     assert (printed["first"], printed["second"]) == ("idle", "expert")
     assert printed["fixed"]["changed"] == printed["fixed"]["of"] == 6
 
 
-def test_the_table_names_the_causes_and_a_sentence_counts_them(capsys: pytest.CaptureFixture[str]):
-    assert main(["diff", "old", "new"]) == 0
-    printed = capsys.readouterr()
+def test_the_table_names_the_causes_and_a_sentence_counts_them(capsys):
+    printed = typed(capsys, "diff old new")
     assert "causes of idle in pinhole: 1 fixed (p = 0.00" in printed.out
     assert "1 remaining, 1 new (p = 0.00" in printed.out
     assert "light: fails from intensity" in " ".join(printed.out.split())
     assert "6 and 6 certified failures" in printed.err
 
 
-def test_a_store_without_certified_causes_still_says_which_policy_to_try(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_path: Path, capsys):
     with Store.open(tmp_path / "b.db", "write") as opened:
         run = opened.begin(manifest(policy="pinhole"))
-        opened.add(run, Trial(proposal=0, scene=Planted([TILTED]).finding(0), outcome=failed(), severity=1.0))
+        opened.add(run, ended(Planted([TILTED]).finding(0)))
     printed = diff("old", "b.db", capsys=capsys)
     assert printed["counts"] == {"new": 0, "remaining": 1, "fixed": 1, "unclear": 0, "not judged": 0}
     assert "new ones unknown, as pinhole has no certified cause" in printed["verdict"]
@@ -142,22 +137,17 @@ def test_a_store_without_certified_causes_still_says_which_policy_to_try(
     assert "causes of pinhole in idle: none is certified, 1 new (p = " in printed["verdict"]
 
 
-def test_two_models_at_one_address_take_a_command_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_two_models_at_one_address_take_a_command_each(tmp_path: Path, monkeypatch, capsys):
     for name, label, condition in (("a", "v1", case), ("b", "v2", bright)):
         runs = [manifest(policy="pinhole", label=label)]
         write_corpus(replace(make_corpus(*map(condition, range(4))), runs=runs), tmp_path / name)
     both, answering = ["diff", "a", "b", "--answers", "kept.jsonl", "--json"], {"rule": fails(dazzled)}
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(answering["rule"], run))
-    assert main(["diff", "a", "b"]) == 2
-    assert "error: v1 and v2 cannot both answer at pinhole\nhint: --label NAME" in capsys.readouterr().err
-    assert main([*both, "--label", "v2"]) == 3
-    said = " ".join(capsys.readouterr().err.split())
+    assert "error: v1 and v2 cannot both answer at pinhole\nhint: --label NAME" in typed(capsys, "diff a b", code=2).err
+    said = " ".join(typed(capsys, [*both, "--label", "v2"], code=3).err.split())
     assert "the next rollouts are those of v1, and v2 answers at pinhole now hint: serve v1 there" in said
     answering["rule"] = fails(dark)
-    assert main([*both, "--label", "v1"]) == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = told(capsys, [*both, "--label", "v1"])
     assert (printed["first"], printed["second"]) == ("v1 (pinhole)", "v2 (pinhole)")
     assert printed["counts"] == {"new": 1, "remaining": 0, "fixed": 1, "unclear": 0, "not judged": 0}
 
@@ -175,27 +165,23 @@ def test_two_models_at_one_address_take_a_command_each(
         (["old", "new", "--run-a", "1"], "old is a corpus, not a store"),
     ],
 )
-def test_what_is_wrong_is_one_sentence(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["diff", *arguments]) == 2
-    assert says in " ".join(capsys.readouterr().err.split())
+def test_what_is_wrong_is_one_sentence(arguments: list[str], says: str, capsys):
+    assert says in " ".join(typed(capsys, ["diff", *arguments], code=2).err.split())
 
 
-def test_tasks_are_not_mixed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_tasks_are_not_mixed(tmp_path: Path, capsys):
     other = replace(make_corpus(case()), runs=[manifest(policy="pinhole", task="put-on")])
     write_corpus(other, tmp_path / "other")
-    assert main(["diff", "old", "other"]) == 2
-    assert "are of different tasks, pick-up and put-on" in " ".join(capsys.readouterr().err.split())
+    assert "are of different tasks, pick-up and put-on" in " ".join(typed(capsys, "diff old other", code=2).err.split())
 
 
-def test_the_causes_of_a_store_are_its_minimal_findings(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_the_causes_of_a_store_are_its_minimal_findings(tmp_path: Path, monkeypatch, capsys):
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([TILTED]))
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
             failing = Planted([TILTED]).finding(seed)
-            opened.add(run, Trial(proposal=seed, scene=failing, outcome=failed(), severity=1.0))
+            opened.add(run, ended(failing, proposal=seed))
     assert main(["diff", "a.db", "a.db", "--policy-b", "expert"]) == 2
     assert "neither has a certified cause" in " ".join(capsys.readouterr().err.split())
     assert main(["triage", "a.db"]) == 0

@@ -9,6 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from tests.cli.typed import told
 from vlafuzz.cli import doctor, main
 from vlafuzz.doctor import Check, before_run, machine
 from vlafuzz.worlds.tabletop import renderer
@@ -18,7 +19,7 @@ NONE = renderer.Renderer(None, None, "Vulkan finds no device")
 
 
 @pytest.fixture
-def healthy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def healthy(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names))
     monkeypatch.setattr(renderer, "probe", lambda: LAVAPIPE)
@@ -45,7 +46,7 @@ def test_the_table_shows_what_was_found():
 
 
 @pytest.mark.usefixtures("healthy")
-def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch: pytest.MonkeyPatch):
+def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch):
     monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names, "ImportError: no libGL"))
     result = run("--json")
     row = next(row for row in json.loads(result.stdout) if row["check"] == "mani_skill")
@@ -55,7 +56,7 @@ def test_a_missing_simulator_is_refused_with_exit_code_3(monkeypatch: pytest.Mon
 
 
 @pytest.mark.usefixtures("healthy")
-def test_no_renderer_is_a_warning_that_says_what_still_runs(monkeypatch: pytest.MonkeyPatch):
+def test_no_renderer_is_a_warning_that_says_what_still_runs(monkeypatch):
     monkeypatch.setattr(renderer, "probe", lambda: NONE)
     result = run("--json")
     row = next(row for row in json.loads(result.stdout) if row["check"] == "renderer")
@@ -71,7 +72,7 @@ def test_imports_are_tried_one_by_one():
     }
 
 
-def test_an_import_that_crashes_is_a_problem_and_not_a_crash(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_an_import_that_crashes_is_a_problem_and_not_a_crash(tmp_path: Path, monkeypatch):
     (tmp_path / "crashing.py").write_text("import os\nos.abort()\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     assert machine._import_problems(["json", "crashing"]) == {"json": None, "crashing": "the import crashed"}
@@ -83,18 +84,18 @@ def test_the_cache_need_not_exist_yet(tmp_path: Path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_cache_that_cannot_be_written_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_cache_that_cannot_be_written_is_refused(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(os, "access", lambda *_: False)
     assert machine.check_cache(tmp_path).verdict == "refuse"
 
 
-def test_a_full_read_only_cache_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_a_full_read_only_cache_is_a_warning(tmp_path: Path, monkeypatch):
     (tmp_path / "objects" / "can-1").mkdir(parents=True)
     monkeypatch.setattr(os, "access", lambda *_: False)
     assert machine.check_cache(tmp_path).verdict == "warn"
 
 
-def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(machine, "LITTLE_DISK", float("inf"))
     assert machine.check_disk(tmp_path).verdict == "warn"
 
@@ -109,9 +110,7 @@ def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line(
     assert child.stdout.splitlines()[-1] == "[]"
 
 
-def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(monkeypatch, capsys):
     seen: list[str] = []
 
     def examine(*_: object) -> Iterator[Check]:
@@ -128,13 +127,10 @@ def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(
     assert "interrupted" in printed.err
 
 
-def test_an_interrupted_doctor_prints_json_of_what_it_knows(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_an_interrupted_doctor_prints_json_of_what_it_knows(monkeypatch, capsys):
     def examine(*_: object) -> Iterator[Check]:
         yield Check("sight", "its answers change by 40%", "ok")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(before_run, "examine", examine)
-    assert main(["doctor", "--policy", "pinhole", "--json"]) == 130
-    assert [row["check"] for row in json.loads(capsys.readouterr().out)] == ["sight"]
+    assert [row["check"] for row in told(capsys, "doctor --policy pinhole --json", code=130)] == ["sight"]

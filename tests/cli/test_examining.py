@@ -112,8 +112,7 @@ def test_code_whose_import_raises_is_refused_in_a_sentence(tmp_path: Path, monke
 
 
 def test_a_protocol_without_an_address_is_refused_with_its_form(capsys):
-    assert main(["doctor", "--policy", "openpi"]) == 2
-    assert "hint: expected openpi:ws://host:port?option=value" in capsys.readouterr().err
+    assert "hint: expected openpi:ws://host:port?option=value" in typed(capsys, "doctor --policy openpi", code=2).err
 
 
 def test_ctrl_c_leaves_what_was_found_by_then(capsys):

@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest
+from tests.cli.typed import typed
+from tests.doubles import ended, failed, manifest
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
@@ -12,33 +13,26 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes
-from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def store(tmp_path: Path, monkeypatch) -> Path:
     """Three triaged findings of a policy that fails where the camera is tilted; there is no simulator."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([TILTED]))
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
-            opened.add(
-                run,
-                Trial(
-                    proposal=seed, scene=Planted([TILTED]).finding(seed), outcome=failed(), severity=1.0, cell=f"{seed}"
-                ),
-            )
+            opened.add(run, ended(Planted([TILTED]).finding(seed), failed(), seed, cell=f"{seed}"))
     assert main(["triage", "a.db"]) == 0
     return tmp_path / "a.db"
 
 
-def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.CaptureFixture[str]):
-    assert main(["export", "a.db", "--minimal", "--controls", "30", "--out", "tilted"]) == 0
-    said = capsys.readouterr().err
+def test_minimal_failures_become_a_folder_that_reads_back(capsys):
+    said = typed(capsys, "export a.db --minimal --controls 30 --out tilted").err
     made = read_corpus(Path("tilted"))
     assert (made.name, len(made.controls)) == ("tilted", 30)
     assert f"{len(made.cases)} minimal failures (1 cause) and 30 controls written to tilted" in said
@@ -49,14 +43,14 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys: pytest.Capture
     }
 
 
-def test_a_task_without_a_minimal_failure_is_said_to_have_no_corpus(capsys: pytest.CaptureFixture[str]):
+def test_a_task_without_a_minimal_failure_is_said_to_have_no_corpus(capsys):
     with Store.open(Path("a.db"), "write") as opened:
         opened.begin(manifest(task="put-on"))
     assert main(["export", "a.db", "--minimal", "--controls", "30", "--out", "tilted"]) == 0
     assert "no corpus of put-on: no minimal finding" in capsys.readouterr().err
 
 
-def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_what_no_longer_holds_is_said(monkeypatch, capsys):
     with Store.open(Path("a.db")) as opened:
         kept = opened.triaged()[0].shrunk
 
@@ -65,8 +59,7 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
         return near and scene.targets[0].object == kept.targets[0].object
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([fails]))
-    assert main(["export", "a.db", "--minimal", "--out", "tilted"]) == 0
-    assert "left out: " in capsys.readouterr().err
+    assert "left out: " in typed(capsys, "export a.db --minimal --out tilted").err
     assert len(read_corpus(Path("tilted")).cases) == 1
 
 
@@ -81,16 +74,15 @@ def test_what_no_longer_holds_is_said(monkeypatch: pytest.MonkeyPatch, capsys: p
         (["--format", "vlatest", "--out", "b"], "3: VLATest's scene files have no"),
     ],
 )
-def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys: pytest.CaptureFixture[str]):
+def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
     before = sorted(Path().iterdir())
-    assert main(["export", "a.db", *flags]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, ["export", "a.db", *flags], code=2).err
     assert says in said
     assert "hint: " in said
     assert sorted(Path().iterdir()) == before
 
 
-def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys: pytest.CaptureFixture[str]):
+def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys):
     upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
     raw = {"model_id": "hammer", "obj_init_options": {"init_xy": [-0.3, 0.2], "orientation": upright}}
     theirs = Path("t-grasp_s-7.json")
@@ -103,9 +95,8 @@ def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys: pytest.Capture
     assert "1 scenes written" in capsys.readouterr().err
 
 
-def test_a_file_of_scenes_has_no_runs(capsys: pytest.CaptureFixture[str]):
-    assert main(["export", "a.jsonl", "--run", "1", "--out", "b.jsonl"]) == 2
-    assert "--run 1: a.jsonl is a file of scenes" in capsys.readouterr().err
+def test_a_file_of_scenes_has_no_runs(capsys):
+    assert "--run 1: a.jsonl is a file of scenes" in typed(capsys, "export a.jsonl --run 1 --out b.jsonl", code=2).err
 
 
 @pytest.mark.parametrize(("which", "scenes"), [("failed", 1), ("minimal", 2)])
@@ -124,10 +115,9 @@ def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_cou
         assert row.signature in failure.causes
 
 
-def test_a_store_without_failures_has_no_demonstrations(capsys: pytest.CaptureFixture[str]):
+def test_a_store_without_failures_has_no_demonstrations(capsys):
     pytest.importorskip("pyarrow")
     with Store.open(Path("b.db"), "write") as store:
         store.begin(manifest())
-    assert main(["export", "b.db", "--format", "lerobot", "--out", "shown"]) == 2
-    assert "b.db: has no failing scene" in capsys.readouterr().err
+    assert "b.db: has no failing scene" in typed(capsys, "export b.db --format lerobot --out shown", code=2).err
     assert not Path("shown").exists()

@@ -1,4 +1,4 @@
-"""``vlafuzz export`` of the scenes of a store."""
+"""``vlafuzz export`` of the scenes of a store, and of files of VLATest."""
 
 import json
 from collections.abc import Sequence
@@ -7,6 +7,7 @@ from shutil import copy
 
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, failed, passed
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
@@ -15,14 +16,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, load_verdicts, write_scenes
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
+pytestmark = pytest.mark.usefixtures("folder")
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +31,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def store(made: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
+def store(made: Path, folder: Path, capsys) -> str:
     copy(made, folder / "a.db")
     capsys.readouterr()
     return "a.db"
@@ -58,16 +52,13 @@ def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):
     assert one < everything
 
 
-def test_exported_scenes_can_be_run_again(store: str, capsys: pytest.CaptureFixture[str]):
+def test_exported_scenes_can_be_run_again(store: str, capsys):
     main(["export", store, "--out", "out.jsonl"])
     capsys.readouterr()
-    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["verdicts"]["passed"] == 0
+    assert told(capsys, ["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"])["verdicts"]["passed"] == 0
 
 
-def test_running_exported_failures_again_says_how_many_pass_now(
-    store: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
+def test_running_exported_failures_again_says_how_many_pass_now(store: str, capsys, monkeypatch):
     main(["export", store, "--out", "out.jsonl"])
     exported = len(load_scenes(Path("out.jsonl")))
 
@@ -81,16 +72,12 @@ def test_running_exported_failures_again_says_how_many_pass_now(
     fixed = sum(int(scene.digest, 16) % 2 for scene in load_scenes(Path("out.jsonl")))
     flags = ["run", *IDLE, "--label", "second", "--scenes", "out.jsonl", "--store", "b.db"]
     capsys.readouterr()
-    assert main([*flags]) == 0
-    assert f"{fixed} of {exported} scenes that failed before pass now\n" in capsys.readouterr().out
-    assert main([*flags, "--json"]) == 0
-    again = json.loads(capsys.readouterr().out)["again"]
+    assert f"{fixed} of {exported} scenes that failed before pass now\n" in typed(capsys, [*flags]).out
+    again = told(capsys, [*flags, "--json"])["again"]
     assert (again["failed"], again["fixed"], again["passed"], again["not_begun"]) == (exported, fixed, 0, 0)
 
 
-def test_what_a_budget_leaves_out_is_not_begun_and_picked_scenes_have_no_failure_rate(
-    store: str, capsys: pytest.CaptureFixture[str]
-):
+def test_what_a_budget_leaves_out_is_not_begun_and_picked_scenes_have_no_failure_rate(store: str, capsys):
     main(["export", store, "--out", "out.jsonl"])
     exported = len(load_scenes(Path("out.jsonl")))
     capsys.readouterr()
@@ -101,12 +88,11 @@ def test_what_a_budget_leaves_out_is_not_begun_and_picked_scenes_have_no_failure
     assert "interval" not in shown
 
 
-def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(store: str, capsys: pytest.CaptureFixture[str]):
+def test_a_file_of_scenes_that_tells_no_verdicts_is_run_as_before(store: str, capsys):
     main(["export", store, "--out", "out.jsonl"])
     write_scenes(Path("out.jsonl"), load_scenes(Path("out.jsonl")))
     capsys.readouterr()
-    assert main(["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["again"] is None
+    assert told(capsys, ["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"])["again"] is None
 
 
 def test_verdicts_are_kept_from_file_to_file(store: str):
@@ -124,18 +110,69 @@ def test_verdicts_are_kept_from_file_to_file(store: str):
         (["a.db", "--out", "a.db/out.jsonl"], "cannot be written"),
     ],
 )
-def test_export_refuses_what_is_not_there(
-    store: str, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
-):
-    assert main(["export", *arguments]) == 2
-    shown = capsys.readouterr().err
+def test_export_refuses_what_is_not_there(store: str, capsys, arguments: list[str], says: str):
+    shown = typed(capsys, ["export", *arguments], code=2).err
     assert says in shown
     assert "hint: " in shown
 
 
-def test_a_format_that_can_express_no_scene_is_an_error_and_writes_nothing(
-    folder: Path, store: str, capsys: pytest.CaptureFixture[str]
-):
+def test_a_format_that_can_express_no_scene_is_an_error_and_writes_nothing(folder: Path, store: str, capsys):
     assert main(["export", store, "--format", "vlatest", "--out", "out.json"]) == 2
     assert "VLATest's scene files have no light" in capsys.readouterr().err
     assert not (folder / "out.json").exists()
+
+
+UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
+
+
+def scene_file(folder: Path, *models: str) -> Path:
+    options = {"init_xy": [-0.31, 0.17], "orientation": UPRIGHT}
+    result = {str(i): {"model_id": model, "obj_init_options": options} for i, model in enumerate(models)}
+    path = folder / f"t-grasp_{len(models)}.json"
+    path.write_text(json.dumps(result | {"seed": 7, "num": len(models)}))
+    return path
+
+
+def test_several_files_become_one_in_order(tmp_path: Path, capsys):
+    out = tmp_path / "scenes.jsonl"
+    files = [scene_file(tmp_path, "apple", "hammer", "orange"), scene_file(tmp_path, "sponge")]
+    assert main(["export", *map(str, files), "--out", str(out), "--json"]) == 0
+    assert [scene.targets[0].object for scene in load_scenes(out)] == ["apple", "orange", "sponge"]
+    message = capsys.readouterr()
+    rows = json.loads(message.out)
+    assert [(row["scenes"], row["written"], row["left out"]) for row in rows] == [(3, 2, 1), (1, 1, 0)]
+    assert [row["missing"] for row in rows] == [{"hammer": 1}, {}]
+    assert "hammer" in message.err
+    assert "1 scenes are left out" in message.err
+
+
+def test_nowhere_to_write(tmp_path: Path, capsys):
+    file = scene_file(tmp_path, "apple")
+    assert main(["export", str(file), "--out", str(tmp_path / "no" / "x.jsonl")]) == 2
+    assert capsys.readouterr().err.startswith("error: --out: cannot write")
+
+
+def test_another_file_is_a_usage_error(tmp_path: Path, capsys):
+    path = tmp_path / "x.json"
+    path.write_text("[]")
+    assert main(["export", str(path), "--out", str(tmp_path / "x.jsonl")]) == 2
+    assert "not a scene file of VLATest" in capsys.readouterr().err
+
+
+def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys):
+    out = tmp_path / "scenes.jsonl"
+    file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
+    assert main(["export", str(file), "--out", str(out), "--frame", "original"]) == 0
+    assert [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)] == [
+        ("google", "custom:hammer"),
+        ("google", "custom:opened_pepsi_can"),
+    ]
+    assert capsys.readouterr().err == ""
+
+
+def test_scenes_that_an_export_would_move_are_noted(tmp_path: Path, capsys):
+    kept, back = tmp_path / "kept.jsonl", tmp_path / "back.json"
+    assert main(["export", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"]) == 0
+    assert "would move these scenes" in capsys.readouterr().err
+    assert main(["export", str(kept), "--format", "vlatest", "--out", str(back)]) == 0
+    assert "note: positions are stretched from our box onto VLATest's" in capsys.readouterr().err

@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from vlafuzz.cli import main
 from vlafuzz.worlds.manipulation.operators import EXTRAS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import OPERATORS
@@ -19,16 +18,13 @@ def test_operators_are_listed(capsys):
 
 
 def test_operators_of_a_task_where_they_differ(capsys):
-    assert main(["list", "operators", "--operators", "paper", "--task", "put-in", "--csv"]) == 0
-    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    rows = list(csv.DictReader(io.StringIO(typed(capsys, "list operators --operators paper --task put-in --csv").out)))
     assert rows[1]["range"] == "x -0.075 to 0.025 m, y -0.07 to 0.03 m"
-    assert main(["list", "operators", "--operators", "paper"]) == 0
-    assert "ranges differ in put-in, put-on: --task shows them" in capsys.readouterr().err
+    assert "ranges differ in put-in, put-on: --task shows them" in typed(capsys, "list operators --operators paper").err
 
 
 def test_an_unknown_file_of_operators(capsys):
-    assert main(["list", "operators", "--operators", "papper"]) == 2
-    assert "hint: did you mean 'paper'?" in capsys.readouterr().err
+    assert "hint: did you mean 'paper'?" in typed(capsys, "list operators --operators papper", code=2).err
 
 
 @pytest.mark.parametrize(
@@ -40,8 +36,7 @@ def test_an_unknown_file_of_operators(capsys):
 )
 def test_an_object_that_a_run_refuses_is_refused(tmp_path: Path, capsys, names: str, flags: list[str], says: str):
     (tmp_path / "mine.yaml").write_text(f"extends: tabletop\noperators:\n  target-type: {{{names}}}\n")
-    assert main(["list", "operators", "--operators", str(tmp_path / "mine.yaml"), *flags]) == 2
-    assert says in capsys.readouterr().err
+    assert says in typed(capsys, ["list", "operators", "--operators", str(tmp_path / "mine.yaml"), *flags], code=2).err
 
 
 def test_objects_are_listed(capsys):

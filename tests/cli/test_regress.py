@@ -9,6 +9,7 @@ from xml.etree import ElementTree as Xml
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
@@ -30,7 +31,7 @@ MADE: list[RuleRunner] = []
 
 
 @pytest.fixture(autouse=True)
-def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def corpus(tmp_path: Path, monkeypatch) -> Path:
     """A corpus of a policy that fails in the dark; there is no simulator."""
     monkeypatch.chdir(tmp_path)
     MADE.clear()
@@ -49,7 +50,7 @@ def regress(*arguments: str) -> int:
     return main(["regress", "dark", "--policy", *arguments])
 
 
-def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
+def test_the_corpus_own_policy_is_not_worse(capsys):
     assert regress("idle", "--json") == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 5)
@@ -61,7 +62,7 @@ def test_the_corpus_own_policy_is_not_worse(capsys: pytest.CaptureFixture[str]):
     assert [made.closed for made in MADE] == [1]
 
 
-def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsys: pytest.CaptureFixture[str]):
+def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsys):
     assert regress("pinhole") == 1
     captured = capsys.readouterr()
     assert "pinhole is worse than idle as recorded: 9 worse and 0 better of 27 controls" in captured.out
@@ -74,7 +75,7 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsy
     assert captured.out.count(" without light") > 20
 
 
-def test_the_first_rollouts_tell_how_long_it_takes(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+def test_the_first_rollouts_tell_how_long_it_takes(capsys, monkeypatch):
     monkeypatch.setattr(policies, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
     assert regress("expert") == 0
     said = capsys.readouterr().err
@@ -82,15 +83,14 @@ def test_the_first_rollouts_tell_how_long_it_takes(capsys: pytest.CaptureFixture
     assert "about 109 min for the other 218, at the speed of the first 2 rollouts" in said
 
 
-def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys: pytest.CaptureFixture[str]):
+def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):
     write_corpus(make_corpus(controls=40), Path("few"))
-    assert main(["regress", "few", "--policy", "pinhole", "--max-rollouts", "5"]) == 3
-    said = capsys.readouterr().err
+    said = typed(capsys, "regress few --policy pinhole --max-rollouts 5", code=3).err
     assert said.startswith("error: no alarm is possible:")
     assert "hint: a higher --max-rollouts: the corpus has 40 controls" in said
 
 
-def test_the_nights_share_alpha(capsys: pytest.CaptureFixture[str]):
+def test_the_nights_share_alpha(capsys):
     assert regress("pinhole", "--nights", "30", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
     assert printed["alpha"] == pytest.approx(0.05 / 30)
@@ -98,26 +98,25 @@ def test_the_nights_share_alpha(capsys: pytest.CaptureFixture[str]):
 
 
 @pytest.mark.parametrize("name", ["regress", "bisect"])
-def test_where_no_alarm_is_possible_nothing_is_run(name: str, capsys: pytest.CaptureFixture[str]):
+def test_where_no_alarm_is_possible_nothing_is_run(name: str, capsys):
     run = manifest(operators=operators_json(load_operators()))
     rarely = make_corpus(controls=40)
     controls = [replace(control, passed=number < 2) for number, control in enumerate(rarely.controls)]
     write_corpus(replace(rarely, controls=controls, runs=[run]), Path("rarely"))
     flags = ["--policy", "pinhole"] if name == "regress" else ["--checkpoints", "idle", "pinhole"]
-    assert main([name, "rarely", *flags]) == 3
-    said = capsys.readouterr().err
+    said = typed(capsys, [name, "rarely", *flags], code=3).err
     assert said.startswith("error: no alarm is possible: 2 of 40 controls pass, and it takes")
     assert "\nhint: export a corpus with more passing controls: the policy passes " in said
     assert MADE == []
 
 
-def test_its_time_may_end_before_it_tells(capsys: pytest.CaptureFixture[str]):
+def test_its_time_may_end_before_it_tells(capsys):
     assert regress("expert", "--time", "0.000001s") == 3
     printed = capsys.readouterr()
     assert "--time is over after 0 controls: cannot tell" in printed.out
 
 
-def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys: pytest.CaptureFixture[str]):
+def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys):
     assert regress("expert") == 0
     printed = capsys.readouterr().out
     assert "fixed: the baseline fails" in printed
@@ -125,7 +124,7 @@ def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys: pytes
     assert "0 of 30 passing scenes beside them broken (p = 1)" in printed
 
 
-def test_what_is_fixed_is_in_every_output(capsys: pytest.CaptureFixture[str]):
+def test_what_is_fixed_is_in_every_output(capsys):
     assert regress("expert", "--json", "--junit", "a.xml", "--summary", "a.md") == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (30, 30, True)
@@ -137,7 +136,7 @@ def test_what_is_fixed_is_in_every_output(capsys: pytest.CaptureFixture[str]):
     assert printed["changes"] in {each.get("value") for each in properties}
 
 
-def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, capsys):
     runs = [manifest(policy="idle", label="v1")]
     write_corpus(replace(make_corpus(case(), controls=40), runs=runs), tmp_path / "v1")
     assert main(["regress", "v1", "--policy", "idle", "--label", "v2"]) == 0
@@ -146,7 +145,7 @@ def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, ca
     assert "error: --baseline idle cannot answer where v2 does" in capsys.readouterr().err
 
 
-def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pytest.CaptureFixture[str]):
+def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys):
     assert regress("idle", "--baseline", "expert", "--json") == 1
     printed = json.loads(capsys.readouterr().out)
     assert printed["verdict"].startswith("idle is worse than expert: 8 worse and 0 better")
@@ -154,19 +153,16 @@ def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys: pyte
     assert [made.closed for made in MADE] == [1, 1]
 
 
-def test_for_a_corpus_without_controls_some_are_drawn_and_its_own_policy_is_rolled_out(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_for_a_corpus_without_controls_some_are_drawn_and_its_own_policy_is_rolled_out(tmp_path: Path, capsys):
     run = manifest(operators=operators_json(load_operators()))
     write_corpus(replace(make_corpus(), runs=[run]), tmp_path / "old")
-    assert main(["regress", "old", "--policy", "expert", "--json"]) == 0
-    captured = capsys.readouterr()
+    captured = typed(capsys, "regress old --policy expert --json")
     assert "the corpus has no controls; 200 are drawn, and idle is rolled out, too" in captured.err
     assert (json.loads(captured.out)["controls"], len(MADE)) == (200, 2)
     assert MADE[0].calls == MADE[1].calls
 
 
-def test_other_conditions_than_the_corpus_are_said(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+def test_other_conditions_than_the_corpus_are_said(monkeypatch, capsys):
     class Newer(RuleRunner):
         changed = ("spec", "simulator", "commit")
         renderer = "another"
@@ -178,7 +174,7 @@ def test_other_conditions_than_the_corpus_are_said(monkeypatch: pytest.MonkeyPat
     assert "than the corpus: its simulator, renderer differ" in capsys.readouterr().err
 
 
-def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch: pytest.MonkeyPatch):
+def test_a_summary_and_sarif_name_the_broken_scenes(monkeypatch):
     monkeypatch.setattr("vlafuzz.failures.corpus.policies.no_pictures", lambda task: "")
     film = SimpleNamespace(still=b"jpeg")
     monkeypatch.setattr(RuleRunner, "film", lambda self, scene: film, raising=False)
@@ -202,9 +198,7 @@ def test_a_summary_of_equal_policies_has_no_picture():
     assert json.loads(Path("a.sarif").read_text())["runs"][0]["results"] == []
 
 
-def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(monkeypatch, capsys):
     class Broken(RuleRunner):
         def evaluate(self, scenes, numbers):
             return [Outcome.error("policy: connect: no answer")] * len(scenes)
@@ -228,9 +222,8 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(
         (["dark", "--policy", "idle", "--junit", "no/a.xml"], "error: --junit: no/a.xml: no place"),
     ],
 )
-def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys: pytest.CaptureFixture[str]):
-    assert main(["regress", *arguments]) == 2
-    error = capsys.readouterr().err
+def test_what_is_wrong_is_said_before_anything_is_run(arguments, said, capsys):
+    error = typed(capsys, ["regress", *arguments], code=2).err
     assert error.startswith(said)
     assert "\nhint: " in error
     assert MADE == []

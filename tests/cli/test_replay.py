@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.doubles import failed, manifest, passed
+from tests.doubles import ended, failed, manifest, passed
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
 from vlafuzz.model.scene import Light, Placement
 from vlafuzz.model.scene_lines import write_scenes
-from vlafuzz.store.records import Triaged, Trial
+from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
 
 
@@ -37,18 +37,15 @@ def test_it_shows_what_the_run_named_and_not_what_was_stored_first(tmp_path, cap
     with Store.open(path, "write") as opened:
         run = opened.begin(manifest(policy="frozen"))
         for proposal, scene in ((1, dark), (0, dim)):
-            opened.add(run, Trial(proposal=proposal, scene=scene, outcome=failed(), severity=0.0, cell="c"))
-    main(["replay", str(path), "--json"])
-    assert json.loads(capsys.readouterr().out)["scene"] == dim.digest
-    main(["replay", str(path), "--first-failure", "--json"])
-    assert json.loads(capsys.readouterr().out)["scene"] == dark.digest
+            opened.add(run, ended(scene, failed(), proposal, cell="c"))
+    assert told(capsys, ["replay", str(path), "--json"])["scene"] == dim.digest
+    assert told(capsys, ["replay", str(path), "--first-failure", "--json"])["scene"] == dark.digest
 
 
 def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, capsys, monkeypatch):
     assert told(capsys, ["replay", str(store), "--json"])["stored trajectory made"] is None
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
-    assert main(["replay", str(store), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["stored trajectory made"].startswith("at another place: ")
+    assert told(capsys, ["replay", str(store), "--json"])["stored trajectory made"].startswith("at another place: ")
 
 
 def test_another_policy_is_another_trajectory(store, capsys):
@@ -80,8 +77,7 @@ def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkey
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
     monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.evaluator.ManiSkillEvaluator.evaluate", None)
     arguments = [str(tmp_path / "s.jsonl"), "--policy", "expert", "--seen", str(tmp_path / "seen.png")]
-    assert main(["replay", *arguments]) == 2
-    assert capsys.readouterr().err.startswith("error: policy 'expert' asks for no pictures")
+    assert typed(capsys, ["replay", *arguments], code=2).err.startswith("error: policy 'expert' asks for no pictures")
 
 
 def test_a_scene_that_passed_is_the_same_again(tmp_path, capsys):
@@ -97,7 +93,7 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
         run = store.begin(about)
-        store.add(run, Trial(proposal=0, scene=failing, outcome=failed(), severity=1.0, cell="grasp|light|0,0"))
+        store.add(run, ended(failing, failed(), 0, cell="grasp|light|0,0"))
         store.settle(
             Triaged(
                 scene=failing,
@@ -115,7 +111,7 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
 @pytest.mark.parametrize("given", ["", nominal("pick-up").digest])
 @pytest.mark.parametrize(("policy", "expected"), [(None, "frozen"), ("expert", "expert"), ("random", "frozen")])
 def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(tmp_path, given, policy, expected):
-    trial = Trial(proposal=0, scene=nominal("pick-up"), outcome=failed(), severity=1.0, cell="grasp|light|0,0")
+    trial = ended(nominal("pick-up"), failed(), 0, cell="grasp|light|0,0")
     with Store.open(tmp_path / "s.db", "write") as store:
         store.add(store.begin(manifest(policy="frozen")), trial)
         store.add(store.begin(manifest(policy="expert")), replace(trial, outcome=passed(), cell=None))
@@ -127,8 +123,7 @@ def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, cap
     path = tmp_path / "s.db"
     for label, seed in (("v1", 0), ("v2", 1)):
         flags = ["--policy", "frozen", "--label", label, "--budget", "2", "--config", "stop-early=true"]
-        assert main(["run", *flags, "--strategy", "random", "--seed", str(seed), "--store", str(path)]) == 0
-    capsys.readouterr()
+        typed(capsys, ["run", *flags, "--strategy", "random", "--seed", str(seed), "--store", str(path)])
     with Store.open(path) as store:
         v2 = store.findings(2)[0].scene
     for label, same in (("v2", True), ("v3", None)):
@@ -141,8 +136,7 @@ def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
     unknown = replace(nominal("pick-up"), targets=(Placement("nope", "standing", 0.0, 0.0),))
     write_scenes(tmp_path / "s.jsonl", [unknown])
     trace = tmp_path / "t.json"
-    assert main(["replay", str(tmp_path / "s.jsonl"), "--policy", "frozen", "--trace", str(trace)]) == 2
-    said = capsys.readouterr()
+    said = typed(capsys, ["replay", str(tmp_path / "s.jsonl"), "--policy", "frozen", "--trace", str(trace)], code=2)
     assert said.err.startswith(f"error: {unknown.digest[:12]} could not be run: ")
     assert "nope" in said.err
     assert not trace.exists()
@@ -152,7 +146,7 @@ def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
     store = str(tmp_path / "s.db")
     with Store.open(tmp_path / "s.db", "write") as opened:
         run = opened.begin(manifest())
-        opened.add(run, Trial(proposal=0, scene=nominal("pick-up"), outcome=passed(), severity=1.0))
+        opened.add(run, ended(nominal("pick-up"), passed()))
     assert main(["replay", store]) == 2
     assert f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
 
@@ -191,8 +185,7 @@ def test_bad_input_is_one_sentence_with_a_hint(store, arguments, says, capsys):
 def test_a_replay_says_what_is_unusual_in_the_scene(tmp_path, capsys):
     scenes = tmp_path / "s.jsonl"
     write_scenes(scenes, [replace(nominal("pick-up"), light=Light(0.25))])
-    assert main(["replay", str(scenes), "--policy", "frozen", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["unusual"] == ["light: × 0.25"]
+    assert told(capsys, ["replay", str(scenes), "--policy", "frozen", "--json"])["unusual"] == ["light: × 0.25"]
 
 
 @pytest.mark.render

@@ -9,13 +9,16 @@ from tests.doubles import ClosedForm, Gone, Raising, scene
 from tests.failures.triage.planted import CONDITIONS
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
+from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
+from vlafuzz.cli.run import note_defaults
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.doctor import before_run
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop.renderer import Renderer
 
 pytestmark = pytest.mark.usefixtures("folder")
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
@@ -273,3 +276,23 @@ def test_one_failure_has_its_cause(capsys, folder: Path):
     write_scenes(folder / "dark.jsonl", [scene(light=0.3)])
     assert main(["run", *IDLE, "--scenes", "dark.jsonl", "--store", "a.db"]) == 0
     assert "1 failure; `vlafuzz triage a.db --trust` finds its cause\n" in capsys.readouterr().out
+
+
+def planned(**flags) -> Plan:
+    return plan(RunConfig(policy="frozen", strategy="random", **flags))
+
+
+def test_a_run_says_when_its_batch_leaves_cores_idle(capsys, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_WORKERS", "16")
+    note_defaults(planned(batch=2), {})
+    assert "2 scenes at a time keep 2 of 16 cores busy; --config batch=16 is faster" in capsys.readouterr().err
+    note_defaults(planned(batch=2, workers=2), {"workers": 2})
+    assert capsys.readouterr().err == ""
+
+
+def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
+    monkeypatch.setattr("vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device"))
+    note_defaults(planned(), {})
+    assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
+    note_defaults(planned(), {"policy": "frozen"})
+    assert capsys.readouterr().err == ""

@@ -5,14 +5,13 @@ import pytest
 
 import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
 from tests.cli.typed import told, typed
-from tests.doubles import failed, manifest
+from tests.doubles import ended, failed, manifest
 from tests.failures.triage.planted import CONDITIONS, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene_lines import write_scenes
-from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]
@@ -26,12 +25,7 @@ def store(tmp_path: Path, monkeypatch) -> Path:
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(manifest())
         for seed in range(3):
-            opened.add(
-                run,
-                Trial(
-                    proposal=seed, scene=Planted([TILTED]).finding(seed), outcome=failed(), severity=1.0, cell=f"{seed}"
-                ),
-            )
+            opened.add(run, ended(Planted([TILTED]).finding(seed), failed(), seed, cell=f"{seed}"))
     return tmp_path / "a.db"
 
 
@@ -106,8 +100,7 @@ def test_findings_of_another_version_are_said_to_be_so(monkeypatch, capsys):
         changed = ("commit", "simulator")
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Newer([TILTED]))
-    assert main(["triage", "a.db"]) == 0
-    assert "run 1 was made by another version: its commit, simulator differ;" in capsys.readouterr().err
+    assert "run 1 was made by another version: its commit, simulator differ;" in typed(capsys, "triage a.db").err
 
 
 def test_findings_of_another_place_are_said_to_be_so(monkeypatch, capsys):

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from vlafuzz.cli import main
 
 
-def typed(capsys, words: Sequence[str], *, code: int = 0):
+def typed(capsys, words: Sequence[str] | str, *, code: int = 0):
     """What a command prints that ends with this exit code: ``out`` and ``err``."""
-    assert main(list(words)) == code
+    assert main(words.split() if isinstance(words, str) else list(words)) == code
     return capsys.readouterr()
 
 
-def told(capsys, words: Sequence[str], *, code: int = 0):
+def told(capsys, words: Sequence[str] | str, *, code: int = 0):
     """The JSON that a command prints that ends with this exit code."""
     return json.loads(typed(capsys, words, code=code).out)

@@ -6,7 +6,7 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 
-from tests.doubles import failed, manifest, passed
+from tests.doubles import ended, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import triage
@@ -14,7 +14,7 @@ from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
-from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.evaluation import Film
 from vlafuzz.worlds.manipulation.operator_set import operators_json
@@ -30,12 +30,8 @@ def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: 
             run = opened.begin(manifest(operators=MANIFEST.operators, seed=seed, policy=policy))
             planted = Planted([condition])
             for number in range(findings):
-                cell = "grasp|light|x0y0"
-                opened.add(
-                    run,
-                    Trial(proposal=number, scene=planted.finding(number), outcome=failed(), severity=1.0, cell=cell),
-                )
-            opened.add(run, Trial(proposal=findings, scene=SPACE.nominal(), outcome=passed(), severity=0.0))
+                opened.add(run, ended(planted.finding(number), proposal=number))
+            opened.add(run, ended(SPACE.nominal(), passed(), findings))
             opened.finish(run, "finished", 12.0)
         if triaged != 0:
             conditions = list(PLANTED.values())

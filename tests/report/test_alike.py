@@ -3,14 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
-import pytest
-
-from tests.doubles import failed
+from tests.cli.typed import typed
+from tests.doubles import ended
 from tests.failures.triage.planted import SPACE
 from tests.report.stores import MANIFEST, view
-from vlafuzz.cli import main
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Attribution, FoundCause, Trial
+from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
 NOMINAL = SPACE.nominal()
@@ -24,9 +22,7 @@ def kept(path: Path, *scenes: Scene, cause: Scene | None = None) -> Path:
     with Store.open(path, "write") as store:
         run = store.begin(MANIFEST)
         for number, scene in enumerate(scenes):
-            cell = "grasp|light|x0y0"
-            trial = Trial(proposal=number, scene=scene, outcome=failed(), severity=1.0, cell=cell)
-            store.add(run, trial)
+            store.add(run, ended(scene, proposal=number))
         if cause:
             store.keep_causes(run, Attribution((FoundCause(cause, ("light",), 1),)))
         store.finish(run, "finished", 1.0)
@@ -55,11 +51,9 @@ def test_what_shows_a_cause_keeps_its_card_and_comes_first(tmp_path: Path):
     assert list(shown(path)) == [DARK_TOO, TILTED, DARK]
 
 
-def test_the_list_counts_them_and_json_has_all(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_list_counts_them_and_json_has_all(tmp_path: Path, capsys):
     path = kept(tmp_path / "a.db", DARK, TILTED, HARDLY_TILTED)
-    assert main(["report", str(path)]) == 0
-    printed = capsys.readouterr().out
+    printed = typed(capsys, ["report", str(path)]).out
     assert "3 failures, 1 of them like another, the strongest causes first" in printed
     assert "1 more alike" in printed
-    assert main(["report", str(path), "--json"]) == 0
-    assert capsys.readouterr().out.count('"found"') == 3
+    assert typed(capsys, ["report", str(path), "--json"]).out.count('"found"') == 3

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, passed
+from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
@@ -18,7 +18,7 @@ from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import cause_table
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, FoundCause, Trial
+from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
@@ -44,8 +44,7 @@ def store(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(MANIFEST)
         for proposal, scene in enumerate((Planted([DARK]).finding(9), tilted, dark, tilted_too)):
-            kept = Trial(proposal=proposal, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0")
-            opened.add(1, kept)
+            opened.add(1, ended(scene, proposal=proposal))
         causes = (
             FoundCause(tilted, ("camera-orientation",), 5),
             FoundCause(dark, ("light",), 4),
@@ -105,7 +104,7 @@ def test_a_cause_that_is_not_confirmed_is_listed_last_and_says_so(store: Store):
 
 def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: Store):
     scene = next(shown for shown in (only("light", seed) for seed in range(9)) if other_object(shown))
-    store.add(1, Trial(proposal=9, scene=scene, outcome=failed(), severity=1.0, cell="grasp|light|x0y0"))
+    store.add(1, ended(scene, proposal=9))
     store.keep_causes(1, Attribution((FoundCause(scene, ("target-type", "light"), 1),)))
     name = scene.targets[0].object.replace("_", " ")
     assert listed(store).causes[0].conditions[0] == f"target-type: {name}"
@@ -165,8 +164,7 @@ def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Stor
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):
     for proposal, outcome in enumerate((failed(), passed(), failed()), start=20):
         scene = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=proposal / 100))
-        cell = "grasp|base|x0y0" if outcome.lost_stage else None
-        store.add(1, Trial(proposal=proposal, scene=scene, outcome=outcome, severity=0.01, cell=cell))
+        store.add(1, replace(ended(scene, outcome, proposal), severity=0.01))
     store.keep_causes(1, Attribution(()))
     says = listed(store).sentences[0]
     assert says.startswith("no cause was found; 2 of 3 nominal scenes fail, mostly at grasp, and nothing")

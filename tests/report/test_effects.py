@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import failed, passed
+from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import SPACE
 from tests.report.stores import MANIFEST
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.effects import ENOUGH, Effects, effects_of
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
-from vlafuzz.store.records import Attribution, Manifest, Trial
+from vlafuzz.store.records import Attribution, Manifest
 from vlafuzz.store.store import Store
 
 RNG = np.random.default_rng(0)
@@ -39,8 +39,7 @@ def run(store: Store, fails, scenes: int = 300, first: int = 0, manifest: Manife
     number = store.begin(manifest)
     for proposal, scene in enumerate(SCENES[first : first + scenes]):
         outcome = failed() if fails(scene) else passed()
-        cell = "grasp|light|x0y0" if fails(scene) else None
-        store.add(number, Trial(proposal=proposal, scene=scene, outcome=outcome, severity=1.0, cell=cell))
+        store.add(number, ended(scene, outcome, proposal))
     return number
 
 

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.doubles import ClosedForm, failed, manifest, passed, scene
 from tests.report.stores import MANIFEST, MadeUpFilms
 from vlafuzz.cli import main
@@ -142,7 +143,7 @@ def test_a_browser_names_no_port_where_it_is_80(tmp_path: Path):
         assert read(address, "127.0.0.1.example")[0] == 403
 
 
-def test_the_newest_failure_is_filmed_by_its_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_the_newest_failure_is_filmed_by_its_actions(tmp_path: Path, monkeypatch):
     asked = []
 
     class Runner:
@@ -169,7 +170,7 @@ def test_the_newest_failure_is_filmed_by_its_actions(tmp_path: Path, monkeypatch
     assert page.count("data:video/mp4") == 1
 
 
-def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
     from vlafuzz.campaign import causes, launch
     from vlafuzz.campaign.config import RunConfig, plan
 
@@ -189,8 +190,7 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch: pytest
     assert max(seen[:-1]) > 0
 
 
-def test_a_missing_store_or_a_wrong_port_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["report", "--follow", str(tmp_path / "none.db")]) == 2
-    assert "no such store" in capsys.readouterr().err
+def test_a_missing_store_or_a_wrong_port_is_said(tmp_path: Path, capsys):
+    assert "no such store" in typed(capsys, ["report", "--follow", str(tmp_path / "none.db")], code=2).err
     assert main(["report", "--follow", str(tmp_path), "--port", "99999"]) == 2
     assert "error: --port: expected at most 65535" in capsys.readouterr().err

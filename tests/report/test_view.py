@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, passed
+from tests.doubles import ended, failed, passed
 from tests.failures.corpus.corpora import PNG, case, make_corpus
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import SPACE, Condition
@@ -25,7 +25,7 @@ from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import Chart, View
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
 
@@ -58,8 +58,7 @@ def test_it_begins_with_the_result_in_a_sentence(triaged: View):
 def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, strategy="surrogate"))
-        kept = Trial(proposal=0, scene=SPACE.nominal(), outcome=failed(), severity=0.0, cell="grasp|light|x0y0")
-        opened.add(1, kept)
+        opened.add(1, ended(SPACE.nominal()))
     headline = view(tmp_path / "a.db").headline
     assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as the ")
     assert "%" not in headline
@@ -100,8 +99,7 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
     with Store.open(tmp_path / "a.db", "write") as opened:
         run = opened.begin(MANIFEST)
         for proposal, (scene, outcome) in enumerate(((bright, failed()), (dark, passed()))):
-            cell = "grasp|light|x0y0" if scene is bright else ""
-            opened.add(run, Trial(proposal=proposal, scene=scene, outcome=outcome, severity=1.0, cell=cell))
+            opened.add(run, ended(scene, outcome, proposal))
         triage(opened, runner)
         (summary,) = summarise(opened).triaged_findings
         write_corpus(export(opened, runner, name="bright"), tmp_path / "bright")
@@ -121,8 +119,7 @@ def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: P
     def cards(name: str, fails: Condition, solvable: bool) -> list[DescribedFailure]:
         finding = SPACE.nominal()
         with Store.open(tmp_path / name, "write") as opened:
-            trial = Trial(proposal=0, scene=finding, outcome=failed(), severity=1.0, cell="grasp|none|x0y0")
-            opened.add(opened.begin(MANIFEST), trial)
+            opened.add(opened.begin(MANIFEST), ended(finding, failed(), 0, cell="grasp|none|x0y0"))
             triage(opened, lambda _: PlantedRunner([fails], solvable=lambda _: solvable))
         return [card.of for card in view(tmp_path / name).cards]
 
@@ -146,7 +143,7 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     assert shown.operators == ()
 
 
-def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch):
     monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 18.0)
     ((sentence, _),) = view(store(tmp_path / "a.db", triaged=0)).todo
     assert sentence.endswith("names their causes (about 2.1 h; --time bounds it, --limit 1 takes about 21 min):")
@@ -241,8 +238,7 @@ def test_films_in_which_the_policy_passes_are_noted(triaged: View):
 def test_runs_of_several_models_are_told_apart(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         for label in ("step-1", "step-2"):
-            kept = Trial(proposal=0, scene=SPACE.nominal(), outcome=passed(), severity=0.0)
-            opened.add(opened.begin(replace(MANIFEST, label=label)), kept)
+            opened.add(opened.begin(replace(MANIFEST, label=label)), ended(SPACE.nominal(), passed()))
     shown = view(tmp_path / "a.db")
     assert [row.manifest.model for row in shown.run_rows] == ["step-1 (idle)", "step-2 (idle)"]
     assert shown.title == "step-1, step-2 on pick-up"
@@ -256,9 +252,7 @@ def test_guided_scenes_have_counts_but_no_rates(tmp_path):
         for number, manifest in enumerate((MANIFEST, guided), start=1):
             opened.begin(manifest)
             outcome = failed() if number == 2 else passed()
-            cell = "grasp|light|x0y0" if number == 2 else None
-            trial = Trial(proposal=0, scene=nominal("pick-up"), outcome=outcome, severity=1.0, cell=cell)
-            opened.add(number, trial)
+            opened.add(number, ended(nominal("pick-up"), outcome))
         shown = view_of_store(opened)
     assert [row.guided for row in shown.run_rows] == [False, True]
     assert not any(measure.rate for chart in shown.charts for measure in chart.measures)
