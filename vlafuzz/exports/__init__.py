@@ -1,1 +1,1 @@
-"""Other tools: gymnasium, LeRobot, vla-eval."""
+"""Other tools: gymnasium and LeRobot."""
