@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from tests.attack import samples
-from tests.attack.browsers import WATCHED
 from tests.attack.failing import FAILING
 from tests.attack.folders import FOLDERS
 from tests.attack.reactions import is_fair
@@ -29,7 +28,7 @@ from tests.attack.used import USED
 from tests.attack.wires import FRAMES
 
 TARGETS: dict[str, tuple[Reader, int]] = {
-    **READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS, **FAILING, **WATCHED
+    **READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS, **FAILING
 }  # fmt: skip
 SECONDS = 5.0  # that a reaction may take, not counting those in which other processes have the processor
 MEMORY = 1 << 30  # bytes that it may take beyond what the process has

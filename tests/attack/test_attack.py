@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.attack import browsers, failing, samples, servers
+from tests.attack import failing, samples, servers
 from tests.attack.counting import TARGETS, count, reaction
 from vlafuzz.common import reading
 
@@ -21,7 +21,6 @@ def _ended() -> Iterator[None]:
     samples.make_all()
     yield
     servers.stop()
-    browsers.stop()
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import STAGES, Backwards, Scripted, TinySpace, manifest, scene
+from tests.doubles import STAGES, Backwards, ClosedForm, Scripted, TinySpace, manifest, scene
 from tests.failures.triage.planted import CONDITIONS, SPACE
 from tests.failures.triage.runners import PlantedEvaluator
+from vlafuzz.campaign import causes as keeping
+from vlafuzz.campaign import launch
+from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor
@@ -170,3 +173,20 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
     (cause,) = found.causes
     assert cause.scene != dark
     assert np.isclose(cause.scene.light.intensity, 0.25)
+
+
+def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(keeping, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
+    monkeypatch.setattr(keeping, "SHARE", float("inf"))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    path, seen = tmp_path / "a.db", []
+
+    def watch(tally):
+        if tally.causes:
+            with Store.open(path) as store:
+                kept = store.causes(tally.run)
+            seen.append(len(kept.causes) if kept else 0)
+
+    planned = plan(RunConfig(policy="pinhole", strategy="causes", budget=150, seed=1, store=path, workers=1))
+    launch.start(planned, watch)
+    assert max(seen[:-1]) > 0

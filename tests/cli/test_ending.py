@@ -202,10 +202,3 @@ def test_what_a_policy_prints_is_not_in_the_data(capsys):
     printed = typed(capsys, ["run", "--policy", f"{HERE}:chatty", *FLAGS, "--json"])
     assert json.loads(printed.out)["policy"] == f"{HERE}:chatty"
     assert "loading weights …" in printed.err
-
-
-def test_the_address_of_a_live_page_is_data(monkeypatch, capsys):
-    main(["run", "--policy", "frozen", *FLAGS])
-    capsys.readouterr()
-    monkeypatch.setattr("vlafuzz.report.live.PageServer.serve_forever", lambda _: signal.raise_signal(signal.SIGTERM))
-    assert typed(capsys, ["report", "--follow", "a.db", "--no-videos"]).out.startswith("http://127.0.0.1:")

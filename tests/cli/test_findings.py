@@ -47,18 +47,6 @@ def test_a_limit_says_how_many_are_left_out(store, capsys):
     assert f"{number - 1} more: --limit 0 shows all of them" in capsys.readouterr().out
 
 
-def test_evidence_selects(store, capsys):
-    assert main(["report", str(store), "--evidence", "observed", "--json"]) == 0
-    assert {one["evidence"] for one in json.loads(capsys.readouterr().out)} == {"observed"}
-
-
-@pytest.mark.parametrize("flags", [["--evidence", "proven"], ["--limit", "-1"]], ids=" ".join)
-def test_wrong_flags_are_refused_with_a_hint(store, flags, capsys):
-    said = typed(capsys, ["report", str(store), *flags], code=2).err
-    assert flags[0] in said
-    assert "hint:" in said
-
-
 def test_a_corpus_has_findings_too(capsys):
     found = told(capsys, ["report", "mini-pick-up", "--json"])
     assert len(found) >= 20

@@ -1,14 +1,17 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.cli.typed import typed
+from tests.doubles import ended, failed, scene
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.renderer import Renderer
 
@@ -83,6 +86,29 @@ def test_an_exported_corpus_has_a_page_too(place: Path):
     assert videos(Path("page.html")) == 2
 
 
+def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, capsys):
+    with Store.open(Path("a.db"), "write") as written:
+        run = written.begin(replace(MANIFEST, budget=50))
+    pages: list[str] = []
+
+    def wait(_: float) -> None:
+        pages.append(Path("a.html").read_text())
+        if len(pages) == 2:
+            raise KeyboardInterrupt
+        with Store.open(Path("a.db"), "write") as written:
+            written.add(run, ended(scene(), failed()))
+
+    monkeypatch.setattr("time.sleep", wait)
+    assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
+    told = [f"Run 3 goes on: {done} of 50 rollouts are done." in page for done, page in enumerate(pages)]
+    assert told == [True, True]
+    assert ['<meta http-equiv="refresh"' in page for page in (*pages, Path("a.html").read_text())] == [
+        True,
+        True,
+        False,
+    ]
+
+
 def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -100,8 +126,8 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
         (["a.db", "--out", "empty"], "error: empty: is a folder"),
         (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
         (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
-        (["a.db", "--follow", "--out", "page.html"], "error: --out page.html: has no effect with --follow"),
-        (["a.db", "--label", "v2"], "error: --label v2: has an effect with --follow only"),
+        (["a.db", "--follow", "--limit", "3"], "error: --limit 3: has no effect with --follow"),
+        (["a.db", "--limit", "-1"], "error: --limit: expected at least 0"),
         (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit 3: has no effect on a table"),
     ],
 )

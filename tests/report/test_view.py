@@ -73,11 +73,6 @@ def test_verdicts_stages_and_evidence_are_counted_with_what_they_are_shares_of(t
     assert counts(evidence) == {name: (count, 6) for name, count in expected.items()}
 
 
-def test_operators_are_counted_as_left_necessary_and_sufficient(triaged: View):
-    rows = {row.name: (row.left.count, row.left.of, row.necessary, row.sufficient) for row in triaged.operators}
-    assert rows == {"camera-orientation": (3, 6, 3, 3), "light": (3, 6, 3, 3)}
-
-
 def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
     card = next(card for card in triaged.cards if "camera-orientation" in card.of.operators)
     (only,) = card.of.deviations
@@ -140,7 +135,6 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
-    assert shown.operators == ()
 
 
 def test_triage_that_takes_long_says_so(tmp_path: Path, monkeypatch):
@@ -240,7 +234,7 @@ def test_runs_of_several_models_are_told_apart(tmp_path: Path):
         for label in ("step-1", "step-2"):
             opened.add(opened.begin(replace(MANIFEST, label=label)), ended(SPACE.nominal(), passed()))
     shown = view(tmp_path / "a.db")
-    assert [row.manifest.model for row in shown.run_rows] == ["step-1 (idle)", "step-2 (idle)"]
+    assert [row["policy"] for row in shown.run_table.rows] == ["step-1 (idle)", "step-2 (idle)"]
     assert shown.title == "step-1, step-2 on pick-up"
     assert any("The runs are of several models" in note for note in shown.notes)
     assert sum("Stages reached" in chart.title for chart in shown.charts) == 2
@@ -254,6 +248,6 @@ def test_guided_scenes_have_counts_but_no_rates(tmp_path):
             outcome = failed() if number == 2 else passed()
             opened.add(number, ended(nominal("pick-up"), outcome))
         shown = view_of_store(opened)
-    assert [row.guided for row in shown.run_rows] == [False, True]
+    assert [row["scenes that failed"] for row in shown.run_table.rows] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
     assert not any(measure.rate for chart in shown.charts for measure in chart.measures)
     assert "no failure rate" in render(shown)

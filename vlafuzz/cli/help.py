@@ -13,10 +13,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("version", "baseline", "policy_a", "policy_b", "label_a", "label_b", "checkpoints", "against"),
         *("column", "world", "first_failure", "pack", "unseen", "stores", "config"),
     ),
-    SCENES: (
-        *("strategies", "lab study.alpha", "verdict", "evidence", "run", "export.scenes"),
-        *("hold_out", "run_a", "run_b"),
-    ),
+    SCENES: (*("strategies", "lab study.alpha", "verdict", "run", "export.scenes"), *("hold_out", "run_a", "run_b")),
     LONG: (
         *("time", "rollouts", "triage_rollouts", "max_rollouts", "limit", "comparisons"),
         *("demos", "demos_per_scene", "n"),
@@ -28,7 +25,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
     MORE: ("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),
     WHERE: (),
     OUTPUT: (
-        *("out", "follow", "port", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
+        *("out", "follow", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
         *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
     ),
 }

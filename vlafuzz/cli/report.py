@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import shlex
 import sys
-from contextlib import closing, suppress
+import time
+from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -12,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TrustFlag, label_option, option, refuse
-from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_lines, print_list
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, option, refuse
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import csv_table, markdown_table, plural, size
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
 TABLES = (".csv", ".md")  # endings of files
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
+REFRESH, TIMES = 10, 20  # seconds between two pages that follow a run; at least so many times what one takes
 VALUES = 3  # operators of an untriaged failure that are shown with their values
 
 
@@ -38,9 +40,9 @@ def command(
         option("Write one HTML page; or as .csv or .md how often each policy fails in each task.", "the terminal"),
     ] = None,
     follow: Annotated[
-        bool, option("Follow a run on a page in the browser, until interrupted.", flag="--follow")
+        bool,
+        option("Write the page again while a run goes on, until interrupted; a browser reloads it.", flag="--follow"),
     ] = False,
-    evidence: Annotated[str | None, option("List only those with this evidence, such as minimal.")] = None,
     limit: Annotated[
         int | None,
         option(
@@ -51,8 +53,6 @@ def command(
     videos: Annotated[
         bool, option("Film the failures on a page, and their witnesses.", flag="--videos/--no-videos")
     ] = True,
-    label: Annotated[str | None, label_option("--label", "Follow the last run of this model.", "the last run")] = None,
-    port: Annotated[int | None, option("Where --follow listens on this machine.", "any port that is free")] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -61,28 +61,25 @@ def command(
     Causes come first, the strongest first: those for which most random scenes fail. What hardly differs from a failure
     that is listed, or only adds operators to it, is counted with it.
 
-    With --follow the page shows how far a run is, how often the policy fails, the causes so far, and the newest
-    failure. Only this machine can open it; its address is printed. The store is read, never written.
+    With --follow the page, by default STORE.html, has no videos. The store is read, never written.
     """
     table = out is not None and out.suffix in TABLES
     if follow:
-        refuse({"--out": out, "--limit": limit}, "has no effect with --follow")
-    else:
-        refuse({"--label": label, "--port": port}, "has an effect with --follow only")
+        refuse({"--limit": limit}, "has no effect with --follow")
     if follow or out:
-        refuse({"--evidence": evidence, "--json": json or None}, "has an effect in the terminal only")
+        refuse({"--json": json or None}, "has an effect in the terminal only")
     if table:
-        refuse({"--limit": limit, "--no-videos": None if videos else True}, "has no effect on a table")
+        ineffective = {"--limit": limit, "--no-videos": None if videos else True, "--follow": follow or None}
+        refuse(ineffective, "has no effect on a table")
     check_number("--limit", limit, 1 if out else 0)
-    check_number("--port", port, 0, 65535)
     if follow:
-        _follow(source, label, port or 0, films=videos)
+        _follow(source, out or source.with_suffix(".html"))
     elif out and table:
         _write_table(source, out)
     elif out:
         _write(source, out, limit, videos=videos)
     else:
-        _list(source, evidence, FEW if limit is None else limit, json=json)
+        _list(source, FEW if limit is None else limit, json=json)
 
 
 def _checked(source: Path) -> Path:
@@ -94,24 +91,21 @@ def _checked(source: Path) -> Path:
     return found
 
 
-def _list(source: Path, evidence: str | None, limit: int, *, json: bool) -> None:
+def _list(source: Path, limit: int, *, json: bool) -> None:
     """Print the failures: those of causes first, then others by evidence.
 
     A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
     """
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import forecast
-    from vlafuzz.failures.described import BUCKETS
     from vlafuzz.failures.listed import listing_of
     from vlafuzz.store.store import Store
 
-    if evidence is not None and evidence not in BUCKETS:
-        raise UsageError(f"--evidence: {evidence!r} is none", hint=f"one of {', '.join(BUCKETS)}")
     found = listing_of(_checked(source))
     if json:
-        _print_rows(source, found, evidence)
+        _print_rows(source, found)
         return
-    listed = [one for one in found.failures if evidence in (None, one.bucket)]
+    listed = found.failures
     shown = listed[: limit or None]
     failures = sum(len(one.found) + len(one.alike) for one in listed)
     apart = f", {failures - len(listed)} of them like another" if len(listed) < failures else ""
@@ -119,7 +113,7 @@ def _list(source: Path, evidence: str | None, limit: int, *, json: bool) -> None
     title = f"{plural(failures, 'failure')}{apart}, the strongest causes first: {found.title}"
     print_list([_lines(one, mixed=mixed) for one in shown], title=title)
     if not shown:
-        print_lines("no failures" + (f" with evidence {evidence}" if evidence else ""))
+        print_lines("no failures")
     if len(shown) < len(listed):
         print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
     if shown:
@@ -150,7 +144,7 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
     return [*(values or [one.title]), " · ".join(filter(None, parts))]
 
 
-def _print_rows(source: Path, found: Listing, evidence: str | None) -> None:
+def _print_rows(source: Path, found: Listing) -> None:
     """Print the failures as ``StoredFinding``, one each, in the order of the list that counts them."""
     from vlafuzz.stored import StoredResults, finding_of
 
@@ -163,7 +157,7 @@ def _print_rows(source: Path, found: Listing, evidence: str | None) -> None:
         rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label])
     else:
         rows = [finding_of(one) for one in found.failures]
-    print_json([asdict(row) for row in rows if evidence in (None, row.evidence)])
+    print_json([asdict(row) for row in rows])
 
 
 def _write_table(source: Path, out: Path) -> None:
@@ -213,15 +207,16 @@ def _with_films(source: Path, view: View, limit: int) -> View:
     return replace(view, notes=(*view.notes, f"No videos: {reason}."))
 
 
-def _follow(source: Path, label: str | None, port: int, *, films: bool) -> None:
-    from vlafuzz.report.films import NewestFilm
-    from vlafuzz.report.live import Live, PageServer, live_page
-    from vlafuzz.store.store import Store
+def _follow(source: Path, out: Path) -> None:
+    from vlafuzz.report.page import check_place, render, write_page
+    from vlafuzz.report.sources import view_of
 
-    with Store.open(source) as store:
-        live, made = Live(store, label), NewestFilm(source) if films else None
-        with PageServer(port, lambda: live_page(live, made)) as server, suppress(KeyboardInterrupt):
-            data().write(f"{server.address}\n")
-            data().flush()
-            sys.stderr.write(f"following {source}; Ctrl-C ends it\n")
-            server.serve_forever()
+    check_place(out)
+    sys.stderr.write(f"following {source}: open {out} in a browser; Ctrl-C ends it\n")
+    try:
+        while True:
+            began = time.monotonic()
+            write_page(out, render(view_of(_checked(source)), refresh=REFRESH))
+            time.sleep(max(REFRESH, TIMES * (time.monotonic() - began)))
+    except KeyboardInterrupt:
+        write_page(out, render(view_of(source)))  # as it is to stay

@@ -10,10 +10,10 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import interval, percent
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.view import Chart, Measure, RunRow
+from vlafuzz.report.view import Chart, Measure, Table
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
@@ -30,12 +30,13 @@ class Counts:
     """Rollouts and verdicts of a store.
 
     Attributes:
+        rollouts: by run.
         last: the last verdict of every scene under every policy key.
         begun: rollouts by task and model; ``reached``: those that reached a stage.
         guided: whether a strategy or the user chose some of the scenes.
     """
 
-    rollouts: int = 0
+    rollouts: Counter[int] = field(default_factory=Counter)
     last: dict[tuple[str, str], Verdict] = field(default_factory=dict)
     begun: Counter[tuple[str, str]] = field(default_factory=Counter)
     reached: Counter[tuple[str, str, str]] = field(default_factory=Counter)
@@ -51,25 +52,20 @@ class Counts:
         counted = self.verdicts
         return Share.of_counts(counted[Verdict.FAILED], counted[Verdict.FAILED] + counted[Verdict.PASSED])
 
-    def add(self, run: Run, trial: Trial) -> None:
-        manifest, outcome = run.manifest, trial.outcome
-        self.guided = self.guided or manifest.strategy != RANDOM
-        key = (manifest.key(), trial.scene.digest)
-        if outcome.verdict is not Verdict.ERROR or key not in self.last:
-            self.last[key] = outcome.verdict
-        if trial.duplicate:
-            return
-        self.rollouts += len(outcome.rollouts)
-        for rollout in outcome.rollouts:
-            self.begun[manifest.task, manifest.model] += 1
-            self.reached.update((manifest.task, manifest.model, stage) for stage in rollout.reached)
-
 
 def count(store: Store) -> Counts:
     counts = Counts()
     for run in store.runs():
+        manifest = run.manifest
+        counts.guided = counts.guided or manifest.strategy != RANDOM
         for trial in store.trials(run.id):
-            counts.add(run, trial)
+            key = (manifest.key(), trial.scene.digest)
+            if trial.outcome.verdict is not Verdict.ERROR or key not in counts.last:
+                counts.last[key] = trial.outcome.verdict
+            for rollout in () if trial.duplicate else trial.outcome.rollouts:
+                counts.rollouts[run.id] += 1
+                counts.begun[manifest.task, manifest.model] += 1
+                counts.reached.update((manifest.task, manifest.model, stage) for stage in rollout.reached)
     return counts
 
 
@@ -97,11 +93,26 @@ def charts_of(counts: Counts) -> tuple[Chart, ...]:
     return tuple(charts)
 
 
-def run_row(store: Store, run: Run) -> RunRow:
-    """A run, with its failure rate."""
-    failed, judged = store.judged([run.id])
-    share = Share.of_counts(failed, judged) if judged else None
-    return RunRow(id=run.id, manifest=run.manifest, status=run.status, failed=share)
+def run_table(store: Store) -> Table | None:
+    """The runs with their failure rates; None before there is one.
+
+    The scenes of a strategy that chooses them have no failure rate.
+    """
+    rows = []
+    for run in store.runs():
+        manifest, failed = run.manifest, Share.of_counts(*store.judged([run.id]))
+        rate = f", {failed}" if manifest.strategy == RANDOM else ""
+        rows.append(
+            row_of_run(run.id, manifest)
+            | {"status": run.status, "scenes that failed": f"{failed.count} of {failed.of}{rate}" if failed.of else "–"}
+        )
+    return Table("Runs", rows) if rows else None
+
+
+def row_of_run(number: int, run: Manifest) -> dict[str, object]:
+    """What a run was asked to do, as columns of a table."""
+    columns: dict[str, object] = {"run": number, "task": run.task, "policy": run.model, "strategy": run.strategy}
+    return columns | {"seed": run.seed, "budget": run.budget}
 
 
 @dataclass(frozen=True, kw_only=True)

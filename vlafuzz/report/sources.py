@@ -13,9 +13,9 @@ from vlafuzz.failures.described import Spaces, title_of
 from vlafuzz.failures.listed import listing_of_corpus, listing_of_store
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.counts import Counts, charts_of, count, run_row, standings_of
+from vlafuzz.report.counts import Counts, charts_of, count, row_of_run, run_table, standings_of
 from vlafuzz.report.effects import effects_of
-from vlafuzz.report.view import Card, Chart, Measure, RunRow, Table, View, cause_table, operator_rows
+from vlafuzz.report.view import Card, Chart, Measure, Table, View, cause_table
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
@@ -55,8 +55,12 @@ def view_of_store(store: Store) -> View:
     listing = listing_of_store(store)
     standings = standings_of(store, counts, listing.causes)
     several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
-    shrunk = (row for row in store.triaged() if row.shrunk is not None and row.bucket != "base")
-    notes = [_TOY] * any(run.policy == "mini" for run in listing.runs) + [_SEVERAL] * bool(several)
+    notes = [
+        f"Run {run.id} goes on: {counts.rollouts[run.id]} of {run.manifest.budget} rollouts are done."
+        for run in runs
+        if run.status == "running"
+    ]
+    notes += [_TOY] * any(run.policy == "mini" for run in listing.runs) + [_SEVERAL] * bool(several)
     charts = list(charts_of(counts))
     if summary.triaged:
         counted = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
@@ -70,9 +74,8 @@ def view_of_store(store: Store) -> View:
         facts=_facts(runs, counts, summary),
         todo=listing.todo,
         runs=listing.runs,
-        run_rows=tuple(run_row(store, run) for run in runs),
+        run_table=run_table(store),
         charts=tuple(charts),
-        operators=operator_rows((row.operators, row.causes) for row in shrunk),
         tables=(*several, *map(cause_table, listing.causes), *_effects(store, runs)),
         cards=tuple(map(Card, listing.failures)),
         notes=tuple(notes),
@@ -123,7 +126,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
         policy,
         ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
         *others,
-        ("Search", f"{plural(counts.rollouts, 'rollout')}, {searched}"),
+        ("Search", f"{plural(counts.rollouts.total(), 'rollout')}, {searched}"),
         ("Triage", spent),
         ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
         _places({run.id: run.manifest for run in runs}),
@@ -183,11 +186,10 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         headline=f"{scenes}, {causes}, all solved by the expert; from {findings}.",
         facts=tuple((name, value) for name, value in facts if value),
         runs=listing.runs,
-        run_rows=tuple(RunRow(id=number, manifest=run) for number, run in enumerate(listing.runs, start=1)),
+        run_table=Table("Runs", [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]),
         charts=(
             _evidence(evidence.shares, "Of the triaged findings of the store."),
             Chart("Lost stage", "The stage that the policy does not reach; of all cases.", measures),
         ),
-        operators=operator_rows((case.operators, case.causes) for case in cases),
         cards=tuple(map(Card, listing.failures)),
     )

@@ -1,16 +1,13 @@
 """Pages as values, without HTML: the report, and sheets of plots, tables and sentences."""
 
-from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import interval
 from vlafuzz.failures.causes import CauseList
 from vlafuzz.failures.described import DescribedFailure
-from vlafuzz.model.evidence import Causes, Solver
-from vlafuzz.search.base import RANDOM
+from vlafuzz.model.evidence import Solver
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluation import Film
 
@@ -42,43 +39,6 @@ class Chart:
     title: str
     says: str
     measures: tuple[Measure, ...]
-
-
-@dataclass(frozen=True)
-class OperatorRow:
-    """How often an operator remains in shrunk scenes, is necessary there, and suffices alone."""
-
-    name: str
-    left: Share
-    necessary: int
-    sufficient: int
-
-
-def operator_rows(shrunk: Iterable[tuple[Sequence[str], Causes]]) -> tuple[OperatorRow, ...]:
-    """From the operators that remain in scenes, and the causes; the most frequent operator first."""
-    scenes = list(shrunk)
-    left = Counter(name for operators, _ in scenes for name in operators)
-    necessary = Counter(name for _, causes in scenes for name in causes.necessary)
-    sufficient = Counter(name for _, causes in scenes for name in causes.sufficient)
-    return tuple(
-        OperatorRow(name, Share.of_counts(count, len(scenes)), necessary[name], sufficient[name])
-        for name, count in left.most_common()
-    )
-
-
-@dataclass(frozen=True)
-class RunRow:
-    """A run; ``failed``: of the scenes that it judged."""
-
-    id: int
-    manifest: Manifest
-    status: str = ""
-    failed: Share | None = None
-
-    @property
-    def guided(self) -> bool:
-        """Whether a strategy or the user chose the scenes: then their failures are no failure rate."""
-        return self.manifest.strategy != RANDOM
 
 
 @dataclass(frozen=True)
@@ -128,14 +88,6 @@ class Card:
         return f"without it {counts} ({interval(rate.low, rate.high)})"
 
 
-class Filter(NamedTuple):
-    """A filter of the gallery, by one of ``choices`` at a time."""
-
-    key: str
-    name: str
-    choices: Iterable[str]
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
     """The page.
@@ -152,9 +104,8 @@ class View:
     facts: tuple[tuple[str, str], ...] = ()
     todo: tuple[tuple[str, str], ...] = ()
     runs: tuple[Manifest, ...] = ()
-    run_rows: tuple[RunRow, ...] = ()
+    run_table: Table | None = None
     charts: tuple[Chart, ...] = ()
-    operators: tuple[OperatorRow, ...] = ()
     cards: tuple[Card, ...] = ()
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
@@ -169,14 +120,15 @@ class View:
         return any(card.solution for card in self.cards)
 
     @property
-    def filters(self) -> tuple[Filter, ...]:
+    def filters(self) -> dict[tuple[str, str], list[str]]:
+        """The choices of each filter of the gallery, by its key and name."""
         shown = [card.of for card in self.cards]
-        return (
-            Filter("task", "Task", sorted({one.scene.task for one in shown})),
-            Filter("stage", "Lost stage", sorted({one.lost_stage for one in shown})),
-            Filter("operator", "Operator", sorted({name for one in shown for name in one.operators})),
-            Filter("evidence", "Evidence", sorted({one.bucket for one in shown})),
-        )
+        return {
+            ("task", "Task"): sorted({one.scene.task for one in shown}),
+            ("stage", "Lost stage"): sorted({one.lost_stage for one in shown}),
+            ("operator", "Operator"): sorted({name for one in shown for name in one.operators}),
+            ("evidence", "Evidence"): sorted({one.bucket for one in shown}),
+        }
 
 
 @dataclass(frozen=True)
