@@ -43,7 +43,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.harness import Harness
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.sim.arm import MetricArm

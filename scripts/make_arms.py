@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Write worlds/manipulation/rigs/arms.json: joints and convex bodies of the robots, to see what they hide.
+"""Write worlds/manipulation/arms.json: joints and convex bodies of the robots, to see what they hide.
 
 The Panda's links become hulls of a few corners; those of the other robots, whose files are not ours, become boxes that
 are measured on slices of them, to 5 mm.
@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, WIDOWX
+from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX
 
 Array = NDArray[np.float64]
 CORNERS = 24
 STEP = 0.005  # metres
 SLICE = 0.06  # metres, along the longest side
-OUT = Path(__file__).parent.parent / "vlafuzz" / "rigs" / "arms.json"
+OUT = Path(__file__).parent.parent / "vlafuzz" / "worlds" / "manipulation" / "arms.json"
 PANDA = tuple(f"panda_{name}" for name in (*(f"joint{n}" for n in range(1, 8)), "finger_joint1", "finger_joint2"))
 
 

@@ -33,8 +33,8 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator

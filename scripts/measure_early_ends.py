@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.space import SearchSpace
 from vlafuzz.worlds.tabletop.state import State

@@ -18,8 +18,8 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.evaluator import Stills

@@ -17,9 +17,8 @@ from vlafuzz.policies.clients.openvla import OpenVla
 from vlafuzz.policies.clients.options import ProfiledOptions, known_profiles
 from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import client, make_policy
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, WIDOWX
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.sim.cameras import WRIST_CAMERA
 
 PAGE = text("docs/wires.md")

@@ -84,8 +84,8 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
 @pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
 def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.worlds.tabletop.sim.scenes import make_env
-    from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-    from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+    from vlafuzz.worlds.manipulation.camera import camera_pose
+    from vlafuzz.worlds.manipulation.rigs import PANDA
     from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer
     from vlafuzz.worlds.tabletop.sim.outlines import outlines
 

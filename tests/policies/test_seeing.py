@@ -12,8 +12,8 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Camera
 from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.operator_set import visible_json
-from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
 from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import Look, SeeingExpert

@@ -6,7 +6,7 @@ import pytest
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.search.scoring import cell, score
-from vlafuzz.worlds.manipulation.rigs.rig import Workspace
+from vlafuzz.worlds.manipulation.rigs import Workspace
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 

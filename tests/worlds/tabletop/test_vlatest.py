@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Camera, Light, Scene
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness import check_semantic
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

@@ -23,7 +23,7 @@ from vlafuzz.search.base import POOL, RANDOM
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.manipulation.operators import Wording
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
+from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.provenance import commit
 from vlafuzz.worlds.tabletop.objects import Pack
 from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue

@@ -28,7 +28,7 @@ from vlafuzz.worlds.libero.stages import Moment, monitor_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING
 from vlafuzz.worlds.libero.workplace import Workplace, close_idle, give_back, take
-from vlafuzz.worlds.manipulation.rigs.robots import FORMER
+from vlafuzz.worlds.manipulation.rigs import FORMER
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording

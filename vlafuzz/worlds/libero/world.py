@@ -25,8 +25,8 @@ from vlafuzz.worlds.libero.scenes.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
-from vlafuzz.worlds.manipulation.rigs.robots import FORMER, LIBERO
-from vlafuzz.worlds.manipulation.table_world import TableWorld
+from vlafuzz.worlds.manipulation.rigs import FORMER, LIBERO
+from vlafuzz.worlds.manipulation.space import TableWorld
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface

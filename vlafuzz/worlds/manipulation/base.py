@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from vlafuzz.model.genes import Gene, Grid, Kind
 from vlafuzz.model.scene import Real
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs import Rig
 
 Number = Real  # a scene takes no others
 Step = Annotated[Real, Field(ge=1e-6)]  # values are rounded to nine decimals

@@ -16,7 +16,7 @@ from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
 from vlafuzz.model.scene import Camera, InitialPose, Light, Placement, Scene
 from vlafuzz.worlds.manipulation.base import Strict
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs import rig
 
 _Amount = Annotated[float, Field(ge=0, allow_inf_nan=False, strict=False)]
 

@@ -1,39 +1,52 @@
-"""TableSpace: what spaces share whose scenes are things on a table, seen by a camera under lamps."""
+"""What worlds share whose scenes are things on a table, seen by a camera under lamps: composer, space, world."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.model import scene as model
+from vlafuzz.model.conditions import Setting
 from vlafuzz.model.genes import Gene
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Space, Vector, embedded
+from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Space, Values, Vector, embedded
 from vlafuzz.model.task import Task
-from vlafuzz.worlds.manipulation.composer import camera
-from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition, Extra
+from vlafuzz.worlds.base import Wanted, World
+from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import load_jitter
-from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, operators_json, visible_json
+from vlafuzz.worlds.manipulation.operator_set import (
+    MIN_DISTANCE,
+    VISIBLE,
+    OperatorSet,
+    load_operators,
+    operators_json,
+    visible_json,
+)
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
     OPERATORS,
+    BystanderOrientation,
+    BystanderPosition,
     CameraOrientation,
     CameraPosition,
     ConfounderCount,
     ConfounderOrientation,
     ConfounderPosition,
     ConfounderType,
+    Extra,
     Light,
     TargetOrientation,
     TargetPosition,
     TargetType,
     Wording,
 )
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs import Rig, rig
 
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.
@@ -44,6 +57,76 @@ GROUPS: dict[str, tuple[str, ...]] = {
     **{kind.name: (kind.name,) for kind in _ALONE},
     **{name: (name,) for name in OPERATORS if name in EXTRAS},
 }
+REDRAWS = 60  # positions tried for one object
+RESTARTS = 200  # attempts at a scene
+HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
+PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a scene with one gene per field
+
+
+class TableComposer(ABC):
+    """Composes the scenes of one task. A world says how things are placed, and what is said."""
+
+    def __init__(self, layout: Layout, genes: Iterable[Gene]) -> None:
+        self.layout, self.genes = layout, tuple(genes)
+        self._parts = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
+
+    @abstractmethod
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values. A name that is taken is replaced by the next free one."""
+
+    @abstractmethod
+    def placed(self, slot: str, placement: Placement) -> Values:
+        """The values of what is in a slot; NaN where no index stands for it."""
+
+    @abstractmethod
+    def wordings(self, scene: Scene) -> Sequence[str]:
+        """The instructions that the scene's targets may have."""
+
+    def values(self, scene: Scene) -> Values:
+        """The values of everything that a scene has; NaN where no index stands for it."""
+        values: Values = {"confounders": len(scene.confounders)}
+        for part, genes in self._parts.items():
+            values |= {gene.path: _value(gene, getattr(scene, part)) for gene in genes}
+        for field in ("distance", "azimuth", "elevation", "roll", "pitch", "yaw"):
+            values[f"camera.{field}"] = getattr(scene.camera, field)
+        for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
+            for slot, placement in zip(self.layout.of(part), placements, strict=False):
+                values |= self.placed(slot, placement)
+        said = math.nan if scene.then else index_of(self.wordings(scene), scene.instruction)
+        return values | {"instruction": said}
+
+    def parts(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """Camera, light and extras with these values, by the names of the scene's fields."""
+        return {"camera": camera(values)} | {part: self._part(part, values) for part in PARTS}
+
+    def _part(self, part: str, values: Mapping[str, float]) -> Any:
+        nominal, changed = PARTS[part], dict[str, object]()
+        for gene in self._parts[part]:
+            field, value = gene.path.rpartition(".")[2], values[gene.path]
+            usual = getattr(nominal, field)
+            shown = gene.options[int(value)] if gene.options else type(usual)(value)
+            if shown != usual:
+                changed[field] = shown
+        return replace(nominal, **changed) if changed else nominal
+
+
+def _value(gene: Gene, part: Any) -> float:
+    """The value of a gene in a part of a scene."""
+    shown = getattr(part, gene.path.rpartition(".")[2])
+    return index_of(gene.options, shown) if gene.options else float(shown)
+
+
+def camera(values: Mapping[str, float]) -> Camera:
+    """The camera with these values; equivalent directions are written with zeros."""
+    distance, elevation = values["camera.distance"], values["camera.elevation"]
+    azimuth = 0.0 if distance == 0 or abs(elevation) == 90 else values["camera.azimuth"]
+    turned = {axis: values[f"camera.{axis}"] for axis in ("roll", "pitch", "yaw")}
+    return Camera(distance, azimuth, 0.0 if distance == 0 else elevation, **turned)
+
+
+def index_of(known: Sequence[str], name: str) -> float:
+    """The index of a name among those that are known; NaN if it is not."""
+    return known.index(name) if name in known else math.nan
 
 
 class TableSpace(Space):
@@ -199,3 +282,43 @@ def _fields(part: object, other: object, names: Sequence[str]) -> str:
     """The fields of a part of a scene that differ from another's."""
     differing = [name for name in names if getattr(part, name) != getattr(other, name)]
     return ", ".join(in_words(name, getattr(part, name)) for name in differing)
+
+
+class TableWorld(World):
+    """A world whose robots are rigs, and whose operators come from files of ranges."""
+
+    settings: Sequence[Setting[Any]] = (MIN_DISTANCE, VISIBLE)
+
+    def robot(self, name: str) -> Rig:
+        return rig(name)
+
+    def operators(self, wanted: Wanted) -> OperatorSet:
+        setup = rig(wanted.robot)
+        operators = load_operators(wanted.operators or setup.operators)
+        if wanted.vary:
+            return operators.only(wanted.vary)
+        if setup.photos:  # they fit one view only
+            return operators.only(operators.varied - {CameraPosition.name, CameraOrientation.name})
+        return operators
+
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> TableSpace:
+        chosen = self.operators(wanted) if operators is None else operators
+        assert isinstance(chosen, OperatorSet)
+        space = self.space_of(wanted, chosen)
+        check_varied(space)
+        return space
+
+    @abstractmethod
+    def space_of(self, wanted: Wanted, operators: OperatorSet) -> TableSpace:
+        """The scenes of a task with these operators."""
+
+
+def check_varied(space: TableSpace) -> None:
+    """Raise a UsageError if an operator is to vary that has nothing to vary in this task."""
+    offered = {gene.operator for gene in space.by_path.values()}
+    idle = space.operators.varied - offered
+    if idle and space.genes:  # some of a world's tasks lack what varies there by default
+        idle -= load_operators(space.rig.operators).varied
+    for name in sorted(idle):
+        hint = f"known: {', '.join(sorted(offered))}"
+        raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)

@@ -17,7 +17,7 @@ from vlafuzz.model.scene_lines import SceneFile
 from vlafuzz.worlds.capabilities import Frame, Problem
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.operator_set import load_operators
-from vlafuzz.worlds.manipulation.rigs.robots import RIGS
+from vlafuzz.worlds.manipulation.rigs import RIGS
 from vlafuzz.worlds.tabletop.fairness import CHECKS, check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import apart, footprint
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue

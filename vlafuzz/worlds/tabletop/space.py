@@ -16,7 +16,6 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation.base import Layout
-from vlafuzz.worlds.manipulation.composer import HINT, REDRAWS, RESTARTS, TableComposer, camera, index_of
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.operators import (
     OPERATORS,
@@ -27,9 +26,8 @@ from vlafuzz.worlds.manipulation.operators import (
     TargetPosition,
     TargetType,
 )
-from vlafuzz.worlds.manipulation.rigs.rig import Hand
-from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.manipulation.space import TableSpace
+from vlafuzz.worlds.manipulation.rigs import Hand, rig
+from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, camera, index_of
 from vlafuzz.worlds.tabletop.fairness.checks import (
     cannot_grasp,
     cannot_place,

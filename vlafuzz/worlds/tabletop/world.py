@@ -23,9 +23,8 @@ from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.capabilities import Drawing, Frame, Imported, ListedObject, ListedOperators, Stepped
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
-from vlafuzz.worlds.manipulation.space import check_names
-from vlafuzz.worlds.manipulation.table_world import TableWorld
+from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
+from vlafuzz.worlds.manipulation.space import TableWorld, check_names
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.experts.expert import Expert

@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.model.scene import Camera, Placement, Scene
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.fairness import check_geometry, check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 

@@ -8,8 +8,8 @@ import pytest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, pick_up, put
 from vlafuzz.model.scene import Camera, InitialPose
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.manipulation.rigs import arms
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation import arms
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 

@@ -10,8 +10,8 @@ from vlafuzz.errors import SimulatorError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Camera, Light, Scene
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv

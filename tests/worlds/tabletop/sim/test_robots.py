@@ -13,8 +13,8 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Camera, Placement, Scene
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, PANDA, RIGS, WIDOWX, rig
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, Stills

@@ -8,7 +8,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, settled
 from vlafuzz.worlds.tabletop.sim.objects import models_of, resting_pose

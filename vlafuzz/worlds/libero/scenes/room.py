@@ -19,7 +19,7 @@ from vlafuzz.worlds.libero.packages import versions
 from vlafuzz.worlds.libero.scenes.casts import pool
 from vlafuzz.worlds.libero.scenes.standing import Standing
 from vlafuzz.worlds.libero.suites import PLACING, LiberoTask, find_task
-from vlafuzz.worlds.manipulation.rigs.robots import LIBERO
+from vlafuzz.worlds.manipulation.rigs import LIBERO
 
 Array = NDArray[np.float64]
 REACH = LIBERO.reach

@@ -22,20 +22,20 @@ from vlafuzz.worlds.libero.scenes.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.worlds.manipulation.base import Layout, Operator
-from vlafuzz.worlds.manipulation.composer import HINT, REDRAWS, RESTARTS, TableComposer, index_of
-from vlafuzz.worlds.manipulation.extras import BystanderOrientation, BystanderPosition
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.operators import (
     EXTRAS,
     OPERATORS,
+    BystanderOrientation,
+    BystanderPosition,
     ConfounderCount,
     ConfounderType,
     TargetOrientation,
     TargetPosition,
     TargetType,
 )
-from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.manipulation.space import TableSpace
+from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, index_of
 
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
 OBJECTS = "60b651b6641f1773"

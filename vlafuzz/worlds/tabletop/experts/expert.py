@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
-from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
+from vlafuzz.worlds.manipulation.camera import CameraPose
+from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue

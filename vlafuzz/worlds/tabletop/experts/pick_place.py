@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs import Rig
 from vlafuzz.worlds.tabletop.experts import planning
 from vlafuzz.worlds.tabletop.experts.planning import Goal, Reach, Thing
 

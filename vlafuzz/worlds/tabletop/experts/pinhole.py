@@ -11,9 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
-from vlafuzz.worlds.manipulation.rigs.camera import CameraPose, camera_pose
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
+from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
+from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.experts.expert import Acting, Scripted
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing

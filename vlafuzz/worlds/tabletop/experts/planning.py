@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.worlds.manipulation.rigs.rig import Hand, Rig
+from vlafuzz.worlds.manipulation.rigs import Hand, Rig
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 

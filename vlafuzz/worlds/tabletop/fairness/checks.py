@@ -12,9 +12,8 @@ from vlafuzz.common.text import ambiguous
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Backdrop, Camera, Placement, Scene
 from vlafuzz.worlds.manipulation.base import Visible
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.rig import Hand, Rig
-from vlafuzz.worlds.manipulation.rigs.robots import RIGS, rig
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
 from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, apart, extents, footprint, solid
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue

@@ -11,13 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.base import Visible
-from vlafuzz.worlds.manipulation.rigs import arms
-from vlafuzz.worlds.manipulation.rigs.backdrops import FLOOR_COLOUR, PAINTS, tones
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.labels import Labels, area_beyond, blank, fill, polygons
-from vlafuzz.worlds.manipulation.rigs.robots import rig
-from vlafuzz.worlds.manipulation.rigs.shading import UP, glossy, shown
+from vlafuzz.worlds.manipulation.camera import Labels, area_beyond, blank, camera_pose, fill, polygons
+from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, PAINTS, UP, glossy, shown, tones
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.hulls import triangles

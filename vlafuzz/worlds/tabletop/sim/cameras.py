@@ -17,8 +17,8 @@ from vlafuzz.common import assets
 from vlafuzz.common.reading import decoded, read_bytes
 from vlafuzz.errors import CatalogueError
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.manipulation.rigs.camera import CameraPose, camera_pose
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
+from vlafuzz.worlds.manipulation.rigs import Rig
 from vlafuzz.worlds.tabletop.sim.rendering import use_shaders
 from vlafuzz.worlds.tabletop.sim.robots import wrist_of
 

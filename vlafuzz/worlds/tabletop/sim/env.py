@@ -25,9 +25,8 @@ from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, rig
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
 from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of

@@ -15,7 +15,7 @@ from vlafuzz.policies.base import CameraRequest, Knowing, Observation, Policy, P
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.policies.base import Outlines, Silhouette
-from vlafuzz.worlds.manipulation.rigs.arms import hand_boxes
-from vlafuzz.worlds.manipulation.rigs.backdrops import COLOUR
-from vlafuzz.worlds.manipulation.rigs.camera import CameraPose
-from vlafuzz.worlds.manipulation.rigs.labels import area_alone, blank, paint
+from vlafuzz.worlds.manipulation.arms import hand_boxes
+from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
+from vlafuzz.worlds.manipulation.looks import COLOUR
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.state import State
 

@@ -12,7 +12,7 @@ import sapien
 from mani_skill.render.shaders import ShaderConfig
 
 from vlafuzz.common import assets
-from vlafuzz.worlds.manipulation.rigs.rig import Lights
+from vlafuzz.worlds.manipulation.rigs import Lights
 from vlafuzz.worlds.tabletop.renderer import rendering_device
 
 # The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of

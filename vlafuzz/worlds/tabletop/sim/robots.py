@@ -22,8 +22,7 @@ from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import Wid
 
 from vlafuzz.common import assets
 from vlafuzz.errors import UsageError
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import GOOGLE, WIDOWX
+from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.objects.references import check_references
 from vlafuzz.worlds.tabletop.sim.arm import Gripper, MetricArm, Pace
 from vlafuzz.worlds.tabletop.sim.meshes import light_robot

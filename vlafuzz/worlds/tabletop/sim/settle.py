@@ -16,8 +16,7 @@ from sapien import physx
 
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.manipulation.rigs.rig import Rig, Table
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, Table
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.objects import add_object, object_contacts, place
 from vlafuzz.worlds.tabletop.sim.table import add_table

@@ -9,17 +9,8 @@ from sapien import physx
 from sapien.render import RenderMaterial, RenderTexture2D
 
 from vlafuzz.model.scene import Backdrop
-from vlafuzz.worlds.manipulation.rigs.backdrops import (
-    COLOUR,
-    FLOOR_COLOUR,
-    PAINTS,
-    WALL,
-    WALL_COLOUR,
-    Colour,
-    planks,
-    shade,
-)
-from vlafuzz.worlds.manipulation.rigs.rig import Table
+from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, Colour, planks, shade
+from vlafuzz.worlds.manipulation.rigs import Table
 from vlafuzz.worlds.tabletop.sim.rendering import render_system
 
 FRICTION = 0.6

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from sapien import physx
 
 from vlafuzz.model.scene import InitialPose, Placement
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA
+from vlafuzz.worlds.manipulation.rigs import PANDA, Rig
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.worlds.tabletop.sim.arm import MetricArm
 from vlafuzz.worlds.tabletop.sim.objects import Link, Pressed, add_object, held_object, object_contacts

@@ -9,7 +9,7 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
 from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.objects.schema import Strict
 from vlafuzz.worlds.tabletop.tasks import load_wordings, say
 from vlafuzz.worlds.tabletop.vlatest.format import Entry, Thing

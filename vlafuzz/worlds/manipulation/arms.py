@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.scene import InitialPose
-from vlafuzz.worlds.manipulation.rigs.rig import Rig
+from vlafuzz.worlds.manipulation.rigs import Rig
 
 Array = NDArray[np.float64]
 _NOTHING = (0.0, 0.0, 0.0)
@@ -33,7 +33,7 @@ def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
 @cache
 def _links() -> dict[str, list[dict[str, Any]]]:
     links: dict[str, list[dict[str, Any]]] = json.loads(
-        (files("vlafuzz.worlds.manipulation.rigs") / "arms.json").read_text()
+        (files("vlafuzz.worlds.manipulation") / "arms.json").read_text()
     )
     return links
 

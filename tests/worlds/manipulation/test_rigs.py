@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Camera
-from vlafuzz.worlds.manipulation.rigs.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs.robots import PANDA, RIGS, rig
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 
 NOT_MOVED = Camera()
 NOMINAL = camera_pose(PANDA.view)

@@ -1,0 +1,117 @@
+"""A camera's pose in a scene, its projection, and label images: convex bodies, painted without a renderer."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import accumulate
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.model.scene import Camera
+from vlafuzz.worlds.manipulation.rigs import View
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint8]
+Polygon = NDArray[np.int32]  # in OpenCV's fixed-point coordinates
+WIDTH = 256  # pixels
+SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
+NEAREST = 0.01  # metres; a body that reaches nearer to the camera's plane cannot be painted
+_NOTHING: Polygon = np.zeros((0, 1, 2), dtype=np.int32)
+_NOMINAL = Camera()
+
+
+@dataclass(frozen=True, eq=False)
+class CameraPose:
+    """A camera in the world: ``position`` (3,) in metres; ``axes`` (3, 3) with rows forward, left and up."""
+
+    position: Array
+    axes: Array
+    fov: float
+    aspect: float
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Image coordinates of world points ``(n, 3)``, and their depths ``(n,)`` along the axis; metres.
+
+        Coordinates ``(n, 2)`` are u to the right and v down, both in [0, 1] inside the picture.
+        """
+        forward, left, up = ((points - self.position) @ self.axes.T).T
+        scale = 2 * math.tan(math.radians(self.fov) / 2) * np.maximum(forward, 1e-6)
+        return np.stack([0.5 - left / (scale * self.aspect), 0.5 - up / scale], axis=1), forward
+
+    def back_project(self, uv: Array, height: float) -> Array:
+        """Where the rays through ``(n, 2)`` image points hit the plane z = ``height``: ``(n, 3)`` metres."""
+        scale = 2 * math.tan(math.radians(self.fov) / 2)
+        local = np.stack([np.ones(len(uv)), (0.5 - uv[:, 0]) * scale * self.aspect, (0.5 - uv[:, 1]) * scale], axis=1)
+        rays = local @ self.axes
+        return np.asarray(self.position + rays * ((height - self.position[2]) / rays[:, 2])[:, None])
+
+    @property
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """The orientation of the camera frame (x forward, y left, z up) as w, x, y, z."""
+        w, x, y, z = Rotation.from_matrix(self.axes.T).as_quat(scalar_first=True).tolist()
+        return w, x, y, z
+
+
+@lru_cache(maxsize=256)
+def camera_pose(view: View, camera: Camera = _NOMINAL) -> CameraPose:
+    """The pose of the nominal view displaced by a scene's camera offset and rotation.
+
+    Roll, pitch and yaw rotate it about its own forward, left and up axes, in the order yaw, pitch, roll.
+    """
+    eye = np.array(view.eye)
+    forward = np.array(view.target) - eye
+    forward /= np.linalg.norm(forward)
+    left = np.cross([0.0, 0.0, 1.0], forward)
+    left /= np.linalg.norm(left)
+    nominal = np.stack([forward, left, np.cross(forward, left)])
+    turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True).as_matrix()
+    return CameraPose(eye + np.array(camera.offset), turn.T @ nominal, view.fov, view.aspect)
+
+
+def blank(view: CameraPose) -> Labels:
+    """An empty label image ``(height, WIDTH)`` of a view."""
+    return np.zeros((round(WIDTH / view.aspect), WIDTH), dtype=np.uint8)
+
+
+def paint(picture: Labels, parts: Sequence[Array], view: CameraPose, label: int) -> None:
+    """Paint convex parts, ``(k, 3)`` corners each, over what is there."""
+    fill(picture, polygons(parts, view), label)
+
+
+def polygons(parts: Sequence[Array], view: CameraPose) -> list[Polygon]:
+    """The outline of each convex part in a label image; an empty one for a part that cannot be painted."""
+    uv, depth = view.project(np.concatenate(parts))
+    size = [WIDTH, round(WIDTH / view.aspect)]
+    points = np.round((uv * size - 0.5) * 2**SUBPIXEL).astype(np.int32)
+    ends = list(accumulate(map(len, parts)))
+    spans = [slice(start, end) for start, end in zip([0, *ends], ends, strict=False)]
+    near = np.minimum.reduceat(depth, [0, *ends[:-1]]) <= NEAREST
+    drawn = zip(spans, near, strict=True)
+    return [_NOTHING if too_near else cv2.convexHull(points[span]) for span, too_near in drawn]
+
+
+def fill(picture: Labels, outlines: Sequence[Polygon], label: int) -> None:
+    """Paint ``polygons`` over what is there."""
+    for outline in outlines:
+        if len(outline):
+            cv2.fillConvexPoly(picture, outline, label, lineType=cv2.LINE_8, shift=SUBPIXEL)
+
+
+def area_alone(parts: Sequence[Array], view: CameraPose) -> int:
+    """Pixels of a whole outline with nothing before it, those beyond the image included."""
+    alone = blank(view)
+    paint(alone, parts, view, 1)
+    return max(area_beyond(parts, view), int(np.count_nonzero(alone)))
+
+
+def area_beyond(parts: Sequence[Array], view: CameraPose) -> int:
+    """Area of the whole outline in pixels if it extends beyond the image; else 0."""
+    uv, _ = view.project(np.concatenate(parts))
+    if np.all((uv >= 0) & (uv <= 1)):
+        return 0
+    hull = cv2.convexHull((uv * [WIDTH, round(WIDTH / view.aspect)]).astype(np.float32))
+    return round(float(cv2.contourArea(hull)))
