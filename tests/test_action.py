@@ -109,7 +109,7 @@ def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
 def test_failures_of_several_nights_are_merged(tmp_path: Path):
     tiny = {"mode": "fuzz", "policy": "pinhole", "budget": "6", "controls": "4"}
     for night in (1, 2):
-        job = Job(tmp_path, **tiny, seed=str(night), arguments="--config triage=true --strategy random")
+        job = Job(tmp_path, **tiny, seed=str(night), arguments="--strategy random")
         job.run()
         assert job.code == 0
         assert f"seed {night}" in job.summary

@@ -60,7 +60,7 @@ class Moody(ClosedForm):
 
 
 def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summary:
-    defaults = {"strategy": Climber(), "executor": LocalExecutor(Moody()), "embed": SPACE.encode, "patience": None}
+    defaults = {"strategy": Climber(), "executor": LocalExecutor(Moody()), "patience": None}
     with Store.open(path, "write") as store:
         return fuzz(manifest=about, stages=STAGES, space=SPACE, store=store, resume=resume, **defaults | parts)
 

@@ -149,7 +149,7 @@ def test_a_pool_goes_on_where_it_was(tmp_path: Path):
             except KeyboardInterrupt:
                 continue
     assert len(evaluator.evaluated) == 5
-    assert (summary.rollouts, summary.proposals, summary.clusters) == (12, 12, None)
+    assert (summary.rollouts, summary.proposals) == (12, 12)
 
 
 @pytest.mark.parametrize(

@@ -203,30 +203,6 @@ def test_a_damaged_store_is_a_sentence(capsys, flags: tuple[str, ...]):
     assert "a.db: is damaged" in complaint(capsys, "run", *flags, "--store", "a.db")
 
 
-def test_a_guided_run_is_shown_beside_random(capsys):
-    run("--strategy", "nsga2", "--budget", "30", "--store", "a.db")
-    shown = capsys.readouterr().out
-    assert "beside random: unknown, the store has no random run" in shown
-    assert "--strategy random --store a.db adds one" in shown
-    run("--strategy", "random", "--budget", "30", "--store", "a.db")
-    assert "beside random" not in capsys.readouterr().out
-    run("--strategy", "nsga2", "--budget", "30", "--seed", "1", "--store", "a.db", "--json")
-    beside = json.loads(capsys.readouterr().out)["random"]
-    assert beside["judged"] >= 30
-    assert beside["random_judged"] >= 30
-    assert beside["low"] < beside["difference"] < beside["high"]
-
-
-def test_both_shares_are_shown_with_the_interval_of_their_difference(capsys):
-    for strategy in ("random", "nsga2"):
-        run("--strategy", strategy, "--budget", "30", "--store", "a.db")
-    (share,) = re.findall(r"failure share\W+([\d.]+%), 95% interval", shown := printed(capsys))
-    failed, judged = re.search(r"failures\W+(\d+) among (\d+) guided scenes", shown).groups()
-    mine = f"{100 * int(failed) / int(judged):.3g}%"
-    assert f"beside random: {mine} of {judged} scenes failed" in shown
-    assert re.search(rf" random ones {share}: [+-][\d.]+ points, 95% interval", shown)
-
-
 def test_a_strategy_says_what_it_chose_by_itself(capsys):
     flags = ("--strategy", "nsga2", "--budget", "90")
     run(*flags, "--store", "a.db")

@@ -16,6 +16,7 @@ from vlafuzz.common.statistics import (
     mean_difference,
     mean_estimate,
     mean_ratio,
+    newcombe,
     paired_difference,
     pairs_needed,
     sequential_interval,
@@ -233,3 +234,18 @@ def test_wilson_agrees_with_the_published_example_and_knows_nothing_of_no_cases(
     low, high = wilson(1, 29)  # Newcombe 1998, Table I: 1 of 29 is 0.0061 to 0.1718
     assert (round(low, 4), round(high, 4)) == (0.0061, 0.1718)
     assert wilson(0, 0) == (0.0, 1.0)
+
+
+# Newcombe 1998, table II, method 10
+@pytest.mark.parametrize(
+    ("counts", "low", "high"),
+    [
+        ((56, 70, 48, 80), 0.0524, 0.3339),
+        ((9, 10, 3, 10), 0.1705, 0.8090),
+        ((10, 10, 0, 20), 0.6791, 1.0000),
+        ((10, 10, 0, 10), 0.6075, 1.0000),
+        ((5, 56, 0, 29), -0.0381, 0.1926),
+    ],
+)
+def test_the_interval_of_a_difference_is_the_published_one(counts: tuple[int, int, int, int], low: float, high: float):
+    assert newcombe(*counts) == pytest.approx((low, high), abs=5e-5)

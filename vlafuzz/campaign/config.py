@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,14 +11,13 @@ from typing import Any
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
 from vlafuzz.campaign.options import OF_WORLDS
 from vlafuzz.campaign.options import RunConfig as RunConfig
-from vlafuzz.campaign.results import Embed
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.model.conditions import CRITERIA, check_choice
 from vlafuzz.model.label import check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
-from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.space import Operators, Space, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
@@ -51,7 +50,7 @@ class Plan:
     manifest: Manifest
     task: Task
     space: Proposed
-    embed: Embed
+    embed: Callable[[Scene], Vector]
     strategy: Strategy
     policy: Policy
     store: Path

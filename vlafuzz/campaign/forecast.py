@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from vlafuzz.campaign.config import Plan
 from vlafuzz.common.deadline import Deadline
@@ -19,8 +19,6 @@ from vlafuzz.worlds import world_of
 
 # Steps of a rollout as shares of the longest: a success takes a third, a failure all; of `mini`, half fail.
 SHORT, USUAL = 0.35, 0.7
-RIGHT = 1.25  # a forecast is right up to this factor
-FIRST = 20  # rollouts after which the time of one is known
 NOBODY_WAITS = 10.0  # seconds below which nothing is said
 # Seconds for a control step with the simulator, of built-in policies on one core of a usual server.
 _STEP = {"mini": 0.013, "pinhole": 0.003, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
@@ -89,12 +87,24 @@ class Forecast:
     @property
     def run(self) -> float:
         """Seconds of what is left of the run, were there no deadline."""
-        return self.left * self._rollout
+        return self.left * self.rollout
+
+    @property
+    def rollout(self) -> float:
+        """Seconds of the run per rollout."""
+        place = self.plan.place
+        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
+        return self._answers * self._answer(place.workers, lanes)
 
     @property
     def certification(self) -> float:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
         return self.certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
+
+    def certifying(self, rollouts: int) -> float:
+        """Seconds for so many rollouts of certification."""
+        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
+        return rollouts * self._answers * self._answer(self.plan.triage_place.workers, lanes)
 
     @property
     def too_short(self) -> bool:
@@ -102,35 +112,27 @@ class Forecast:
         rest = self.until.left - min(self.run, self.search.left)
         return self.certify and rest < self.certifying(PER_CAUSE)
 
-    def best(self) -> Forecast:
-        """The same with all of the time for the run, where what is left after it would be of no use."""
-        return replace(self, search=self.until) if self.too_short else self
+    @property
+    def left(self) -> int:
+        """Rollouts that are to be done: of a run that is resumed, the rest."""
+        return self.plan.manifest.budget - self.plan.done
 
     def __str__(self) -> str:
         both = self.run + self.certification
+        steps = longest(self.plan.policy.spec, self.plan.manifest)
+        rollouts = f"{'the other ' * bool(self.plan.done)}{plural(self.left, 'rollout')} of up to {steps} steps"
         if self.run > self.search.left or both > self.until.left:
-            return self._in_time()
+            most = max(min(int(self.search.left / self.rollout), self.left), 1)
+            some = f"about {most} of " if most < self.left else ""
+            then = ""
+            if self.certify:
+                one = duration(self.certifying(PER_FINDING))
+                none = f"probably no certified cause, since one takes about {one}"
+                then = f", and {none if self.too_short else f'causes, which take about {one} each to certify'}"
+            return f"in {duration(self.until.left)} (--time): {some}{rollouts}{then}; {self.speed.words}"
         low, high = (duration(self.run * share / USUAL) for share in (SHORT, 1.0))
-        takes = f"{self._rollouts} take {low} to {high}"
-        if self.certify:
-            takes += f", certifying their causes about {duration(self.certification)}"
-        return f"about {duration(both)}: {takes}; {self.speed.words}"
-
-    def _in_time(self) -> str:
-        """What the deadlines leave of the rollouts and of certification."""
-        most = self.search.left / self._rollout
-        few, many = (max(min(int(most * USUAL / share), self.left), 1) for share in (1.0, SHORT))
-        some = f"{few} to {many} of " if few < many else "" if few == self.left else f"{few} of "
-        rest = f", and {self._in_rest()}" if self.certify else ""
-        return f"in {duration(self.until.left)} (--time): {some}{self._rollouts}{rest}; {self.speed.words}"
-
-    def _in_rest(self) -> str:
-        """How many causes certification gets done in the time that the run leaves it."""
-        rest = self.until.left - min(self.run, self.search.left)
-        one, most = self.certifying(PER_FINDING), affordable(self.plan.manifest.budget)
-        if self.too_short:
-            return f"probably no certified cause, since one takes about {duration(one)}"
-        return f"about {plural(min(max(int(rest / one), 1), most), 'certified cause')}"
+        then = f", certifying their causes about {duration(self.certification)}" if self.certify else ""
+        return f"about {duration(both)}: {rollouts} take {low} to {high}{then}; {self.speed.words}"
 
     def of_tasks(self, tasks: int) -> str:
         """The forecast of so many runs like this one, one after another; empty where nobody has to wait."""
@@ -140,48 +142,6 @@ class Forecast:
             return str(self)
         whole = tasks * min(self.run + self.certification, self.until.left)
         return f"{tasks} tasks, one after another: about {duration(whole)} in all; each {self}"
-
-    def after(self, seconds: float, done: int = 0) -> str:
-        """The forecast in view of the seconds that a rollout takes, of which so many are done.
-
-        Empty if it is still about right.
-        """
-        ratio = seconds / self._rollout
-        if 1 / RIGHT <= ratio <= RIGHT:
-            return ""
-        takes, in_time = f"a rollout takes {seconds:.2g} s", done + self.search.left / seconds
-        if in_time < self.plan.manifest.budget:
-            return f"rather about {plural(int(in_time), 'rollout')} before --time is over: {takes}"
-        both = (self.run + self.certification) * ratio
-        return f"rather about {duration(min(both, self.until.left))} in all: {takes}"
-
-    def certifying(self, rollouts: int, seconds: float | None = None) -> float:
-        """Seconds for so many rollouts of certification.
-
-        Args:
-            seconds: that a rollout of the run took, if that is known.
-        """
-        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        foreseen = rollouts * self._answers * self._answer(self.plan.triage_place.workers, lanes)
-        return foreseen * (seconds / self._rollout if seconds else 1)
-
-    @property
-    def left(self) -> int:
-        """Rollouts that are to be done: of a run that is resumed, the rest."""
-        return self.plan.manifest.budget - self.plan.done
-
-    @property
-    def _rollouts(self) -> str:
-        steps = longest(self.plan.policy.spec, self.plan.manifest)
-        other = "the other " if self.plan.done else ""
-        return f"{other}{plural(self.left, 'rollout')} of up to {steps} steps"
-
-    @property
-    def _rollout(self) -> float:
-        """Seconds of the run per rollout."""
-        place = self.plan.place
-        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
-        return self._answers * self._answer(place.workers, lanes)
 
     @property
     def _answers(self) -> float:

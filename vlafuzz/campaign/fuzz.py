@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import Protocol
 
+import numpy as np
+
 from vlafuzz.campaign.causes import attribution, keeping_causes
-from vlafuzz.campaign.past import Past
-from vlafuzz.campaign.results import Embed, clusters
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.common.deadline import TimeOverError
-from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import Executor
@@ -24,6 +24,7 @@ from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
+AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
 class Proposed(Measure, Protocol):
@@ -40,7 +41,6 @@ def fuzz(
     strategy: Strategy,
     executor: Executor,
     store: Store,
-    embed: Embed | None = None,
     patience: int | None = PATIENCE,
     resume: int | None = None,
     alone: bool = False,
@@ -53,15 +53,14 @@ def fuzz(
     the policy did not answer, which are tried again on resuming.
 
     Args:
-        embed: the embedding by which near-duplicates among the failures are grouped.
-        patience: proposals in a row without a rollout after which the run stops; None for never. resume: a run that
-        ended early; a new strategy is told its trials again.
-        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself. watch: called after
-        every new trial, and once after the stored trials.
+        patience: proposals in a row without a rollout after which the run stops; None for never.
+        resume: a run that ended early; a new strategy is told its trials again.
+        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
+        watch: called after every new trial, and once after the stored trials.
 
     Raises:
-        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed. PolicyError:
-        the policy no longer answers; the run can be resumed.
+        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed.
+        PolicyError: the policy no longer answers; the run can be resumed.
     """
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
     tally = Tally(run, manifest, stages, before)
@@ -90,9 +89,46 @@ def fuzz(
         store.finish(run, status, *tally.spent)
         if looks_for_causes(strategy) and not past.left:
             store.keep_causes(run, attribution(strategy, space, store, run))
-    failures = [finding.scene for finding in store.findings(run)] if embed else []
-    groups = clusters(failures, embed) if embed else None
-    return tally.summary(str(store.path), groups)
+    return tally.summary(str(store.path))
+
+
+class Past:
+    """Hands out a run's stored trials, as its strategy proposes them again.
+
+    Attributes:
+        left: trials not yet handed out; 0 for a new run.
+    """
+
+    def __init__(self, store: Store, run: int) -> None:
+        self._store, self._run = store, run
+        self.left = store.count(run)
+        self._last = store.last_proposal(run) if self.left else -1
+
+    def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
+        """The stored trials of these proposals by index; those that were in progress are missing."""
+        if not self.left:
+            return {}
+        first = proposals[0].id
+        stored = self._store.stored(self._run, first, len(scenes))
+        trials = {trial.proposal - first: trial for trial in stored}
+        for index, trial in trials.items():
+            same = trial.genome is not None and np.array_equal(trial.genome, proposals[index].genome)
+            if not same or trial.scene != scenes[index]:
+                raise self._diverged(trial.proposal)
+        self.left -= len(trials)
+        if proposals[-1].id >= self._last:
+            self.check_empty()
+        return trials
+
+    def check_empty(self) -> None:
+        """Raise a StoreError if a stored trial was not handed out."""
+        if self.left:
+            raise self._diverged(self._store.count(self._run) - self.left)
+
+    def _diverged(self, proposal: int) -> StoreError:
+        problem = f"was made by another version: its strategy now differs at proposal {proposal}"
+        hint = f"use the version that began it, or {AFRESH}"
+        return StoreError(f"{self._store.path}: run {self._run} {problem}", hint)
 
 
 @dataclass(eq=False)

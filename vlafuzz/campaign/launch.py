@@ -45,7 +45,6 @@ def fuzz(
         strategy=plan.strategy,
         executor=executor,
         store=store,
-        embed=None if alone else plan.embed,  # comparisons count on their own
         patience=plan.patience,
         resume=plan.resume,
         alone=alone,
@@ -99,14 +98,14 @@ def do_missing(
     """Begin or resume the runs that are missing, in order. They share no outcomes.
 
     Args:
-        left_out: is told of a run that cannot be done, or has only invalid scenes; else that is raised. speed_of: the
-        speed of a plan's policy, for a forecast.
+        left_out: is told of a run that cannot be done, or has only invalid scenes; else that is raised.
+        speed_of: the speed of a plan's policy, for a forecast.
     """
     missing = [run for run in wanted if run.missing]
     if not missing:
         return
     alone = set[str]()
-    pace = _Pace(watch, missing, [run.stored for run in wanted if run.stored], speed_of)
+    pace = _Pace(watch, missing, speed_of)
     for _, group in groupby(missing, key=lambda run: run.group):
         with ExitStack() as stack:
             executor: Executor | None = None
@@ -175,23 +174,12 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
 
 
 class _Pace:
-    """Reports the progress over several runs, and how long all of them will take.
+    """Reports the progress over several runs, and how long all of them will take."""
 
-    Finished runs in ``stored`` tell how long a rollout takes, else the policy's speed.
-    """
-
-    def __init__(self, watch: Watch, runs: Sequence[WantedRun], stored: Sequence[Run], speed_of: SpeedOf) -> None:
+    def __init__(self, watch: Watch, runs: Sequence[WantedRun], speed_of: SpeedOf) -> None:
         self._watch, self._runs, self._speed_of = watch, runs, speed_of
         self._budgets, self._begun, self._description = [run.budget for run in runs], 0, ""
         self._foreseen = set[str | None]()
-        finished = [run for run in stored if run.status not in UNFINISHED and run.seconds]
-        if finished:
-            self._foreseen = {run.policy for run in runs}
-            total = sum(self._budgets)
-            seconds = sum(run.seconds or 0.0 for run in finished)
-            took = duration(seconds / sum(run.manifest.budget for run in finished) * total)
-            basis = "at the speed of the runs in the store"
-            watch.note(f"{plural(len(runs), 'run')}, {total} rollouts: about {took} {basis}")
 
     def foresee(self, run: WantedRun, plan: Plan) -> None:
         """Say how long the runs of a policy will take, before the first of them."""
@@ -201,8 +189,7 @@ class _Pace:
         if speed := self._speed_of(plan):
             runs = [one for one in self._runs if one.policy == run.policy]
             rollouts, triage = sum(one.budget for one in runs), sum(one.triage for one in runs)
-            forecast = Forecast(plan, speed, certify=False)
-            seconds = forecast.run / forecast.left * (rollouts + triage)
+            seconds = Forecast(plan, speed, certify=False).rollout * (rollouts + triage)
             both = f"{rollouts} rollouts" + (f" and up to {triage} of triage" if triage else "")
             self._watch.note(f"{plural(len(runs), 'run')}, {both}: about {duration(seconds)}; {speed.words}")
 

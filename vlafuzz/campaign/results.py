@@ -1,100 +1,13 @@
-"""Numbers of a finished run: distinct failures, and the share of failures beside random generation."""
+"""What became of the scenes of a file that tells how they ended before."""
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vlafuzz.common.statistics import newcombe
 from vlafuzz.common.text import plural
-from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_verdicts
 from vlafuzz.store.store import Store
-
-# Two scenes that differ in one operator only are at most 1 apart. Nudging every gene by 2 % of its range
-# moves a scene by less than 0.1, another object in one slot by 0.5 or more; and of 180,000 pairs of random
-# scenes none was nearer than 0.3.
-RADIUS = 0.2
-
-Embed = Callable[[Scene], NDArray[np.float64]]
-"""A scene as a vector in which distance means difference."""
-
-
-def clusters(scenes: Iterable[Scene], embed: Embed) -> int:
-    """The number of groups of near-duplicates among scenes."""
-    return len(set(neighbourhoods(scenes, embed).values()))
-
-
-def neighbourhoods(scenes: Iterable[Scene], embed: Embed) -> dict[Scene, int]:
-    """The number of each scene's group of near-duplicates.
-
-    As in BIRCH (Zhang et al. 1996), a scene joins the group with the nearest centre if the root mean square distance
-    from it stays within ``RADIUS``, else it begins one. A chain of small steps is not one group.
-    """
-    # Sorted, so that the order of scenes does not matter.
-    ordered = sorted(set(scenes), key=lambda scene: scene.digest)
-    if len(ordered) < 2:
-        return dict.fromkeys(ordered, 0)
-    points = np.stack([embed(scene) for scene in ordered])
-    centres, sizes, squares = np.empty_like(points), np.zeros(len(points)), np.zeros(len(points))
-    groups: dict[Scene, int] = {}
-    count = 0
-    for scene, point in zip(ordered, points, strict=True):
-        groups[scene] = count
-        if count:
-            near = int(((centres[:count] - point) ** 2).sum(axis=1).argmin())
-            size, square = sizes[near] + 1, squares[near] + point @ point
-            centre = centres[near] + (point - centres[near]) / size
-            if square / size - centre @ centre <= RADIUS**2:
-                centres[near], sizes[near], squares[near] = centre, size, square
-                groups[scene] = near
-                continue
-        centres[count], sizes[count], squares[count] = point, 1, point @ point
-        count += 1
-    return groups
-
-
-@dataclass(frozen=True, kw_only=True)
-class Beside:
-    """A run beside all random runs of its store under the same conditions, pooled.
-
-    Attributes:
-        judged: distinct scenes that passed or failed; ``random_judged`` is 0 without a random run. difference: the
-        run's share of failures minus random's; None when either has no scenes.
-        low: lower end of its 95 % interval, ``high`` the upper one. The interval takes scenes as independent, so it is
-            somewhat too narrow for a guided strategy, whose scenes resemble each other.
-    """
-
-    failed: int
-    judged: int
-    random_failed: int
-    random_judged: int
-    difference: float | None = None
-    low: float | None = None
-    high: float | None = None
-
-    @property
-    def tells(self) -> bool:
-        """Whether the interval excludes 0."""
-        return self.low is not None and self.high is not None and not self.low <= 0 <= self.high
-
-
-def beside_random(store: Store, run: int) -> Beside:
-    """A run beside the random runs that differ from it in strategy, budget, batch and seed only."""
-    runs = {stored.id: stored.manifest for stored in store.runs()}
-    random = [
-        number for number, manifest in runs.items() if manifest.strategy == "random" and manifest.comparable(runs[run])
-    ]
-    (failed, judged), (random_failed, random_judged) = store.judged([run]), store.judged(random)
-    beside = Beside(failed=failed, judged=judged, random_failed=random_failed, random_judged=random_judged)
-    if not (judged and random_judged):
-        return beside
-    low, high = newcombe(failed, judged, random_failed, random_judged)
-    return replace(beside, difference=failed / judged - random_failed / random_judged, low=low, high=high)
 
 
 @dataclass(frozen=True, kw_only=True)

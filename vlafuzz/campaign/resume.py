@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.campaign.config import (
-    BUDGET,
     Plan,
     RunConfig,
     default_store,
@@ -18,13 +17,11 @@ from vlafuzz.campaign.config import (
     read_scene_file,
     wanted_scenes,
 )
-from vlafuzz.campaign.options import OF_WORLDS
-from vlafuzz.campaign.past import AFRESH
-from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.campaign.fuzz import AFRESH
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
 from vlafuzz.rollouts.setup import stored_space
-from vlafuzz.store.records import UNFINISHED, Manifest, Run, Spent
+from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_policy, world_of
 from vlafuzz.worlds.place import elsewhere
@@ -60,34 +57,12 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
 
 
-def flags_of(config: RunConfig) -> dict[str, Any]:
-    """The flags that give a run its strategy, budget and all else that a configuration says."""
-    filled = replace(
-        config, strategy=named_strategy(config), budget=config.budget or (None if config.scenes else BUDGET)
-    )
-    names = {*Manifest.flags(), *OF_WORLDS, *_ANEW, "operators", "vary", "packs", "store"}
-    values = {name: getattr(filled, name) for name in names}
-    return {name: value for name, value in values.items() if value not in (None, ())}
-
-
-def begun(config: RunConfig) -> Run | None:
-    """The newest run of a store that is as a configuration says; None where there is none."""
-    if config.store is None or not config.store.is_file():
+def begun(flags: Mapping[str, Any]) -> Run | None:
+    """The newest run of a store that fits the flags; None where there is none."""
+    if not flags["store"].is_file():
         return None
-    flags = flags_of(config)
-    with Store.open(config.store) as store:
-        fitting = (run for run in reversed(store.runs()) if _misfit(flags, run.manifest) is None)
-        return next(fitting, None)
-
-
-def summary_of(store: Store, run: Run) -> Summary:
-    """The summary of a run that is over."""
-    task = run.manifest.task
-    spent = Spent(run.seconds or 0.0, run.search_seconds, run.store_seconds)
-    tally = Tally(run.id, run.manifest, world_of(task).task(task).stage_names, spent)
-    for trial in store.trials(run.id):
-        tally.count(trial)
-    return tally.summary(str(store.path))
+    with Store.open(flags["store"]) as store:
+        return next((run for run in reversed(store.runs()) if _misfit(flags, run.manifest) is None), None)
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:

@@ -21,14 +21,14 @@ class Summary:
         label: the name that the user gave the policy with ``--label``; empty without one.
         budget: of rollouts; a scene takes ``repeats`` of them.
         rollouts: of the policy, in this run.
-        duplicates: proposals answered with a stored outcome, of this run or an earlier one. earlier: distinct scenes
-        answered by an earlier run.
+        duplicates: proposals answered with a stored outcome, of this run or an earlier one.
+        earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
-        findings: distinct scenes that failed; ``distinct_cells``: cells in which they lie. clusters: groups of
-        near-duplicates among them; None where scenes have no embedding. progress_mean: over the scenes that passed or
-        failed, in [0, 1]; None if there are none. first_failure: digest of the first scene that failed.
+        findings: distinct scenes that failed.
+        progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
+        first_failure: digest of the first scene that failed.
         first_error: the first ERROR, in a sentence; ``last_error``: the last one.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
@@ -50,8 +50,6 @@ class Summary:
     invalid: dict[str, int]
     stages: dict[str, int]
     findings: int
-    distinct_cells: int
-    clusters: int | None
     progress_mean: float | None
     first_failure: str | None
     first_error: str | None
@@ -142,7 +140,6 @@ class Tally:
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
         self._reached: dict[frozenset[str], frozenset[str]] = {}  # interned
-        self._cells: set[str] = set()
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
         self._judged = False  # whether a scene passed or failed
@@ -167,8 +164,6 @@ class Tally:
             self._errors[re.sub(r"\d+", "", outcome.detail)] += not (outcome.unanswered or trial.duplicate)
             self.first_error = self.first_error or outcome.detail
             self.last_error = outcome.detail
-        if trial.cell is not None:
-            self._cells.add(trial.cell)
 
     @property
     def crashed(self) -> str | None:
@@ -205,7 +200,7 @@ class Tally:
     def spent(self) -> Spent:
         return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
 
-    def summary(self, store: str, clusters: int | None = None) -> Summary:
+    def summary(self, store: str) -> Summary:
         """The result so far."""
         manifest, scenes = self.manifest, self._seen.values()
         judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
@@ -219,8 +214,6 @@ class Tally:
             invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),
             stages={stage: sum(stage in seen.reached for seen in scenes) for stage in self._stages},
             findings=len(failed),
-            distinct_cells=len(self._cells),
-            clusters=clusters,
             progress_mean=math.fsum(judged) / len(judged) if judged else None,
             first_failure=min(failed, key=failed.__getitem__, default=None),
             seconds=self.spent.seconds,

@@ -22,7 +22,7 @@ PANELS: Mapping[str, tuple[str, ...]] = {
         *("alpha", "nights", "error", "whole", "firm", "static", "frame", "min_distance", "thorough"),
         *("states", "pictures"),
     ),
-    MORE: ("resume", "certify", "triage", "unchecked", "trust", "answers", "controls", "minimal"),
+    MORE: ("resume", "certify", "unchecked", "trust", "answers", "controls", "minimal"),
     WHERE: (),
     OUTPUT: (
         *("out", "follow", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),

@@ -35,7 +35,7 @@ OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--quality": "--config quality=fast",
         "--repeats": "--config repeats=3",
         "--stop-early": "--config stop-early=true",
-        "--triage": "--config triage=true",
+        "--triage": "`vlafuzz triage STORE` after the run",
     },
     "compare": _CLUSTER,
 }

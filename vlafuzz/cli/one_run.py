@@ -4,9 +4,9 @@ This is loaded after the simulator for workers has begun to load.
 """
 
 import shlex
-import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,22 +14,22 @@ import typer
 from rich.table import Table
 
 from vlafuzz.campaign.config import Plan
-from vlafuzz.campaign.forecast import FIRST, Forecast, Speed
+from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
-from vlafuzz.campaign.results import Beside, beside_random
 from vlafuzz.campaign.results import again as how_again
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
-from vlafuzz.cli.triage import AGAIN, broken, print_causes, triage_store
+from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import duration, interval, percent, plural, points
+from vlafuzz.common.text import duration, interval, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.described import Spaces
 from vlafuzz.failures.triage.jobs import Allowance
-from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, SOON, affordable, hours, pace
+from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
+from vlafuzz.failures.triage.scene_runner import runner_of_run
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.effects import effects_of
 from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
@@ -41,17 +41,8 @@ from vlafuzz.store.store import Store
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Asked:
-    """These flags of ``vlafuzz run`` say what follows a run, and whether only JSON is shown."""
-
-    certify: bool | None
-    triage: bool
-    json: bool
-
-
 class Done(NamedTuple):
-    """A run that is over, also as JSON; ``again`` resumes it; whether Ctrl-C ended what follows it."""
+    """A run that is over, also as JSON; ``again`` resumes it; whether Ctrl-C ended its certification."""
 
     summary: Summary
     document: dict[str, Any]
@@ -63,45 +54,53 @@ def run_plan(
     plan: Plan,
     speed: Speed | None,
     until: Deadline,
-    asked: Asked,
     *,
+    certify: bool | None,
+    json: bool,
     tasks: int = 1,
     again: str = "",
-    over: Summary | None = None,
 ) -> Done:
     """Do a run with what follows it, and show it.
 
     Args:
+        certify: whether to certify the commonest causes; by default if the strategy looks for any.
+        json: whether to print nothing but notes.
         tasks: the forecast is for so many runs like this one; none where it was made before.
         again: the command that goes on after an interruption, by default that of the run alone.
-        over: of a run that came to its end before, where only what follows it is left to do.
     """
-    certifying = looks_for_causes(plan.strategy) if asked.certify is None else asked.certify
-    search = until.after(SEARCH) if asked.triage or certifying else until
-    forecast = Forecast(plan, speed, certifying, search, until) if speed else None
-    if forecast and not asked.triage:
-        forecast = forecast.best()
-    if forecast and (words := forecast.of_tasks(tasks)):
-        Bar.note(words)
+    certifying = looks_for_causes(plan.strategy) if certify is None else certify
+    search = until.after(SEARCH) if certifying else until
+    if speed:
+        forecast = Forecast(plan, speed, certifying, search, until)
+        if forecast.too_short:  # all of the time is for the run
+            forecast = replace(forecast, search=until)
+        if words := forecast.of_tasks(tasks):
+            Bar.note(words)
+        search = forecast.search
     trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
     again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
-    summary = over or _start(plan, forecast, forecast.search if forecast else search, again)
-    causes, says, allowance = _causes(summary), about(plan.strategy), Allowance(deadline=until)
-    document = asdict(summary) | _results(summary, causes, says, show=not asked.json)
-    triaged: dict[str, Any] | None = {}
-    if asked.triage or certifying:
-        triaged = _triage(plan, summary, causes, allowance, forecast, asked)
-        causes = _causes(summary)
-    if not asked.json:
-        _print_causes(summary, causes, hint=not asked.triage)
-    if not asked.triage and (triaged is None or allowance.used_up):
+    summary = _start(plan, search, again)
+    causes, says = _causes(summary), about(plan.strategy)
+    document = asdict(summary) | _results(summary, causes, says, show=not json)
+    interrupted = False
+    if certifying and causes and causes.found:
+        allowance = Allowance(deadline=until)
+        complete = _foresee(plan, causes, until)
+        if complete:
+            interrupted = not _certify(plan, summary, allowance)
+            complete = not interrupted and not allowance.used_up
+            causes = _causes(summary)
+    else:
+        complete = True
+    if not json:
+        _print_causes(summary, causes)
+    if not complete and causes:
         _hint_at_rest(plan, causes)
     document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
-    return Done(summary, document | ({"triage": triaged} if asked.triage else {}), again, interrupted=triaged is None)
+    return Done(summary, document, again, interrupted)
 
 
-def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -> Summary:
-
+def _start(plan: Plan, until: Deadline, again: str) -> Summary:
     def note() -> str:
         try:
             with Store.open(plan.store) as store:
@@ -112,37 +111,21 @@ def _start(plan: Plan, forecast: Forecast | None, until: Deadline, again: str) -
             pass
         return "interrupted: nothing is stored yet"
 
+    def show(tally: Tally) -> None:
+        causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
+        more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
+        bar.progress("rollouts", tally.rollouts, plan.manifest.budget, more)
+
     with interruptible(note, until) as bar:
+        bar.progress("rollouts", 0, plan.manifest.budget)
         try:
-            return start(plan, _Progress(bar, plan.manifest.budget, forecast), until)
+            return start(plan, show, until)
         except PolicyError as error:
             hint = f"when the policy is back, continue with `{again}`"
             raise PolicyError(error.message, hint=hint) from error
 
 
-class _Progress:
-    """Shows rollouts, failures and causes so far on a bar, and corrects a forecast that does not hold."""
-
-    def __init__(self, bar: Bar, budget: int, forecast: Forecast | None) -> None:
-        self._bar, self._budget, self._forecast = bar, budget, forecast
-        self._first: tuple[float, int] | None = None  # time and count when the first rollout was done
-        bar.progress("rollouts", 0, budget)
-
-    def __call__(self, tally: Tally) -> None:
-        """One more trial is stored."""
-        causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
-        more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
-        self._bar.progress("rollouts", tally.rollouts, self._budget, more)
-        now = time.monotonic()
-        began, before = self._first = self._first or (now, tally.rollouts)
-        if self._forecast and (done := tally.rollouts - before) >= FIRST:
-            if corrected := self._forecast.after((now - began) / done, tally.rollouts):
-                self._bar.note(corrected)
-            self._forecast = None
-
-
 def _causes(summary: Summary) -> CauseList | None:
-
     with Store.open(Path(summary.store)) as store:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
 
@@ -150,26 +133,22 @@ def _causes(summary: Summary) -> CauseList | None:
 def _results(summary: Summary, causes: CauseList | None, says: str, *, show: bool) -> dict[str, Any]:
     """What the store tells of a finished run as JSON, and with ``show`` printed after the run in numbers.
 
-    A guided run is put beside random ones; random scenes tell how often the policy fails by their values; scenes of a
-    file that says how they ended before are compared with that.
+    Random scenes tell how often the policy fails by their values; scenes of a file that says how they ended before are
+    compared with that.
     """
     with Store.open(Path(summary.store)) as store:
         run = next(run for run in store.runs() if run.id == summary.run)
-        beside = None if summary.strategy in (RANDOM, POOL) else beside_random(store, run.id)
         effects = effects_of(store, run, Spaces(store.path).of(run.manifest))
         again = how_again(store, run.id)
     if show:
         _print_summary(summary, says, causes.probability if causes else None)
-        if beside is not None:
-            print_lines(_beside(summary, beside))
         if again is not None:
             stdout().print(str(again), style="bold", soft_wrap=True)
         if effects is not None:
             if effects.table.rows:
                 print_rows(effects.table.rows, title=effects.table.title)
             print_lines(effects.says, effects.advice)
-    parts = {"random": beside, "effects": effects, "again": again}
-    return {name: None if part is None else asdict(part) for name, part in parts.items()}
+    return {name: part and asdict(part) for name, part in {"effects": effects, "again": again}.items()}
 
 
 def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
@@ -221,29 +200,11 @@ def _failures(summary: Summary, judged: int, probability: Probability | None) ->
     return lines
 
 
-def _beside(summary: Summary, beside: Beside) -> str:
-    """The failure shares of the run and of random generation, in a sentence."""
-    if not beside.random_judged:
-        takes = f", in about {duration(summary.seconds)}" if summary.seconds > SOON else ""
-        return (
-            "beside random: unknown, the store has no random run of this policy, task and operators; "
-            f"the same command with --strategy random {shlex.join(['--store', summary.store])} adds one{takes}"
-        )
-    if beside.difference is None or beside.low is None or beside.high is None:
-        return "beside random: unknown, no scene of this run could be judged"
-    ours, random = beside.failed / beside.judged, beside.random_failed / beside.random_judged
-    shares = f"{percent(ours)} of {beside.judged} scenes failed"
-    shares += f", of {beside.random_judged} random ones {percent(random)}"
-    bounds = f"95% interval {points(beside.low)} to {points(beside.high)}"
-    few = "" if beside.tells else ": too few to tell"
-    return f"beside random: {shares}: {points(beside.difference)} points, {bounds}{few}"
-
-
-def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> None:
-    """Print the causes, or with ``hint`` how to find them; and how to see the first cause or failure."""
+def _print_causes(summary: Summary, found: CauseList | None) -> None:
+    """Print the causes, or how to find them; and how to see the first cause or failure."""
     if found:
         print_causes(replace(found, probability=None))  # which the summary has said
-    elif hint and summary.findings:
+    elif summary.findings:
         with Store.open(Path(summary.store)) as store:
             takes = hours(store, summary.findings)
         command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(summary.policy)])
@@ -255,9 +216,9 @@ def _print_causes(summary: Summary, found: CauseList | None, *, hint: bool) -> N
         print_lines(f"see the first {'cause' if shown else 'failure'}: {command}")
 
 
-def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
+def _hint_at_rest(plan: Plan, found: CauseList) -> None:
     """How to certify as many causes as are missing after an interruption, or when the time is over."""
-    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified if found else 0
+    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified
     if missing > 0:
         trust = trust_flag(plan.manifest.policy)
         command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
@@ -265,32 +226,11 @@ def _hint_at_rest(plan: Plan, found: CauseList | None) -> None:
             Bar.note(f"hint: continue with `{command}`{hours(store, missing)}")
 
 
-def _triage(
-    plan: Plan, summary: Summary, found: CauseList | None, allowance: Allowance, forecast: Forecast | None, asked: Asked
-) -> dict[str, Any] | None:
-    """Triage all of the store, or what shows causes of the run, unless no cause would be done in time.
-
-    None if interrupted.
-    """
-    if found and found.found and not asked.triage and not _foresee(plan, found, allowance.deadline, forecast):
-        _hint_at_rest(plan, found)
-        return {}
-    of, show = None if asked.triage else summary.run, asked.triage and not asked.json
-    try:
-        result = triage_store(plan.store, allowance, plan.triage_place, causes_of=of, show=show)
-    except typer.Exit:  # the causes so far are shown all the same
-        return None
-    if told := broken(result):
-        Bar.note(f"{told}\nhint: {AGAIN}")
-    return result
-
-
-def _foresee(plan: Plan, found: CauseList, until: Deadline, forecast: Forecast | None) -> bool:
-    """Say how long certification takes by the time that rollouts took; whether there is time for a cause."""
+def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
+    """Say how long certification takes at the speed of the run; whether there is time for a cause."""
     with Store.open(plan.store) as store:
-        seconds = pace(store, plan.triage_place.workers)
-    one = forecast.certifying(PER_FINDING, seconds) if forecast else PER_FINDING * seconds
-    if until.left < one * PER_CAUSE / PER_FINDING:
+        one = PER_CAUSE * pace(store, plan.triage_place.workers)
+    if until.left < one:
         left = duration(max(until.left, 0.0))
         Bar.note(f"no cause is certified: one takes about {duration(one)}, and of --time {left} is left")
         return False
@@ -298,4 +238,21 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline, forecast: Forecast |
     some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
     each = f"{PER_CAUSE} rollouts or more each, about {duration(one * min(most, found.found))}"
     Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out, --time bounds it")
+    return True
+
+
+def _certify(plan: Plan, summary: Summary, allowance: Allowance) -> bool:
+    """Certify the commonest causes of a run; whether nobody interrupted it."""
+    runner = partial(runner_of_run, plan.store, note=Bar.note)
+    try:
+        with (
+            interruptible("interrupted: all finished causes are stored") as bar,
+            Store.open(plan.store, "write") as store,
+        ):
+            watch, place = shown_on(bar, "causes"), plan.triage_place
+            unjudged = certify_causes(store, runner, summary.run, allowance=allowance, place=place, watch=watch)
+    except typer.Exit:  # the causes so far are shown all the same
+        return False
+    if told := note_unjudged(unjudged):
+        Bar.note(f"{told}\nhint: {AGAIN}")
     return True

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -16,9 +16,8 @@ from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
-    from vlafuzz.campaign.config import Plan, RunConfig
-    from vlafuzz.campaign.tally import Summary
-    from vlafuzz.cli.one_run import Asked, Done
+    from vlafuzz.campaign.config import Plan
+    from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
     from vlafuzz.doctor.before_run import Checked
 
@@ -37,9 +36,6 @@ def command(
     resume: Annotated[
         bool,
         option("Resume a stored run that ended early; flags that are not given are taken from it.", flag="--resume"),
-    ] = False,
-    triage: Annotated[
-        bool, option("Then triage the store, as `vlafuzz triage` does.", flag="--triage", hidden=True)
     ] = False,
     certify: Annotated[
         bool | None,
@@ -64,11 +60,11 @@ def command(
 
     Runs are kept in a store, by default runs/<task>-<policy>-<seed>.db; several tasks share one. Scenes that a store
     knows are answered from it at no cost. A policy of your own is first checked, for seconds: a blind policy, for
-    example, is not run. With --time, half of it is for the run and what is left is for triage, if any; all of it is for
-    the run where what is left would probably certify nothing. Several tasks share it.
+    example, is not run. With --time, half of it is for the run and what is left is for certification, if any; all of it
+    is for the run where what is left would probably certify nothing. Several tasks share it.
 
-    --config also has what is rarely changed: batch, criteria, placement, pool, repeats, stop-early; triage, to triage
-    the whole store then; and fail-on-finding, for exit code 1 when scenes fail.
+    --config also has what is rarely changed: batch, criteria, placement, pool, repeats, stop-early; and
+    fail-on-finding, for exit code 1 when scenes fail.
     """
     from vlafuzz.common.deadline import deadline
 
@@ -77,19 +73,19 @@ def command(
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli.one_run import Asked, run_plan
+    from vlafuzz.cli.one_run import run_plan
     from vlafuzz.worlds import task_of, tasks_named
 
     named = task_of(world, given["task"])
     tasks, left = tasks_named(named) if named else (), ""
     flags = configured(given | {"task": named})
-    asked = Asked(certify=certify, triage=triage, json=json)
     if len(tasks) > 1:
-        runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked)
+        asked = partial(run_plan, certify=certify, json=json)
+        runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
         plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=_typed()))
         plan, speed = _checked(plan, flags, unchecked=unchecked)
-        runs = [run_plan(plan, speed, until, asked)]
+        runs = [run_plan(plan, speed, until, certify=certify, json=json)]
         if json:
             print_json(runs[0].document)
     _end(runs, left, fail_on_finding=fail_on_finding)
@@ -137,7 +133,14 @@ def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
 
 
 def _run_tasks(
-    tasks: Sequence[str], flags: Mapping[str, Any], asked: Asked, until: Deadline, *, resume: bool, unchecked: bool
+    tasks: Sequence[str],
+    flags: Mapping[str, Any],
+    run_plan: Callable[..., Done],
+    until: Deadline,
+    *,
+    resume: bool,
+    unchecked: bool,
+    json: bool,
 ) -> tuple[list[Done], str]:
     """Run each task with the same flags, up to the first interruption, and print how policies do in them.
 
@@ -148,15 +151,19 @@ def _run_tasks(
         The runs, and in a sentence which tasks were not begun as the time was over.
     """
     from vlafuzz.campaign.config import RunConfig, default_store
-    from vlafuzz.cli.one_run import run_plan
+    from vlafuzz.campaign.config import plan as plan_of
+    from vlafuzz.campaign.resume import begun
+    from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.report.counts import standings_of
+    from vlafuzz.store.records import UNFINISHED
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import default_policy, tasks_named
 
     policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
     name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
     path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
-    config = RunConfig(**{**flags, "store": path, "policy": policy, "task": None, "command": _typed()})
+    shared = {**flags, "store": path, "policy": policy}
+    config = RunConfig(**{**shared, "task": None}, command=_typed())
     again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
     first, left = None, ""
     runs: list[Done] = []
@@ -165,43 +172,29 @@ def _run_tasks(
             left = f"--time was over before these tasks began: {', '.join(tasks[number:])}"
             break
         Bar.note(f"task {number + 1} of {len(tasks)}: {task}")
-        plan, over = _plan(replace(config, task=task), again=resume)
-        speed, foreseen, remaining = None, 0, len(tasks) - number
-        if over is None:
-            if first is None:
-                first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining
-                plan = first.plan
-            elif plan.resume is None:
-                plan = replace(plan, manifest=replace(plan.manifest, checkup=first.plan.manifest.checkup))
-            speed = first.speed
-        runs.append(run_plan(plan, speed, until.after(1 / remaining), asked, tasks=foreseen, again=again, over=over))
+        asked = {**shared, "task": task}
+        before = begun(asked) if resume else None
+        if before and before.status not in UNFINISHED:
+            Bar.note(f"run {before.id} of it is over")
+            continue
+        plan = resume_run(asked) if before else plan_of(replace(config, task=task))
+        foreseen, remaining = 0, len(tasks) - number
+        if first is None:
+            first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining
+            plan = first.plan
+        elif plan.resume is None:
+            plan = replace(plan, manifest=replace(plan.manifest, checkup=first.plan.manifest.checkup))
+        runs.append(run_plan(plan, first.speed, until.after(1 / remaining), tasks=foreseen, again=again))
         if runs[-1].interrupted:
             Bar.note(f"hint: `{again}` does the other tasks")
             break
     with Store.open(path) as store:
         rows = standings_of(store)
-    if asked.json:
+    if json:
         print_json({"tasks": [done.document for done in runs], "standings": [one.document() for one in rows]})
     else:
         print_rows([one.row() for one in rows], title=f"policies and tasks of {path}")
     return runs, left
-
-
-def _plan(config: RunConfig, *, again: bool) -> tuple[Plan, Summary | None]:
-    """The plan of a task; with the summary of its run if that came to its end before."""
-    from vlafuzz.campaign.config import plan
-    from vlafuzz.campaign.resume import begun, flags_of, resume, summary_of
-    from vlafuzz.store.records import UNFINISHED
-    from vlafuzz.store.store import Store
-
-    run = begun(config) if again else None
-    if run is None:
-        return plan(config), None
-    if run.status in UNFINISHED:
-        return resume(flags_of(config)), None
-    planned = replace(plan(config), manifest=run.manifest)
-    with closing(planned.policy), Store.open(planned.store) as store:
-        return planned, summary_of(store, run)
 
 
 def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 import shlex
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Callable
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,8 +21,9 @@ from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 if TYPE_CHECKING:
     from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
+    from vlafuzz.failures.triage.pipeline import Progress
     from vlafuzz.failures.triage.summary import TriageSummary
-    from vlafuzz.rollouts.registry import Place
+    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.store.store import Store
 
 AGAIN = "the next triage tries them again"
@@ -30,12 +31,6 @@ AGAIN = "the next triage tries them again"
 
 def command(
     store: Annotated[Path, typer.Argument(help="A store that `vlafuzz run` wrote.")],
-    max_rollouts: Annotated[
-        int | None,
-        option(
-            "Most policy rollouts to shrink, certify and attribute one failure.", "200, of a stochastic policy 1000"
-        ),
-    ] = None,
     limit: Annotated[int | None, option("Most failures to work on.", "all that are left")] = None,
     rollouts: Annotated[
         int | None, option("Policy rollouts of all failures together, after which no further one is begun.", "no limit")
@@ -61,38 +56,69 @@ def command(
     """
     from vlafuzz.common.deadline import deadline
 
-    numbers = {"--max-rollouts": max_rollouts, "--limit": limit, "--rollouts": rollouts, "--workers": workers}
-    for name, value in numbers.items():
+    for name, value in {"--limit": limit, "--rollouts": rollouts, "--workers": workers}.items():
         check_number(name, value, 1)
     until = deadline("--time", time)
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.failures.causes import all_causes
     from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.failures.triage.pipeline import usual_workers
+    from vlafuzz.failures.triage.pipeline import hours, triage, usual_workers
+    from vlafuzz.failures.triage.scene_runner import runner_of_run
+    from vlafuzz.failures.triage.summary import summarise
+    from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store
 
     note_alone(store)
-    with Store.open(store) as opened:
+    with Store.open(store) as opened:  # to write, an empty file would be made a store
         place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
-    options = {"max_rollouts": max_rollouts, "limit": limit, "thorough": thorough}
-    result = triage_store(store, Allowance(rollouts, until), place, show=not json, **options)
+        policies = [run.manifest.policy for run in opened.runs()]
+    again = shlex.join(["vlafuzz", "triage", str(store), *trust_flag(*policies)])
+    allowance = Allowance(rollouts, until)
+    with (
+        interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,
+        Store.open(store, "write") as opened,
+    ):
+        _forecast(opened, limit, place.workers, allowance)
+        unjudged = triage(
+            opened,
+            partial(runner_of_run, store, note=Bar.note),
+            limit=limit,
+            allowance=allowance,
+            place=place,
+            thorough=thorough,
+            watch=shown_on(bar, "failures"),
+        )
+        summary = summarise(opened)
+    if not json:
+        _print(summary)
+    broken = note_unjudged(unjudged)
+    left = summary.findings - summary.triaged
     with Store.open(store) as opened:
         found = all_causes(opened)
+        if allowance.used_up and left:
+            over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
+            which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
+            Bar.note(f"{which}: {over}\nhint: continue with `{again}`{hours(opened, left)}")
     if json:
-        print_json(result | {"runs": [{"run": one.run, **one.document()} for one in found]})
+        counts = {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
+        print_json(asdict(summary) | counts | {"runs": [{"run": one.run, **one.document()} for one in found]})
     else:
         for one in found:
             print_causes(one)
-    if told := broken(result):
-        raise PrerequisiteError(told, hint=f"`vlafuzz doctor --policy` examines the policy; {AGAIN}")
+    if broken:
+        raise PrerequisiteError(broken, hint=f"`vlafuzz doctor --policy` examines the policy; {AGAIN}")
 
 
-def broken(result: Mapping[str, Any]) -> str:
-    """How many failures could not be judged as policy or simulator broke; empty where none."""
-    number = result.get("broken", 0)
-    return f"{plural(number, 'failure')} could not be judged: policy or simulator broke" if number else ""
+def note_unjudged(unjudged: Counter[Unjudged]) -> str:
+    """Note failures that are no longer fair; how many others could not be judged, empty where none."""
+    from vlafuzz.failures.triage.triager import Unjudged
+
+    if unfair := unjudged[Unjudged.UNFAIR]:
+        Bar.note(f"{plural(unfair, 'failure')} could not be judged: no longer fair")
+    broken = unjudged[Unjudged.BROKEN]
+    return f"{plural(broken, 'failure')} could not be judged: policy or simulator broke" if broken else ""
 
 
 def note_alone(store: Path) -> None:
@@ -105,52 +131,14 @@ def note_alone(store: Path) -> None:
         Bar.note(f"note: run {', '.join(alone)}: what answers now has to be the model that was tested then")
 
 
-def triage_store(
-    store: Path, allowance: Allowance, place: Place, *, causes_of: int | None = None, show: bool, **options: Any
-) -> dict[str, Any]:
-    """Triage what is left to triage in a store; its failures then as JSON and, with ``show``, printed.
-
-    Args:
-        causes_of: a run: only the failures that show its commonest causes.
-        options: ``max_rollouts``, ``limit`` and ``thorough`` of ``pipeline.triage``.
-    """
-    from vlafuzz.failures.triage.pipeline import Progress, certify_causes, hours, triage
-    from vlafuzz.failures.triage.scene_runner import runner_of_run
-    from vlafuzz.failures.triage.summary import summarise
-    from vlafuzz.failures.triage.triager import Unjudged
-    from vlafuzz.store.store import Store
-
-    with Store.open(store) as opened:  # to write, an empty file would be made a store
-        trust = trust_flag(*(run.manifest.policy for run in opened.runs()))
-    again = shlex.join(["vlafuzz", "triage", str(store), *trust])
-    kind, hint = ("failures", f"\nhint: continue with `{again}`") if causes_of is None else ("causes", "")
+def shown_on(bar: Bar, kind: str) -> Callable[[Progress], None]:
+    """Shows how far triage of failures or causes is."""
 
     def watch(now: Progress) -> None:
         took = f", {plural(now.rollouts, 'rollout')}" if now.rollouts else ""  # of those that are done
         bar.progress(f"{kind}{took}", now.done, now.findings)
 
-    note = f"interrupted: all finished {kind} are stored{hint}"
-    with interruptible(note) as bar, Store.open(store, "write") as opened:
-        runner = partial(runner_of_run, store, note=Bar.note)
-        within: dict[str, Any] = {"allowance": allowance, "place": place, "watch": watch}
-        if causes_of is None:
-            _forecast(opened, options.get("limit"), place.workers, allowance)
-            unjudged = triage(opened, runner, **within, **options)
-        else:
-            unjudged = certify_causes(opened, runner, causes_of, **within)
-        summary = summarise(opened)
-    if show:
-        _print(summary)
-    if unfair := unjudged[Unjudged.UNFAIR]:
-        Bar.note(f"{plural(unfair, 'failure')} could not be judged: no longer fair")
-    left = summary.findings - summary.triaged
-    if causes_of is None and allowance.used_up and left:
-        over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
-        with Store.open(store) as opened:
-            takes = hours(opened, left)
-        which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
-        Bar.note(f"{which}: {over}\nhint: continue with `{again}`{takes}")
-    return asdict(summary) | {"unjudged": unjudged.total(), "broken": unjudged[Unjudged.BROKEN]}
+    return watch
 
 
 def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
@@ -160,18 +148,13 @@ def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowanc
 
     done = {triaged.key for triaged in store.triaged()}
     left = len([finding for finding in store.findings() if finding.key not in done][:limit])
-    one, within, failures = expected(store, 1, workers), allowance.deadline.left, plural(left, "failure")
-    seconds = left * one
+    seconds, within = expected(store, left, workers), allowance.deadline.left
     if allowance.rollouts:
         seconds *= min(allowance.rollouts / (PER_FINDING * max(left, 1)), 1.0)
-    if left and within < one:
-        Bar.note(f"a failure takes about {duration(one)}: --time may end before the first one is done")
-    elif seconds > within:
-        done_in_time = f"about {math.floor(within / one)} of {failures}"
-        Bar.note(f"in {duration(within)} (--time): {done_in_time}, which take about {duration(one)} each")
-    elif seconds > NOBODY_WAITS:
+    if seconds > min(NOBODY_WAITS, within):
         basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
-        Bar.note(f"about {duration(seconds)}: {failures}, {basis}")
+        end = f"; --time ends it after {duration(within)}" if seconds > within else ""
+        Bar.note(f"about {duration(seconds)}: {plural(left, 'failure')}, {basis}{end}")
 
 
 def _print(summary: TriageSummary) -> None:

@@ -1,7 +1,7 @@
 """The failures of a run, when each was found, and the run in numbers."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from statistics import fmean
@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.campaign.results import Embed
 from vlafuzz.common.statistics import Share
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare.certified import Certified, certified, known_results
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
+Embed = Callable[[Scene], NDArray[np.float64]]
 Figures = Mapping[str, Any]
 """A run in numbers by name, and its strategy; None where there is nothing to measure. See ``figures``."""
 
