@@ -28,12 +28,11 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene, Start
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.mini.policy import CAMERA, WRIST, Mini
-from vlafuzz.worlds.libero.env import HZ, LiberoEnv
+from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
 from vlafuzz.worlds.libero.expert import Expert
-from vlafuzz.worlds.libero.expert.policy import UNITS
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY
-from vlafuzz.worlds.libero.scenes.space import LiberoSpace, nominal_scene
+from vlafuzz.worlds.libero.space import LiberoSpace, nominal_scene
 from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.tabletop.space import load_operators
 

@@ -1,7 +1,7 @@
 """Spaces of LIBERO's tasks, as users get them."""
 
 from vlafuzz.worlds.base import Wanted
-from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.world import WORLD
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 

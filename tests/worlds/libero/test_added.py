@@ -15,15 +15,14 @@ from vlafuzz.model.evidence import Causes
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement, Scene, Start
 from vlafuzz.rollouts.setup import make_evaluator
+from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
-from vlafuzz.worlds.libero.expert.policy import LiberoExpert
-from vlafuzz.worlds.libero.scenes.casts import pool
-from vlafuzz.worlds.libero.scenes.room import room_of
-from vlafuzz.worlds.libero.scenes.setting import Setting
-from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.evaluator import LiberoEvaluator, Workplace
+from vlafuzz.worlds.libero.expert import LiberoExpert
+from vlafuzz.worlds.libero.room import room_of
+from vlafuzz.worlds.libero.setting import Setting
+from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import REST, SETTLING
-from vlafuzz.worlds.libero.workplace import Workplace
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderType
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from vlafuzz.worlds.audit import Scope
-from vlafuzz.worlds.libero.audit import audit, defects
+from vlafuzz.worlds.libero.audit import audit, broken_premises, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.premise import broken_premises
 from vlafuzz.worlds.libero.suites import find_task
 
 pytestmark = pytest.mark.libero

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from vlafuzz.worlds.libero.pictures.collapse import Mesh, collapsed
+from vlafuzz.worlds.libero.collapse import Mesh, collapsed
 
 SIDE = 24
 

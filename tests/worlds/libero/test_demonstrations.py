@@ -8,7 +8,7 @@ import pytest
 from tests.exports.test_demonstrations import of_policy
 from vlafuzz.exports.expert_runner import ExpertRunner
 from vlafuzz.model.scene import Light
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 

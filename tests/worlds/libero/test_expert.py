@@ -5,7 +5,7 @@ import pytest
 
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.expert import Expert, can_solve
-from vlafuzz.worlds.libero.expert.grasps import find_grasps
+from vlafuzz.worlds.libero.grasps import find_grasps
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 

@@ -13,7 +13,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 SCRIPTS = Path(__file__).parents[3] / "scripts"

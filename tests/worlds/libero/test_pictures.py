@@ -15,8 +15,8 @@ from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load
 from vlafuzz.worlds.libero.pictures import CAMERAS, discard, opengl, shrink
-from vlafuzz.worlds.libero.scenes.setting import Setting
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.setting import Setting
+from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
 from vlafuzz.worlds.libero.world import WORLD
 from vlafuzz.worlds.place import here, in_words

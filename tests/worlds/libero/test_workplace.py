@@ -12,8 +12,8 @@ from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluation import drive, proceed
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero import workplace
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero import evaluator as workplace
+from vlafuzz.worlds.libero.space import nominal_scene
 
 pytestmark = pytest.mark.libero
 TASK = "libero_object/0"
@@ -43,7 +43,7 @@ def scene() -> Scene:
 def test_a_process_ends_without_a_word_after_it_has_drawn():
     code = (
         "from vlafuzz.worlds.libero.evaluator import LiberoStills\n"
-        "from vlafuzz.worlds.libero.scenes.space import nominal_scene\n"
+        "from vlafuzz.worlds.libero.space import nominal_scene\n"
         f"LiberoStills({TASK!r}, 64).png(nominal_scene({TASK!r}, 'libero'))"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

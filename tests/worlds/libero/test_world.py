@@ -21,10 +21,10 @@ from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.env import LiberoEnv, LiberoObservation
-from vlafuzz.worlds.libero.expert.policy import LiberoExpert
-from vlafuzz.worlds.libero.scenes.room import room_of
-from vlafuzz.worlds.libero.scenes.setting import Setting
-from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.expert import LiberoExpert
+from vlafuzz.worlds.libero.room import room_of
+from vlafuzz.worlds.libero.setting import Setting
+from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import OPERATORS

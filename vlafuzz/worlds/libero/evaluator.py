@@ -1,8 +1,11 @@
-"""LiberoEvaluator runs a policy in scenes of LIBERO, as the suites' own evaluations do."""
+"""LiberoEvaluator runs a policy in scenes of LIBERO as the suites' own evaluations do, in workplaces that it shares."""
 
 from __future__ import annotations
 
+import atexit
 import hashlib
+import threading
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import imageio.v3 as imageio
@@ -20,14 +23,14 @@ from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluation import Evaluation
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero.env import HZ, LiberoEnv
-from vlafuzz.worlds.libero.expert.policy import UNITS
-from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY
-from vlafuzz.worlds.libero.scenes.setting import VIEW, Setting
+from vlafuzz.worlds.libero.casts import cast, pool
+from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
+from vlafuzz.worlds.libero.fairness import Fairness
+from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
+from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.stages import Moment, monitor_of
 from vlafuzz.worlds.libero.stages import task as task_named
-from vlafuzz.worlds.libero.suites import SETTLING
-from vlafuzz.worlds.libero.workplace import Workplace, close_idle, give_back, take
+from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
 
 if TYPE_CHECKING:
@@ -36,6 +39,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
+IDLE = 2  # workplaces that are kept for the next evaluator: each takes seconds and hundreds of megabytes
 
 
 class LiberoEpisode(Episode):
@@ -201,3 +205,71 @@ def _check_spec(spec: PolicySpec) -> None:
     for camera in spec.cameras:
         if camera.width != camera.height:
             raise UsageError(f"camera {camera.name!r}: {camera.width} x {camera.height}, LIBERO's pictures are square")
+
+
+class Workplace:
+    """A task's own environment, bit by bit LIBERO's, and one that also has what may be added.
+
+    They are built when first needed. ``size``, in pixels, and ``quality`` of pictures: see ``LiberoEnv``.
+    """
+
+    def __init__(self, task: str, size: int, quality: str) -> None:
+        self.key, self.task = (task, size, quality), find_task(task)
+        self._made = dict[tuple[str, ...], Setting]()
+
+    @cached_property
+    def fairness(self) -> Fairness:
+        return Fairness(self.of)
+
+    def of(self, scene: Scene) -> Setting:
+        """Where a scene is set up, not yet begun; a SceneError if the task has no such things."""
+        own = cast(self.task, scene) == self.task and not scene.confounders
+        more = () if own else pool(self.task)
+        if more not in self._made:
+            _, size, quality = self.key
+            env = LiberoEnv(self.task, size=size, quality=quality, more=more)
+            if more:
+                shrink(env.model)
+            self._made[more] = Setting(env)
+        return self._made[more]
+
+    def close(self) -> None:
+        for setting in self._made.values():
+            setting.env.close()
+        self._made.clear()
+
+
+_idle: list[Workplace] = []
+
+
+def take(task: str, size: int, quality: str) -> Workplace:
+    """A workplace that nobody uses, a new one if there is none."""
+    for idle in _idle:
+        if idle.key == (task, size, quality) and _may_share():
+            _idle.remove(idle)
+            return idle
+    return Workplace(task, size, quality)
+
+
+def give_back(workplace: Workplace) -> None:
+    """Leave it to the next evaluator. Its state does not matter: each scene sets everything."""
+    if not _may_share():
+        workplace.close()
+        return
+    _idle.append(workplace)
+    # MuJoCo ends EGL at exit since its first picture; what is registered last comes before that
+    atexit.unregister(close_idle)
+    atexit.register(close_idle)
+    if len(_idle) > IDLE:
+        _idle.pop(0).close()
+
+
+def close_idle() -> None:
+    """Close what nobody uses, so that the next workplace is a new one."""
+    while _idle:
+        _idle.pop().close()
+
+
+def _may_share() -> bool:
+    """Whether this is the main thread: a context of OpenGL belongs to its thread."""
+    return threading.current_thread() is threading.main_thread()

@@ -17,11 +17,11 @@ from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.worlds.audit import AuditedSuite, Scope
 from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero.expert.policy import LiberoDemonstrator, LiberoExpert
+from vlafuzz.worlds.libero.casts import load_objects
+from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures import QUALITY, opengl
-from vlafuzz.worlds.libero.scenes.objects import load_objects
-from vlafuzz.worlds.libero.scenes.space import LiberoSpace
+from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators

@@ -7,8 +7,7 @@ import pytest
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.worlds.libero.scenes.casts import cast, extras, recast, swaps
-from vlafuzz.worlds.libero.scenes.objects import kind_of, load_objects, mistakable
+from vlafuzz.worlds.libero.casts import cast, extras, kind_of, load_objects, mistakable, recast, swaps
 from vlafuzz.worlds.libero.suites import REST, LiberoTask
 
 BOWL = LiberoTask(

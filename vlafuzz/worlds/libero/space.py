@@ -16,9 +16,8 @@ from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.model.genes import Gene, Grid
 from vlafuzz.model.scene import Placement, Scene, Start
 from vlafuzz.model.space import Values
-from vlafuzz.worlds.libero.scenes.casts import doubles, extras, recast, swaps
-from vlafuzz.worlds.libero.scenes.objects import load_objects
-from vlafuzz.worlds.libero.scenes.room import room_of
+from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, swaps
+from vlafuzz.worlds.libero.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
 from vlafuzz.worlds.manipulation.base import Layout, Operator

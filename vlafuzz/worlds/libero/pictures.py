@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.model.conditions import Setting
 from vlafuzz.worlds.libero.packages import load, versions
-from vlafuzz.worlds.libero.pictures.quick import Artist
+from vlafuzz.worlds.libero.quick import Artist
 
 Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.processor import kept
 from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.expert.grasps import surface
+from vlafuzz.worlds.libero.grasps import surface
 from vlafuzz.worlds.libero.packages import versions
-from vlafuzz.worlds.libero.scenes.casts import pool
-from vlafuzz.worlds.libero.scenes.standing import Standing
+from vlafuzz.worlds.libero.setting import Standing
 from vlafuzz.worlds.libero.suites import PLACING, LiberoTask, find_task
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 

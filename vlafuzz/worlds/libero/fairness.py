@@ -15,10 +15,10 @@ from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.worlds.audit import Defect
 from vlafuzz.worlds.libero.audit import defects
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.expert.grasps import surface
-from vlafuzz.worlds.libero.scenes.room import REACH, room_of
-from vlafuzz.worlds.libero.scenes.setting import VIEW, Setting
-from vlafuzz.worlds.libero.scenes.space import nominal_scene
+from vlafuzz.worlds.libero.grasps import surface
+from vlafuzz.worlds.libero.room import REACH, room_of
+from vlafuzz.worlds.libero.setting import VIEW, Setting
+from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import REST
 
 Array = NDArray[np.float64]

@@ -1,1 +1,0 @@
-"""Scenes of LIBERO: what they may have, how they are set up, and which of them are fair."""
