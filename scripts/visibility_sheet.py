@@ -10,19 +10,21 @@ import argparse
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
-from io import BytesIO
 from itertools import count, islice
 from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw
 
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Scene
+from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import Stills
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -42,9 +44,9 @@ def scenes(task: str, seed: int, *, seen: bool) -> Iterator[tuple[Scene, str]]:
             yield scene, problem or f"{scene.instruction} (light × {scene.light.intensity:.3g})"
 
 
-def cell(scene: Scene, words: str, stills: Stills, size: int) -> Image.Image:
+def cell(scene: Scene, words: str, stills: ManiSkillEvaluator, size: int) -> Image.Image:
     """The picture of a scene and crops around its targets, over a line of words."""
-    picture = Image.open(BytesIO(stills.png(scene)))
+    picture = Image.fromarray(stills.still(scene))
     page = Image.new("RGB", (3 * size + 8, size + LINE), (90, 60, 90))
     page.paste(picture, (0, 0))
     view, half = camera_pose(rig(scene.robot).view, scene.camera), size / ZOOM / 2
@@ -67,7 +69,9 @@ def main() -> None:
     options = parser.parse_args()
     cells: list[Image.Image] = []
     for task in TASKS:
-        with closing(Stills(task, CATALOGUE, options.size)) as stills:
+        recording = Recording(options.size)
+        evaluator = ManiSkillEvaluator(Conditions(task=task), Frozen(), CATALOGUE, recording=recording)
+        with closing(evaluator) as stills:
             chosen = islice(scenes(task, options.seed, seen=options.seen), options.n)
             cells += [
                 cell(scene, f"{len(cells) + number} {words}", stills, options.size)

@@ -17,9 +17,12 @@ from numpy.typing import NDArray
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
+from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.forks import single_threaded
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.capabilities import Steppable
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 HZ = 5
 ID = "vlafuzz/Corpus-v0"
@@ -55,12 +58,17 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         exported = read_corpus(Path(corpus))
         self.cases, self._runs = exported.cases, exported.runs
         self._draws = bool(size)
-        robot = self.cases[0].scene.robot
         world = world_of(exported.task)
-        if not isinstance(world, Steppable):
+        if not world.usual:
             problem = f"{exported.task}: its world cannot be driven step by step"
             raise UsageError(problem, hint="`vlafuzz replay` and `vlafuzz regress` run its scenes")
-        self._env = world.stepped(exported.runs, robot, size, HZ)
+        if size:
+            world.check_pictures()
+        self._policy = Frozen()  # only its spec is used
+        cameras = (CameraRequest("image", size, size),) if size else ()
+        action = ActionSpec(relative_to="current", hz=HZ)
+        self._policy.spec = PolicySpec("gymnasium", cameras=cameras, action=action, state=True)
+        self._evaluators: dict[int, SceneEvaluator] = {}  # by run
         instructions = [case.scene.instruction for case in self.cases]
         seen: dict[str, spaces.Space[Any]] = {
             "state": spaces.Box(*np.array(STATE, dtype=np.float32).T),
@@ -82,8 +90,11 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
             raise UsageError(f"options['case']: {number!r}", hint=f"0 to {len(self.cases) - 1}")
         self._next = (number + self._every) % len(self.cases)
         self._case: Case = self.cases[number]
-        self._env.begin(self._case.scene)
-        self._steps = 0
+        run = self._case.run
+        if run not in self._evaluators:
+            self.close()
+            self._evaluators[run] = make_evaluator(self._runs[run], self._policy, checked=False)
+        self._episode = self._evaluators[run].begin(self._case.scene, 0)
         about = {"case": number, "digest": self._case.scene.digest, "signature": self._case.signature}
         return self._observation(), about | {"lost_stage": self._case.lost_stage}
 
@@ -91,28 +102,24 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         metric = np.asarray(action, dtype=np.float64)
         if metric.shape != (7,) or not np.all(np.isfinite(metric)):
             raise UsageError(f"action: {action!r}", hint="expected 7 finite numbers")
-        monitor = self._env.monitor
-        before = monitor.progress
-        self._env.advance(metric)
-        self._steps += 1
-        info = {"progress": monitor.progress, "reached": tuple(monitor.reached)}
-        published = self._runs[self._case.run].criteria == "published"
-        done = monitor.published_success if published else monitor.success_once
-        late = self._steps >= self._env.most_steps
-        info["success"] = done
-        return self._observation(), monitor.progress - before, done, late and not done, info
+        episode, before = self._episode, self._episode.monitor.progress
+        episode.advance(metric)
+        progress, done = episode.monitor.progress, episode.success
+        info = {"progress": progress, "reached": tuple(episode.monitor.reached), "success": done}
+        return self._observation(), progress - before, done, episode.over and not done, info
 
     def render(self) -> Any:
         """The current image of the third-person camera: (size, size, 3) uint8."""
-        return self._env.picture() if self._draws else None
+        return self._episode.picture("image") if self._draws else None
 
     def close(self) -> None:
-        self._env.close()
+        while self._evaluators:
+            self._evaluators.popitem()[1].close()
 
     def _observation(self) -> Seen:
-        hand = self._env.proprioception()
-        seen: Seen = {"state": hand, "instruction": self._case.scene.instruction}
-        return seen | ({"image": self._env.seen()} if self._draws else {})
+        observed = self._episode.observe()
+        seen: Seen = {"state": observed.state, "instruction": self._case.scene.instruction}
+        return seen | ({"image": observed.images["image"]} if self._draws else {})
 
 
 def corpus_envs(

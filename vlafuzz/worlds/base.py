@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
@@ -40,16 +40,6 @@ class Demonstrator(TryingPolicy, Protocol):
 
     tries: int
     written: list[Written]
-
-
-class Stills(Protocol):
-    """Takes pictures of scenes before anything moves."""
-
-    def png(self, scene: Scene) -> bytes:
-        """A picture of a valid scene by the third-person camera; PrerequisiteError without a renderer."""
-
-    def close(self) -> None:
-        """Release the renderer."""
 
 
 class Robot(Protocol):
@@ -189,7 +179,3 @@ class World(ABC):
     def demonstrator(self, interface: Interface) -> Demonstrator:
         """An expert in the place of a policy with this interface."""
         raise UsageError("this world has no demonstrations", hint="leave them out")
-
-    def stills(self, conditions: Conditions, space: Space) -> Stills:
-        """What takes pictures of scenes of a task."""
-        raise PrerequisiteError("this world draws no stills", hint="leave pictures out")

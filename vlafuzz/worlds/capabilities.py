@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 from vlafuzz.common.watch import Watch
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import SceneFile
-from vlafuzz.model.task import Monitor
 from vlafuzz.worlds.audit import AuditedSuite, Scope
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    pass
 
 Frame = Literal["fit", "keep", "original", "robot"]
 PLACEMENTS = ("resting", "published")  # how things get to their places: where the scene has them, or dropped
@@ -186,41 +184,3 @@ class SceneFormats(Protocol):
 
     def linter(self, packs: Sequence[Any]) -> Linter:
         """What judges files of scenes with objects of the catalogue and of packs."""
-
-
-class Stepped(Protocol):
-    """A simulated robot that one's own loop drives step by step."""
-
-    @property
-    def monitor(self) -> Monitor:
-        """The stages that the present rollout has reached."""
-
-    @property
-    def most_steps(self) -> int:
-        """The number of control steps after which a rollout ends."""
-
-    def begin(self, scene: Scene) -> None:
-        """Build a scene."""
-
-    def advance(self, action: NDArray[Any]) -> None:
-        """Do a control step; ``action``: (7,), metres and radians relative to the hand, gripper."""
-
-    def proprioception(self) -> NDArray[Any]:
-        """The hand's position, rotation vector and opening now: (7,)."""
-
-    def seen(self) -> NDArray[Any]:
-        """The picture of the last observation."""
-
-    def picture(self) -> NDArray[Any]:
-        """A picture of what is there now."""
-
-    def close(self) -> None:
-        """Release the simulator."""
-
-
-@runtime_checkable
-class Steppable(Protocol):
-    """A world that one's own loop can drive."""
-
-    def stepped(self, runs: Sequence[Conditions], robot: str, size: int, hz: int) -> Stepped:
-        """A simulation under these conditions, with square pictures of ``size`` pixels; 0 for none."""

@@ -7,6 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Rejection, Rollout
@@ -58,6 +61,9 @@ class SceneEvaluator(ABC):
     def renew(self) -> None:
         """Use a new environment for the next scene."""
 
+    def leave(self) -> None:  # noqa: B027 - most evaluators keep what they have
+        """Leave to other evaluators what a scene has taken; called after each."""
+
     @property
     def recorded(self) -> CameraRequest | None:
         """The camera of the recording, if it has one."""
@@ -87,7 +93,17 @@ class SceneEvaluator(ABC):
         except Exception as error:  # a crash of the simulator is not a failure of the policy
             self.renew()  # after an exception only a new environment is clean
             return Outcome.error(f"simulator: {type(error).__name__}: {error}")
+        finally:
+            self.leave()
         return Outcome.of(rollouts, self._stages)
+
+    def still(self, scene: Scene) -> NDArray[np.uint8]:
+        """``(height, width, 3)``: a fair scene before anything moves, as the recording's camera shows it."""
+        assert self.recorded is not None
+        try:
+            return self.begin(scene, self.seed).picture(self.recorded.name)
+        finally:
+            self.leave()
 
     def _repeated(self, scene: Scene, seed: int) -> Asking[Rollout]:
         """A rollout, begun again at most twice if the policy's server was lost or too late."""

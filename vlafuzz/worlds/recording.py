@@ -134,6 +134,10 @@ def to_mp4(frames: list[Picture], fps: int) -> bytes:
     return bytes(video)
 
 
+def to_png(picture: Picture) -> bytes:
+    return bytes(imageio.imwrite("<bytes>", picture, extension=".png"))
+
+
 def to_jpeg(picture: Picture) -> bytes:
     """JPEG of a few kilobytes."""
     return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))

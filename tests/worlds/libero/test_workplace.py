@@ -42,9 +42,9 @@ def scene() -> Scene:
 
 def test_a_process_ends_without_a_word_after_it_has_drawn():
     code = (
-        "from vlafuzz.worlds.libero.evaluator import LiberoStills\n"
-        "from vlafuzz.worlds.libero.space import nominal_scene\n"
-        f"LiberoStills({TASK!r}, 64).png(nominal_scene({TASK!r}, 'libero'))"
+        "from tests.worlds.libero.test_workplace import *\n"
+        "drawing = make_evaluator(Conditions(task=TASK, robot='libero'), Frozen(), recording=Recording(64))\n"
+        "drawing.still(nominal_scene(TASK, 'libero'))"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (child.stdout, child.stderr) == ("", "")

@@ -25,7 +25,6 @@ from vlafuzz.worlds.evaluation import FILM_SPEED, FRAMES, Film
 from vlafuzz.worlds.place import elsewhere
 
 if TYPE_CHECKING:
-    from vlafuzz.worlds.base import Stills
     from vlafuzz.worlds.evaluator import SceneEvaluator
     from vlafuzz.worlds.recording import Recording
 
@@ -65,7 +64,7 @@ class SimulatorSceneRunner:
         now = replace(manifest, **here(name, self._policy, self.space))
         self.changed = tuple(name for name in manifest.differences(now) if name != "place")
         self.elsewhere = elsewhere(manifest.place, now.place)
-        self._stills: Stills | None = None
+        self._stills: SceneEvaluator | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
@@ -112,10 +111,12 @@ class SimulatorSceneRunner:
 
     def picture(self, scene: Scene) -> bytes | None:
         """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
+        from vlafuzz.worlds.recording import Recording, to_png
+
         try:
             if self._stills is None:
-                self._stills = self._world.stills(self._manifest, self.space)
-            return self._stills.png(scene)
+                self._stills = self._evaluator(self._player, checked=False, recording=Recording(256))
+            return to_png(self._stills.still(scene))
         except PrerequisiteError:
             return None
 
@@ -139,11 +140,9 @@ class SimulatorSceneRunner:
         return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
 
     def close(self) -> None:
-        if self._stills is not None:
-            self._stills.close()
         if self.lanes > 1:
             self._lockstep.close()
-        for evaluator, _ in self._filmed.values():
+        for evaluator in filter(None, (self._stills, *(filmed for filmed, _ in self._filmed.values()))):
             evaluator.renew()  # policy and player are closed below
         for evaluator in (self._policies, *self._experts.values(), self._players):
             evaluator.close()

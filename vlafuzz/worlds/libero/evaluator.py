@@ -8,7 +8,6 @@ import threading
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -21,7 +20,6 @@ from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.evaluation import Evaluation
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
@@ -123,12 +121,6 @@ class LiberoEvaluator(SceneEvaluator):
         _check_spec(policy.spec)
         self._workplace: Workplace | None = None
 
-    def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
-        try:
-            return (yield from super().evaluation(scene, seed))
-        finally:
-            self._leave()
-
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._conditions.task:
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._conditions.task!r}")
@@ -144,10 +136,10 @@ class LiberoEvaluator(SceneEvaluator):
         close_idle()
 
     def close(self) -> None:
-        self._leave()
+        self.leave()
         release(self._policy)
 
-    def _leave(self) -> None:
+    def leave(self) -> None:
         if self._workplace is not None:
             give_back(self._workplace)
             self._workplace = None
@@ -161,31 +153,9 @@ class LiberoEvaluator(SceneEvaluator):
             _quality(scene, QUALITY.of(self._conditions)),
         )
         if self._workplace is None or self._workplace.key != key:
-            self._leave()
+            self.leave()
             self._workplace = take(*key)
         return self._workplace
-
-
-class LiberoStills:
-    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
-
-    def __init__(self, task: str, size: int = 256, quality: str = QUALITY.default) -> None:
-        self._task, self._size, self._quality = task, size, quality
-
-    def png(self, scene: Scene) -> bytes:
-        """A picture of a valid scene by the third-person camera."""
-        workplace = take(self._task, self._size, _quality(scene, self._quality))
-        try:
-            setting = workplace.of(scene)
-            setting.begin(scene)
-            setting.env.settle(SETTLING)
-            picture = setting.env.picture(VIEW, self._size)[:, ::-1]
-        finally:
-            give_back(workplace)
-        return imageio.imwrite("<bytes>", picture, extension=".png")
-
-    def close(self) -> None:
-        """Nothing: the next evaluator may take the environments."""
 
 
 def _quality(scene: Scene, wanted: str) -> str:

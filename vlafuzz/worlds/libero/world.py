@@ -15,7 +15,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.worlds.audit import AuditedSuite, Scope
-from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
+from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
@@ -89,11 +89,6 @@ class Libero(TableWorld):
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
         return LiberoDemonstrator(interface)
-
-    def stills(self, conditions: Conditions, space: Space) -> Stills:
-        from vlafuzz.worlds.libero.evaluator import LiberoStills
-
-        return LiberoStills(conditions.task, quality=QUALITY.of(conditions))
 
     def audit(self, suite: str, scope: Scope) -> AuditedSuite:
         from vlafuzz.worlds.libero.audit import audit

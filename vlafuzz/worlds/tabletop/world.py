@@ -19,8 +19,8 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
-from vlafuzz.worlds.base import Demonstrator, Stills, TryingPolicy, Wanted
-from vlafuzz.worlds.capabilities import Drawing, Frame, Imported, ListedObject, ListedOperators, Stepped
+from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
+from vlafuzz.worlds.capabilities import Drawing, Frame, Imported, ListedObject, ListedOperators
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 
 class Tabletop(TableWorld):
-    """The world of VLATest's tasks, ``Equipped``, ``Catalogued`` and ``Steppable``, with ``SceneFormats``."""
+    """The world of VLATest's tasks, ``Equipped`` and ``Catalogued``, with ``SceneFormats``."""
 
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
@@ -125,12 +125,6 @@ class Tabletop(TableWorld):
 
         return TabletopDemonstrator(interface)
 
-    def stills(self, conditions: Conditions, space: Space) -> Stills:
-        from vlafuzz.worlds.tabletop.sim.evaluator import Stills
-
-        assert isinstance(space, SearchSpace)
-        return Stills(conditions.task, space.catalogue, placement=PLACEMENT.of(conditions))
-
     def packages(self) -> dict[str, str]:
         missing = "no scene can be simulated"
         return {"mani_skill": missing, "sapien": missing, "torch": "ManiSkill cannot be loaded"}
@@ -202,11 +196,6 @@ class Tabletop(TableWorld):
 
     def linter(self, packs: Sequence[Pack]) -> TableLinter:
         return TableLinter(load_catalogue(packs=packs))
-
-    def stepped(self, runs: Sequence[Conditions], robot: str, size: int, hz: int) -> Stepped:
-        from vlafuzz.worlds.tabletop.sim.evaluator import SteppedTable
-
-        return SteppedTable(runs[0], stored_catalogue(*runs), robot, size, hz)
 
 
 def _is_robots_only(folder: Path) -> bool:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import imageio.v3 as imageio
 import numpy as np
 import pytest
 
@@ -13,11 +12,13 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, RIGS, WIDOWX, rig
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, Stills
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 ASSETS = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"
@@ -111,9 +112,9 @@ class TestExternalRobots:
     def test_a_photo_is_behind_robot_and_objects_only(self, robot):
         shown = {}
         for name in (robot, f"{robot}-photo"):
-            stills = Stills("pick-up", CATALOGUE, size=64)
-            shown[name] = imageio.imread(stills.png(nominal(name))).astype(float)
-            stills.close()
+            evaluator = ManiSkillEvaluator(Conditions(task="pick-up"), Frozen(), CATALOGUE, recording=Recording(64))
+            shown[name] = evaluator.still(nominal(name)).astype(float)
+            evaluator.close()
         apart = np.abs(shown[robot] - shown[f"{robot}-photo"]).max(axis=2)
         assert shown[robot].shape[1] == rig(robot).view.width(64)
         assert 0.005 < (apart == 0).mean() < 0.5

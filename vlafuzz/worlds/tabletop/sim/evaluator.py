@@ -1,9 +1,7 @@
-"""What runs scenes on the tabletop: a policy's evaluator, one's own loop, and still pictures."""
+"""What runs scenes on the tabletop: a policy's evaluator, and what settles them."""
 
 from dataclasses import replace
-from typing import Any
 
-import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -24,7 +22,7 @@ from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
 from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.sim.settle import Settled, settle, start_poses
-from vlafuzz.worlds.tabletop.state import PLACEMENT, State, StateMonitor
+from vlafuzz.worlds.tabletop.state import PLACEMENT, State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
@@ -141,51 +139,3 @@ def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> S
     models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
     poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
     return settle(task_named(scene.task), models, scene.placements, setup.table, poses)
-
-
-class Stills:
-    """Takes pictures of scenes of one task before anything moves, ``size`` pixels high."""
-
-    def __init__(self, task: str, catalogue: Catalogue, size: int = 256, placement: str = "resting") -> None:
-        self._environment = _Environment(task, catalogue, placement)
-        self._camera = CameraRequest("still", size, size)
-
-    def png(self, scene: Scene) -> bytes:
-        """A picture of a valid scene by the third-person camera; PrerequisiteError without a renderer."""
-        env = self._environment.of(scene.robot, (_as_wide(self._camera, scene.robot),))
-        env.begin(scene)
-        return imageio.imwrite("<bytes>", env.picture(self._camera.name), extension=".png")
-
-    def close(self) -> None:
-        self._environment.close()
-
-
-class SteppedTable:
-    """A table with a robot under the conditions of a run, for one's own loop; see ``Stepped``."""
-
-    def __init__(self, run: Conditions, catalogue: Catalogue, robot: str, size: int, hz: int) -> None:
-        cameras = (CameraRequest("image", size, size),) if size else ()
-        self._env = make_env(run.task, catalogue, cameras, hz, robot, PLACEMENT.of(run))
-        self.most_steps = self._env.rig.seconds * self._env.control_hz
-
-    @property
-    def monitor(self) -> StateMonitor:
-        return self._env.monitor
-
-    def begin(self, scene: Scene) -> None:
-        self._state = self._env.begin(scene)
-
-    def advance(self, action: NDArray[Any]) -> None:
-        self._state = self._env.advance(action, "current")
-
-    def proprioception(self) -> NDArray[np.float32]:
-        return proprioception(self._state, self._env.rig.opening)
-
-    def seen(self) -> NDArray[np.uint8]:
-        return self._env.seen("image")
-
-    def picture(self) -> NDArray[np.uint8]:
-        return self._env.picture("image")
-
-    def close(self) -> None:
-        self._env.close()
