@@ -21,7 +21,7 @@ from vlafuzz.search.registry import strategy_factory
 from vlafuzz.search.scoring import Score
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest.convert import read_vlatest
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 LABELS = "all-correct-task.json"
 LEAST = 50  # passes of a VLA, to be included

@@ -26,7 +26,7 @@ from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
-from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file
+from vlafuzz.worlds.tabletop.vlatest import read_scene_file
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
@@ -130,7 +130,7 @@ def scene_values(rng: Rng, folder: Path) -> None:
     source = read_scene_file(folder / "a.jsonl", CATALOGUE, "fit")
     if not any(isinstance(scene, SceneError) for _, scene in source.lines):
         command("lab", "coverage", folder / "a.jsonl")
-        command("export", folder / "a.jsonl", "--format", "vlatest", "--out", folder / "out.json")
+        command("export", folder / "a.jsonl", "--out", folder / "out.jsonl")
         (scene,) = source.scenes()
         load_jitter().apply(scene, 1)
 

@@ -4,7 +4,6 @@ import atexit
 import json
 import shutil
 import tempfile
-from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -18,15 +17,14 @@ from tests.packs import box, can, tray, write_pack
 from tests.report.stores import MANIFEST
 from tests.report.stores import store as write_store
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal
+from tests.worlds.tabletop.test_vlatest import grasp, other, two
 from vlafuzz.common.assets import operators_dir
-from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.clients.options import PROFILES
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
-from vlafuzz.worlds.tabletop.vlatest.convert import write_vlatest
 
 
 @cache
@@ -57,14 +55,9 @@ def scenes() -> tuple[Scene, ...]:
 
 @cache
 def vlatest() -> tuple[Any, ...]:
-    documents = []
-    for number, scene in enumerate(scenes()):
-        path = folder() / f"{number}.json"
-        with suppress(UsageError):  # the format has no light, for example
-            write_vlatest(path, [scene, scene], CATALOGUE)
-            documents.append(json.loads(path.read_text()))
-    assert documents
-    return tuple(documents)
+    alone, among = grasp("apple", -0.3, 0.2), grasp("opened_coke_can", -0.3, 0.2, orange=other(-0.4, 0.3))
+    near = two(1, 0, apple=other(-0.2, 0.1), sponge=other(-0.4, 0.1), orange=other(-0.3, 0.3))
+    return tuple({"0": scene, "1": scene, "seed": 7, "num": 2} for scene in (alone, among, near))
 
 
 @cache

@@ -67,11 +67,10 @@ def test_what_no_longer_holds_is_said(monkeypatch, capsys):
     ("flags", "says"),
     [
         (["--minimal", "--out", "a.db"], "a.db: exists already"),
-        (["--minimal", "--format", "vlatest", "--out", "b"], "--minimal goes with neither --verdict nor"),
+        (["--minimal", "--format", "lerobot", "--out", "b"], "--minimal goes with neither --verdict nor"),
         (["--controls", "9", "--out", "b"], "--controls 9: only a corpus has controls"),
         (["--minimal", "--controls", "-1", "--out", "b"], "--controls: expected at least 0, got -1"),
         (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),
-        (["--format", "vlatest", "--out", "b"], "3: VLATest's scene files have no"),
     ],
 )
 def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
@@ -80,19 +79,6 @@ def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
     assert says in said
     assert "hint: " in said
     assert sorted(Path().iterdir()) == before
-
-
-def test_a_file_of_scenes_is_written_for_vlatest_and_back(capsys):
-    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
-    raw = {"model_id": "hammer", "obj_init_options": {"init_xy": [-0.3, 0.2], "orientation": upright}}
-    theirs = Path("t-grasp_s-7.json")
-    theirs.write_text(json.dumps({"0": raw, "seed": 7, "num": 1}))
-    assert main(["export", str(theirs), "--frame", "original", "--out", "ours.jsonl"]) == 0
-    assert load_scenes(Path("ours.jsonl"))[0].robot == "google"
-    Path("again").mkdir()
-    assert main(["export", "ours.jsonl", "--format", "vlatest", "--out", f"again/{theirs}"]) == 0
-    assert json.loads(Path("again", theirs).read_text()) == json.loads(theirs.read_text())
-    assert "1 scenes written" in capsys.readouterr().err
 
 
 def test_a_file_of_scenes_has_no_runs(capsys):

@@ -116,12 +116,6 @@ def test_export_refuses_what_is_not_there(store: str, capsys, arguments: list[st
     assert "hint: " in shown
 
 
-def test_a_format_that_can_express_no_scene_is_an_error_and_writes_nothing(folder: Path, store: str, capsys):
-    assert main(["export", store, "--format", "vlatest", "--out", "out.json"]) == 2
-    assert "VLATest's scene files have no light" in capsys.readouterr().err
-    assert not (folder / "out.json").exists()
-
-
 UPRIGHT = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
 
 
@@ -168,11 +162,3 @@ def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys):
         ("google", "custom:opened_pepsi_can"),
     ]
     assert capsys.readouterr().err == ""
-
-
-def test_scenes_that_an_export_would_move_are_noted(tmp_path: Path, capsys):
-    kept, back = tmp_path / "kept.jsonl", tmp_path / "back.json"
-    assert main(["export", str(scene_file(tmp_path, "apple")), "--out", str(kept), "--frame", "keep"]) == 0
-    assert "would move these scenes" in capsys.readouterr().err
-    assert main(["export", str(kept), "--format", "vlatest", "--out", str(back)]) == 0
-    assert "note: positions are stretched from our box onto VLATest's" in capsys.readouterr().err

@@ -22,7 +22,6 @@ from vlafuzz.lab.plots import save
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
 from vlafuzz.worlds.recording import Recording, write_picture
-from vlafuzz.worlds.tabletop.vlatest.format import write_entries
 
 PICTURE = np.zeros((32, 32, 3), dtype=np.uint8)
 
@@ -40,7 +39,6 @@ def write_film(path: Path) -> None:
 
 WRITERS: dict[str, Callable[[Path], None]] = {
     "scenes": lambda path: write_scenes(path, []),
-    "scenes of VLATest": lambda path: write_entries(path, []),
     "page": write_a_page,
     "JUnit": lambda path: write_junit(compared(lambda number, repeat: True), path),
     "picture": lambda path: write_picture(path, PICTURE),

@@ -24,7 +24,7 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.schema import read_file
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
-from vlafuzz.worlds.tabletop.vlatest.format import read_entries
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 YAML_READERS = [load_profile, read_file, load_operators, load_jitter, load_wordings]
 SCENE = json.loads(nominal().to_json())
@@ -148,7 +148,7 @@ def test_lint_judges_all_lines_of_a_file_with_a_rotation_of_length_zero(tmp_path
 def test_numbers_of_thousands_of_digits_number_no_scene(tmp_path: Path):
     (tmp_path / "a.json").write_text(json.dumps({"9" * 5000: {}}))
     with pytest.raises(SceneError, match="unknown key"):
-        read_entries(tmp_path / "a.json")
+        read_vlatest(tmp_path / "a.json", CATALOGUE)
 
 
 class TestMeshes:

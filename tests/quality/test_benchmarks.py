@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.worlds.tabletop.test_vlatest import grasp, write
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest.convert import write_vlatest
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_strategies.py"
 SAID = ("target-type", "target-position")
@@ -27,10 +27,11 @@ def bench(tmp_path: Path, *args: str) -> dict[str, Any]:
 @pytest.fixture
 def labels(tmp_path: Path) -> Path:
     """A pool of 120 scenes, of which a VLA passed those on the left."""
-    space = SearchSpace(load_operators().only(SAID), load_catalogue(), "pick-up")
-    scenes = [space.sample(np.random.default_rng(seed)) for seed in range(120)]
-    assert not write_vlatest(tmp_path / "t-grasp.json", scenes, load_catalogue())
-    left = [index for index, scene in enumerate(scenes) if scene.targets[0].y > 0]
+    rng, names = np.random.default_rng(1), ("apple", "orange", "opened_coke_can", "pepsi_can")
+    scenes = [grasp(str(rng.choice(names)), rng.uniform(-0.5, -0.1), rng.uniform(0, 0.4)) for _ in range(120)]
+    path = write(tmp_path / "t-grasp.json", *scenes)
+    read = read_vlatest(path, load_catalogue()).scenes
+    left = [index for index, scene in enumerate(read) if scene.targets[0].y > 0]
     assert 50 <= len(left) <= 70
     (tmp_path / "all-correct-task.json").write_text(json.dumps({"t-grasp": {"vla": left}}))
     return tmp_path

@@ -21,7 +21,7 @@ from vlafuzz.worlds.capabilities import Frame, SceneFormats
 
 Wanted = Literal["failed", "passed", "all"]
 Shown = Literal["failed", "minimal", "random"]
-Format = Literal["vlafuzz", "vlatest", "lerobot", "store"]
+Format = Literal["vlafuzz", "lerobot", "store"]
 
 
 def export(
@@ -65,11 +65,7 @@ def export(
     trust: TrustFlag = False,
     format_: Annotated[
         Format,
-        option(
-            "One JSON scene a line, a scene file of VLATest, a data set of LeRobot, or one store with all runs of "
-            "several.",
-            flag="--format",
-        ),
+        option("One JSON scene a line, a data set of LeRobot, or one store with all runs of several.", flag="--format"),
     ] = "vlafuzz",
     scenes: Annotated[
         Shown | None,
@@ -148,20 +144,18 @@ def export(
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(sources[0], out, run, scenes, demos, demos_per_scene, hold_out, workers)
     else:
-        _export_scenes(sources[0], out, run, verdict, format_)
+        _export_scenes(sources[0], out, run, verdict)
 
 
-def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted, format_: Format) -> None:
-    """Write scenes to one file, ours or one of VLATest."""
-    from vlafuzz.exports.export import SCENE_FILES, scenes_of, write_file
+def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted) -> None:
+    """Write scenes to one file, with their verdicts."""
+    from vlafuzz.exports.export import SCENE_FILES, scenes_of
 
     chosen = scenes_of(store, run, verdict)
-    exported = write_file(out, chosen, format_)
-    if format_ == "vlatest" and not all(map(world_with(SceneFormats).is_foreign, chosen)):
-        Bar.note("note: positions are stretched from our box onto VLATest's, which undoes --frame fit")
+    with writing(out):
+        write_scenes(out, chosen, chosen)
     what = "scenes" if verdict == "all" or store.suffix in SCENE_FILES else f"{verdict} scenes"
-    Bar.note(f"{exported.written} {what} written to {out}")
-    _note_left_out(exported.left_out)
+    Bar.note(f"{len(chosen)} {what} written to {out}")
 
 
 def _export_demonstrations(
@@ -284,8 +278,6 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool
         imported = [world.import_scenes(path, frame) for path in bar.track(files, "reading")]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
-    if frame == "keep":
-        Bar.note("note: `export --format vlatest` would move these scenes: it stretches them, as --frame fit does")
     if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):
         left_out = sum(file.left_out for file in imported)
         Bar.note(f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue")

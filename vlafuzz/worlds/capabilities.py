@@ -168,19 +168,13 @@ class Linter(Protocol):
 
 @runtime_checkable
 class SceneFormats(Protocol):
-    """A world whose scenes other programs write to files and read from them."""
+    """A world that reads scene files of another program."""
 
     def import_scenes(self, path: Path, frame: Frame) -> Imported:
         """The scenes of a file in the other format; a SceneError if it is none."""
 
     def read_scene_file(self, path: Path, frame: Frame) -> SceneFile:
         """The scenes of a file, ours or in the other format."""
-
-    def export_scenes(self, out: Path, scenes: Sequence[Scene]) -> Mapping[str, int]:
-        """Write a file in the other format; the result says how many are left out, by reason."""
-
-    def is_foreign(self, scene: Scene) -> bool:
-        """Whether a scene was imported unchanged, and is exported so."""
 
     def linter(self, packs: Sequence[Any]) -> Linter:
         """What judges files of scenes with objects of the catalogue and of packs."""

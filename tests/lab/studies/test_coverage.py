@@ -15,8 +15,7 @@ from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import load_operators
-from vlafuzz.worlds.tabletop.vlatest.convert import read_vlatest
-from vlafuzz.worlds.tabletop.vlatest.original import Rectangle
+from vlafuzz.worlds.tabletop.vlatest import Rectangle, read_vlatest
 
 CATALOGUE, OPERATORS = load_catalogue(), load_operators()
 UNIT = Rectangle(x=(0.0, 1.0), y=(0.0, 1.0))

@@ -17,8 +17,7 @@ from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue, stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file
-from vlafuzz.worlds.tabletop.vlatest.original import Rectangle, as_original, vlatest_table
+from vlafuzz.worlds.tabletop.vlatest import Rectangle, as_original, read_scene_file, vlatest_table
 
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
 SIZES = (10, 100, 1000)  # the paper's

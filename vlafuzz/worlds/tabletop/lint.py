@@ -22,7 +22,7 @@ from vlafuzz.worlds.tabletop.fairness import CHECKS, check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import apart, footprint
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS
-from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file
+from vlafuzz.worlds.tabletop.vlatest import read_scene_file
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.tabletop.sim.settle import Settled

@@ -40,8 +40,7 @@ from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.state import PLACEMENT
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-from vlafuzz.worlds.tabletop.vlatest.convert import read_scene_file, read_vlatest, write_vlatest
-from vlafuzz.worlds.tabletop.vlatest.original import as_original
+from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface
@@ -185,14 +184,6 @@ class Tabletop(TableWorld):
 
     def read_scene_file(self, path: Path, frame: Frame) -> SceneFile:
         return read_scene_file(path, load_catalogue(), frame)
-
-    def export_scenes(self, out: Path, scenes: Sequence[Scene]) -> Mapping[str, int]:
-        ours = (scene for scene in scenes if not self.is_foreign(scene))  # the others are written unchanged
-        names = (placement.object for scene in ours for placement in scene.placements)
-        return write_vlatest(out, scenes, load_catalogue(packs=packs_of(names)))
-
-    def is_foreign(self, scene: Scene) -> bool:
-        return as_original(scene) is not None
 
     def linter(self, packs: Sequence[Pack]) -> TableLinter:
         return TableLinter(load_catalogue(packs=packs))

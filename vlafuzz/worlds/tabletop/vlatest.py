@@ -1,0 +1,333 @@
+"""Reads scene files of VLATest (FSE 2025) as scenes of ours, or as published: its coordinates, names, sizes, robots."""
+
+import math
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, ValidationError
+
+from vlafuzz.common.assets import operators_dir
+from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
+from vlafuzz.errors import CatalogueError, SceneError
+from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
+from vlafuzz.model.scene_lines import SceneFile, is_document, read_scenes
+from vlafuzz.worlds.capabilities import Frame, Imported
+from vlafuzz.worlds.manipulation.operator_set import load_operators
+from vlafuzz.worlds.manipulation.operators import TargetPosition
+from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.schema import Strict
+from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
+
+FRAME = "vlatest"  # Scene.frame: VLATest's world coordinates
+CUSTOM, YCB = "custom:", "ycb:"  # prefixes of names, as in packs: YCB and VLATest's own catalogue share some names
+_FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
+
+
+class _Pose(Strict):
+    rest: str
+    yaw: float = 0.0
+
+
+class _Poses(Strict):
+    turned: _Pose
+    level: _Pose
+
+
+class Counterpart(Strict):
+    """The object of ours that stands for one of VLATest's."""
+
+    name: str
+    poses: _Poses
+
+
+class Rectangle(Strict):
+    """A rectangle on the table, metres."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+class Base(Strict):
+    """The pose of a robot's base: metres, and degrees."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+class Original(Strict):
+    """What VLATest's files leave out: robots by task, boxes, sizes, and names in instructions."""
+
+    robots: dict[str, str]
+    bases: dict[str, Base]
+    boxes: dict[str, Rectangle]
+    small_tasks: tuple[str, ...]
+    small: tuple[str, ...]
+    small_scale: float
+    unspoken: tuple[str, ...]
+    spoken: dict[str, str]
+
+
+class Table(Strict):
+    """The content of operators/objects/vlatest.yaml."""
+
+    frames: dict[str, Rectangle]
+    places: dict[str, str]  # the task by the receptacle that others are put on or into
+    objects: dict[str, Counterpart]
+    ycb: dict[str, Counterpart]
+    original: Original
+
+    def drawn_from(self, task: str) -> Rectangle:
+        """The box that VLATest samples positions from: by default the frame."""
+        return self.original.boxes.get(task, self.frames[task])
+
+
+@cache
+def vlatest_table() -> Table:
+    """The table, read once."""
+    path = operators_dir() / "objects" / "vlatest.yaml"
+    return validated(Table, read_yaml(path, CatalogueError), path, CatalogueError)
+
+
+# The schemas of the grasp task, and of those with two targets
+_Names = Annotated[list[Text], Field(max_length=MOST)]
+
+
+class _First(Strict):  # the key of the orientation differs for the object to grasp
+    init_xy: tuple[Real, Real]
+    orientation: Quaternion
+
+
+class _Other(Strict):
+    init_xy: tuple[Real, Real]
+    init_rot_quat: Quaternion
+
+
+class _Grasp(Strict):
+    model_id: Text
+    obj_init_options: _First
+    distractor_model_ids: _Names = Field(default=[])
+    distractor_obj_init_options: dict[str, _Other] = Field(default={})
+
+
+class _Two(Strict):
+    model_ids: _Names
+    obj_init_options: dict[str, _Other]
+    source_obj_id: int
+    target_obj_id: int
+
+
+@dataclass(frozen=True)
+class _Thing:
+    """An object by its name in VLATest; metres in VLATest's frame."""
+
+    model: str
+    xy: tuple[float, float]
+    quaternion: Quaternion
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A scene of a file: its objects in file order, and the indices of the targets, the moved one first."""
+
+    things: tuple[_Thing, ...]
+    targets: tuple[int, ...]
+
+    @property
+    def order(self) -> tuple[int, ...]:
+        """Indices of the targets, then of the other objects."""
+        return self.targets + tuple(index for index in range(len(self.things)) if index not in self.targets)
+
+
+def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
+    """Read a file of scenes, ours or VLATest's; for ``frame`` see ``read_vlatest``."""
+    if not is_document(path):
+        return SceneFile(path, tuple(read_scenes(path)))
+    imported = read_vlatest(path, catalogue, frame=frame)
+    return SceneFile(path, tuple(zip(imported.numbers, imported.scenes, strict=True)), imported.left_out)
+
+
+def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> Imported:
+    """Read a scene file of VLATest.
+
+    Args:
+        frame: ``fit`` stretches VLATest's sampling box onto ours, ``keep`` moves it to the middle of ours; ``original``
+            changes nothing, and ``robot`` only expresses positions from the robot's base, as our rigs do. The last two
+            leave no scene out: names need not be in the catalogue.
+
+    Raises:
+        SceneError: not a scene file of VLATest; the message names file and key.
+    """
+    table, entries = vlatest_table(), _read_entries(path)
+    ycb = path.name.startswith("ycb_")  # only the file's name tells which catalogue the names are from
+    known = table.objects | (table.ycb if ycb else {})
+    missing: Counter[str] = Counter()
+    scenes: dict[int, Scene] = {}
+    for key, entry in entries.items():
+        task = _task(path, entry)
+        if frame in ("original", "robot"):
+            original = _original_scene(entry, task, ycb=ycb)
+            here = table.original.bases[task], _our_base(original), ""
+            scenes[int(key)] = _moved(original, *here) if frame == "robot" else original
+            continue
+        models = {thing.model for thing in entry.things}
+        absent = {model for model in models if model not in known or known[model].name not in catalogue}
+        missing.update(absent)
+        if not absent:
+            placed = [
+                _placement(f"{path}: {key}", entry.things[i], known, task, stretched=frame == "fit")
+                for i in entry.order
+            ]
+            targets = tuple(placed[: TASKS[task].targets])
+            spoken = [catalogue[target.object].spoken for target in targets]
+            instruction = say(load_wordings()[task][0], spoken)
+            scenes[int(key)] = Scene(task, targets, instruction, confounders=tuple(placed[len(targets) :]))
+    return Imported(path, len(entries), tuple(scenes), tuple(scenes.values()), dict(missing.most_common()))
+
+
+def _read_entries(path: Path) -> dict[str, _Entry]:
+    """The scenes of a file by key, in order."""
+    hint = 'expected a JSON object with scenes under "0", "1", …, "seed" and "num"'
+    document = read_json(path, SceneError, hint)
+    if not isinstance(document, dict):
+        raise SceneError(f"{path}: not a scene file of VLATest, got {type(document).__name__}", hint)
+    scenes = {key: value for key, value in document.items() if re.fullmatch("[0-9]{1,9}", key)}
+    unknown = [key for key in document if key not in scenes and key not in ("seed", "num")]
+    if unknown:
+        raise SceneError(f"{path}: {unknown[0]}: unknown key", hint)
+    if document.get("num", len(scenes)) != len(scenes):
+        raise SceneError(f"{path}: num: says {document['num']!r}, but there are {len(scenes)} scenes")
+    return {key: _entry(f"{path}: {key}", raw) for key, raw in scenes.items()}
+
+
+def _entry(where: str, raw: object) -> _Entry:
+    try:
+        if isinstance(raw, dict) and "model_id" in raw:
+            grasp = _Grasp.model_validate(raw)
+            taken = grasp.obj_init_options
+            others = _things(where, grasp.distractor_model_ids, grasp.distractor_obj_init_options)
+            return _Entry((_Thing(grasp.model_id, taken.init_xy, taken.orientation), *others), (0,))
+        two = _Two.model_validate(raw)
+    except ValidationError as error:
+        raise SceneError(f"{where}: {first_problem(error)}") from None
+    things = _things(where, two.model_ids, two.obj_init_options)
+    for name, index in (("source_obj_id", two.source_obj_id), ("target_obj_id", two.target_obj_id)):
+        if not 0 <= index < len(things):
+            raise SceneError(f"{where}: {name}: {index} is not the index of one of {len(things)} objects")
+    return _Entry(things, (two.source_obj_id, two.target_obj_id))
+
+
+def _things(where: str, models: Sequence[str], options: Mapping[str, _Other]) -> tuple[_Thing, ...]:
+    for model in models:
+        if model not in options:
+            raise SceneError(f"{where}: there are no options for {model!r}")
+    return tuple(_Thing(model, options[model].init_xy, options[model].init_rot_quat) for model in models)
+
+
+def _task(path: Path, entry: _Entry) -> str:
+    """The task by the targets; if these leave it open, by the file's name."""
+    if len(entry.targets) == 1:
+        return "pick-up"
+    by_receptacle = vlatest_table().places.get(entry.things[entry.targets[1]].model)
+    named = next((task for word, task in _FILE_NAMES.items() if word in path.name), None)
+    return by_receptacle or (named if named and TASKS[named].targets == 2 else "move-near")
+
+
+def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task: str, *, stretched: bool) -> Placement:
+    """The counterpart of an object; its frame is turned by half a turn, then stretched or moved onto our box."""
+    counterpart, table = known[thing.model], vlatest_table()
+    w, i, j, z = thing.quaternion
+    level = math.hypot(i, j) < 1e-3
+    yaw = 2 * math.atan2(z, w)
+    half = yaw / 2  # otherwise an object is upright: a quarter turn about x, then the yaw
+    upright = [turn * math.sqrt(0.5) for turn in (math.cos(half), math.cos(half), math.sin(half), math.sin(half))]
+    if not level and abs(sum(a * b for a, b in zip(thing.quaternion, upright, strict=True))) < 1 - 1e-6:
+        problem = f"orientation {thing.quaternion} is neither upright nor level"
+        raise SceneError(f"{where}: {thing.model}: {problem}")
+    pose = counterpart.poses.level if level else counterpart.poses.turned
+    turned = math.degrees(yaw) + pose.yaw + 180.0
+    wrapped = 180.0 - (180.0 - turned) % 360.0  # in (-180, 180]
+    ours, place = load_operators().get(TargetPosition), list[float]()
+    for at, (near, far), span in zip(
+        thing.xy, (table.frames[task].x, table.frames[task].y), (ours.x, ours.y), strict=True
+    ):
+        stretch = (span.high - span.low) / (far - near) if stretched else 1.0
+        place.append(round((span.low + span.high) / 2 - (at - (near + far) / 2) * stretch, 6))
+    return Placement(counterpart.name, pose.rest, *place, round(wrapped, 4))
+
+
+def _original_scene(entry: _Entry, task: str, *, ycb: bool) -> Scene:
+    """A scene in VLATest's frame, with objects from YCB or not; receptacles of the put tasks never are."""
+    table, original, order = vlatest_table(), vlatest_table().original, entry.order
+    placed = []
+    for index, thing in enumerate(entry.things):
+        of_ycb = ycb and thing.model not in table.places
+        small = task in original.small_tasks and (of_ycb or thing.model in original.small)
+        placement = Placement(
+            (YCB if of_ycb else CUSTOM) + thing.model,
+            "",
+            *thing.xy,
+            quaternion=thing.quaternion,
+            scale=original.small_scale if small else 1.0,
+        )
+        in_order = order == tuple(range(len(order)))
+        placed.append(placement if in_order else replace(placement, listed=index))
+    targets, others = order[: len(entry.targets)], order[len(entry.targets) :]
+    spoken = [_spoken(entry.things[index].model, original) for index in targets]
+    return Scene(
+        task,
+        tuple(placed[index] for index in targets),
+        say(load_wordings()[task][0], spoken),
+        confounders=tuple(placed[index] for index in others),
+        robot=original.robots[task],
+        frame=FRAME,
+    )
+
+
+def _spoken(model: str, original: Original) -> str:
+    """VLATest's name in instructions: ``opened_7up_can`` is "7up can"."""
+    words = [word for word in model.split("_") if word not in original.unspoken and not word.endswith("cm")]
+    return original.spoken.get(model) or " ".join(words)
+
+
+def as_original(scene: Scene) -> Scene | None:
+    """A scene imported with the frame ``original`` or ``robot``, in VLATest's frame; None for others."""
+    if scene.frame == FRAME:
+        return scene
+    original = vlatest_table().original
+    theirs = scene.robot == original.robots.get(scene.task)
+    if scene.frame or not theirs or not all(placement.quaternion for placement in scene.placements):
+        return None
+    return _moved(scene, _our_base(scene), original.bases[scene.task], FRAME)
+
+
+def _our_base(scene: Scene) -> Base:
+    x, y, *_ = rig(scene.robot).base
+    return Base(x=x, y=y, yaw=0.0)
+
+
+def _moved(scene: Scene, old: Base, new: Base, frame: str) -> Scene:
+    """Move and turn the scene rigidly, as from the old base of the robot to the new one."""
+    turn = math.radians(new.yaw - old.yaw)
+
+    def moved(placement: Placement) -> Placement:
+        x, y = placement.x - old.x, placement.y - old.y
+        turned = placement.quaternion
+        if turned is not None:  # its sign and length stay, so that it can be undone
+            (w, i, j, k), cos, sin = turned, math.cos(turn / 2), math.sin(turn / 2)
+            turned = cos * w - sin * k, cos * i - sin * j, cos * j + sin * i, cos * k + sin * w
+        return replace(
+            placement,
+            x=new.x + x * math.cos(turn) - y * math.sin(turn),
+            y=new.y + x * math.sin(turn) + y * math.cos(turn),
+            quaternion=turned,
+        )
+
+    targets, confounders = (tuple(map(moved, group)) for group in (scene.targets, scene.confounders))
+    return replace(scene, targets=targets, confounders=confounders, frame=frame)
