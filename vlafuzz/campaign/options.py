@@ -110,12 +110,6 @@ class RunConfig:
     repeats: int = _option(JUDGE, "", "Rollouts per scene; it fails if one of them fails.", "1", default=1)
     stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)
     criteria: str = _option(JUDGE, "", "What success means: strict, or published.", "strict", default="strict")
-    placement: str | None = _option(
-        JUDGE,
-        "",
-        "How objects come to lie: resting, where the scene has them; published, dropped as in VLATest.",
-        "resting",
-    )
     quality: str | None = _option(
         JUDGE, "", "Of LIBERO's pictures: full, as its own; fast, nearly so and cheaper on a CPU.", "full"
     )
@@ -136,4 +130,4 @@ class RunConfig:
 
 
 OPTIONS: dict[str, Option] = {one.name: one.metadata["option"] for one in fields(RunConfig) if "option" in one.metadata}
-OF_WORLDS = ("placement", "quality")  # options that some worlds have: see ``World.settings``
+OF_WORLDS = ("quality",)  # options that some worlds have: see ``World.settings``

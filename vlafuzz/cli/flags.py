@@ -160,7 +160,6 @@ SeedFlag = Annotated[int, option_of("seed", "")]
 WorkersFlag = Annotated[int | None, option_of("workers")]
 ExecutorFlag = Annotated[str | None, option_of("executor")]
 PackFlag = Annotated[list[str] | None, option_of("packs")]
-PlacementFlag = Annotated[str | None, option(OPTIONS["placement"].help, OPTIONS["placement"].shown, flag="--placement")]
 ServedFlag = Annotated[
     str | None, label_option("--label", "Of models that are served at one address in turn, the one that answers now.")
 ]

@@ -9,15 +9,13 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, PackFlag, PlacementFlag, opened, option, refuse
+from vlafuzz.cli.flags import JsonFlag, PackFlag, opened, option, refuse
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
-from vlafuzz.common.text import percent
 from vlafuzz.errors import UsageError, check_number, sentence
-from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.worlds import known_worlds, world_with
 from vlafuzz.worlds.audit import CHECKS, AuditedSuite, Scope
-from vlafuzz.worlds.capabilities import PLACEMENTS, Audited, FileVerdicts, Frame, SceneFormats
+from vlafuzz.worlds.capabilities import Audited, FileVerdicts, Frame, SceneFormats
 
 FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
 
@@ -36,7 +34,7 @@ def lint(
         bool | None,
         option(
             "Only what needs no simulator: semantics, geometry and visibility; or all.",
-            "all; for VLATest's files --static, unless --placement is given",
+            "all; for VLATest's files --static",
             flag="--static/--settle",
         ),
     ] = None,
@@ -44,7 +42,6 @@ def lint(
     min_distance: Annotated[
         float | None, option("Metres to keep between the centres of any two objects.", "0.15")
     ] = None,
-    placement: PlacementFlag = None,
     pack: PackFlag = None,
     states: Annotated[int | None, option("Of a suite: the first initial states of each task.", "all")] = None,
     pictures: Annotated[
@@ -58,11 +55,6 @@ def lint(
     Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
     of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
 
-    For scenes with two or more objects: the shares in which two centres are closer than 0.15 m and 0.05 m, and in which
-    footprints overlap. Unless --static, for all scenes whose objects are known, fair or not: the shares in which an
-    object moves by more than 5 cm while settling, and in which the task is then solved, strictly or by the published
-    criteria.
-
     Of suites of another world, the initial states are checked: what overlaps, slides, falls or still moves when a
     policy would begin, what is solved already, and what problem or instruction say and is not true.
     """
@@ -71,47 +63,39 @@ def lint(
     if suites and len(suites) < len(files):
         raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
     if suites:
-        of_files = {"--static": static, "--frame": frame, "--min-distance": min_distance, "--placement": placement}
+        of_files = {"--static": static, "--frame": frame, "--min-distance": min_distance}
         refuse(of_files | {"--pack": pack}, "a suite's initial states are checked as they are")
         _lint_suites(suites, states, pictures, json=json, verbose=verbose)
         return
     refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
-    put = check_choice("placement", placement or PLACEMENTS[0], PLACEMENTS)
-    if static and placement:
-        raise UsageError("--placement: with --static nothing is put down", hint="leave out one of the two")
     check_frame(frame, files)
     linter, judged = world_with(SceneFormats).linter(opened(pack)), list[FileVerdicts]()
     with Bar() as bar:
         for path in files:
-            quick = is_document(path) and not placement if static is None else static
-            judged.append(linter.lint(path, frame or "fit", min_distance, None if quick else put, bar))
+            quick = is_document(path) if static is None else static
+            judged.append(linter.lint(path, frame or "fit", min_distance, bar, settle=not quick))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
-        print_json([file.row() | {"rejections": [asdict(problem) for problem in file.problems]} for file in judged])
+        problems_of = ([asdict(problem) for problem in file.problems] for file in judged)
+        files_told = zip(judged, problems_of, strict=True)
+        print_json([{"file": str(file.path), **file.counts, "rejections": found} for file, found in files_told])
     else:
         for path, problem in problems if verbose else ():
             line = sentence(f"{path}:{problem.line}: {problem.check}: {problem.reason}")
             data().write(f"{line}\n")
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:
-            rows = [
-                {"": key, "scenes": _count(value), "are": linter.means.get(key, "")}
-                for key, value in file.row().items()
-                if key != "file"
+            counted = [
+                {"": key, "scenes": value, "are": linter.means.get(key, "")} for key, value in file.counts.items()
             ]
-            print_rows(rows, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
+            print_rows(counted, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
     stderr().print(f"a target counts as visible with at least {linter.visibility}")
     if missing := sum(bool(re.match("unknown object '[^']+:", problem.reason)) for _, problem in problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if problems:
         raise typer.Exit(1)
-
-
-def _count(value: object) -> str:
-    """A number of scenes, or a share of them."""
-    return percent(value) if isinstance(value, float) else str("–" if value is None else value)
 
 
 def _world_of(suite: str) -> Audited | None:

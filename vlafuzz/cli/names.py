@@ -30,7 +30,6 @@ OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--batch": "--config batch=8",
         "--criteria": "--config criteria=published",
         "--fail-on-finding": "--config fail-on-finding=true",
-        "--placement": "--config placement=published",
         "--pool": "--config pool=FILE",
         "--quality": "--config quality=fast",
         "--repeats": "--config repeats=3",

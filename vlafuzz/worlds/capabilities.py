@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     pass
 
 Frame = Literal["fit", "keep", "original", "robot"]
-PLACEMENTS = ("resting", "published")  # how things get to their places: where the scene has them, or dropped
 
 
 @runtime_checkable
@@ -131,17 +130,13 @@ class Problem:
     reason: str
 
 
-class FileVerdicts(Protocol):
-    """The verdicts on the scenes of a file."""
+@dataclass(frozen=True)
+class FileVerdicts:
+    """The verdicts on the scenes of a file; ``counts`` of scenes by what ``Linter.means`` explains."""
 
-    @property
-    def path(self) -> Path: ...
-
-    @property
-    def problems(self) -> Sequence[Problem]: ...
-
-    def row(self) -> dict[str, Any]:
-        """Counts and shares of scenes, by what ``Linter.means`` explains."""
+    path: Path
+    counts: Mapping[str, int]
+    problems: Sequence[Problem]
 
 
 class Linter(Protocol):
@@ -149,20 +144,17 @@ class Linter(Protocol):
 
     @property
     def means(self) -> Mapping[str, str]:
-        """What the keys of a row of verdicts mean."""
+        """What is counted, by the keys of the counts."""
 
     @property
     def visibility(self) -> str:
         """The bounds within which a target counts as visible."""
 
-    def lint(
-        self, path: Path, frame: Frame, min_distance: float | None, placement: str | None, watch: Watch
-    ) -> FileVerdicts:
+    def lint(self, path: Path, frame: Frame, min_distance: float | None, watch: Watch, *, settle: bool) -> FileVerdicts:
         """Check all scenes of a file.
 
-        Args:
-            min_distance: to keep between the centres of any two objects, metres; None for the usual one. placement: how
-            objects are placed before they settle; None to skip settling.
+        ``min_distance``: to keep between the centres of any two objects, metres; None for the usual one. ``settle``:
+        whether the scenes are simulated, too.
         """
 
 

@@ -6,14 +6,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model.conditions import Setting
 from vlafuzz.model.task import Monitor, Task
-from vlafuzz.worlds.capabilities import PLACEMENTS
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
 Array = NDArray[np.float64]
 TABLE, HAND, ARM = "table", "hand", "arm"
-PLACEMENT = Setting("placement", PLACEMENTS[0], PLACEMENTS)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -259,7 +259,8 @@ def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task
     ):
         stretch = (span.high - span.low) / (far - near) if stretched else 1.0
         place.append(round((span.low + span.high) / 2 - (at - (near + far) / 2) * stretch, 6))
-    return Placement(counterpart.name, pose.rest, *place, round(wrapped, 4))
+    x, y = place
+    return Placement(counterpart.name, pose.rest, x, y, round(wrapped, 4))
 
 
 def _original_scene(entry: _Entry, task: str, *, ycb: bool) -> Scene:

@@ -10,6 +10,7 @@ import numpy as np
 
 from vlafuzz.common import assets
 from vlafuzz.common.watch import Watch
+from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
@@ -37,7 +38,6 @@ from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
-from vlafuzz.worlds.tabletop.state import PLACEMENT
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
@@ -52,7 +52,6 @@ class Tabletop(TableWorld):
 
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
-    settings = (*TableWorld.settings, PLACEMENT)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "mini": mini,
         "pinhole": Pinhole,
@@ -113,6 +112,9 @@ class Tabletop(TableWorld):
     ) -> SceneEvaluator:
         from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
+        if conditions.world.get("placement"):
+            problem = "objects are no longer dropped as in VLATest"
+            raise UsageError(f"placement {conditions.world['placement']}: {problem}", hint="run the scenes anew")
         catalogue = space.catalogue if isinstance(space, SearchSpace) else stored_catalogue(conditions)
         return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
 

@@ -87,7 +87,7 @@ def seeing() -> Iterator[TabletopEnv]:
 
 def shown(seeing: TabletopEnv, scene: Scene) -> np.ndarray:
     seeing.begin(scene)
-    seeing.applied().check(scene, seeing.poses, seeing.rig)
+    seeing.applied().check(scene, seeing.models, seeing.rig)
     return seeing.picture("third_person").astype(float)
 
 
@@ -118,7 +118,7 @@ def test_without_a_renderer_outlines_have_the_tables_colour_and_physics_is_the_s
     hashes, tables = [], []
     for scene in (nominal(), before(table="checker", colour="blue", wall="red")):
         state = env.begin(scene)
-        env.applied().check(scene, env.poses, env.rig)
+        env.applied().check(scene, env.models, env.rig)
         tables.append(outlines(env.models, state, env.view, env.light, env.table_colour).table)
         env.advance(STILL)
         hashes.append(env.world.states_hash)
@@ -155,7 +155,7 @@ def reached(env: TabletopEnv, delay: int, steps: int = 6) -> list[float]:
     """How far the hand has come along x after each of some equal steps, metres."""
     scene = replace(nominal(), latency=Latency(delay))
     start = env.begin(scene).tcp[0]
-    env.applied().check(scene, env.poses, env.rig)
+    env.applied().check(scene, env.models, env.rig)
     return [float(env.advance(FORWARD).tcp[0] - start) for _ in range(steps)]
 
 
@@ -178,7 +178,7 @@ def test_the_robot_holds_still_until_the_first_action_arrives_and_then_does_the_
 def test_what_is_not_applied_is_noticed(env, changes, says):
     env.begin(nominal())
     with pytest.raises(SimulatorError, match=says):
-        env.applied().check(replace(nominal(), **changes), env.poses, env.rig)
+        env.applied().check(replace(nominal(), **changes), env.models, env.rig)
 
 
 def test_reset_echoes_what_the_simulator_has(env):

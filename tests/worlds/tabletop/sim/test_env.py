@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CROWD, STILL, make_env, nominal, pick_up, put, states_hash
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, STILL, make_env, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SceneError, SimulatorError
 from vlafuzz.model.scene import Camera, Light, Placement
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import gym_id
-from vlafuzz.worlds.tabletop.sim.objects import place
+from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 
 SHOWN = pick_up(
@@ -79,10 +79,10 @@ def test_reset_echoes_the_whole_scene(env):
 )
 def test_whatever_was_not_applied_is_an_error_that_names_it(env, requested, says):
     env.reset(options={"scene": SHOWN})
-    env.applied().check(SHOWN, env.poses, env.rig)
-    poses = [place(*pair) for pair in zip(env.models, requested.placements, strict=False)]
+    env.applied().check(SHOWN, env.models, env.rig)
+    models = models_of(requested.placements, CATALOGUE)
     with pytest.raises(SimulatorError, match=f"^{says}: asked for "):
-        env.applied().check(requested, poses, env.rig)
+        env.applied().check(requested, models, env.rig)
 
 
 def test_an_objects_own_quaternion_and_scale_are_applied(env):

@@ -21,21 +21,20 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PrerequisiteError, SceneError, SimulatorError, suggestion
-from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
-from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of
+from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of, place
 from vlafuzz.worlds.tabletop.sim.rendering import SceneLights, render_backend
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.settle import start_poses
 from vlafuzz.worlds.tabletop.sim.table import BackdropPainter, add_table
 from vlafuzz.worlds.tabletop.sim.world import Robot, World, substeps
-from vlafuzz.worlds.tabletop.state import PLACEMENT, State, StateMonitor
+from vlafuzz.worlds.tabletop.state import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
@@ -67,12 +66,12 @@ class Applied:
             **{part: asdict(value) for part, value in self.extras.items()},
         }
 
-    def check(self, scene: Scene, poses: Sequence[sapien.Pose], rig: Rig) -> None:
-        """SimulatorError if this is not the requested scene with these poses, before the first step."""
+    def check(self, scene: Scene, models: Sequence[ObjectModel], rig: Rig) -> None:
+        """SimulatorError if this is not the requested scene with these models, before the first step."""
         if self.objects != tuple(placement.object for placement in scene.placements):
             _fail("objects", [placement.object for placement in scene.placements], self.objects)
-        for name, expected, actual in zip(self.objects, poses, self.poses, strict=True):
-            _check_pose(name, expected, actual)
+        for model, placement, actual in zip(models, scene.placements, self.poses, strict=True):
+            _check_pose(placement.object, place(model, placement), actual)
         if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, self.light)
         _check_pose("camera", sapien_pose(camera_pose(rig.view, scene.camera)), self.camera)
@@ -116,7 +115,6 @@ class TabletopEnv(BaseEnv):
     Args:
         control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate. robot: the name of a
         rig.
-        placement: ``resting``: objects stand on the table; ``published``: they are dropped, see ``settle``.
     """
 
     SUPPORTED_ROBOTS = tuple(agent.uid for agent in AGENTS.values())
@@ -129,10 +127,8 @@ class TabletopEnv(BaseEnv):
         cameras: Sequence[CameraRequest] = (THIRD_PERSON,),
         control_hz: int = 5,
         robot: str = "panda",
-        placement: str = "resting",
         **kwargs: Any,
     ) -> None:
-        self._dropped = check_choice("placement", placement, PLACEMENT.options) == "published"
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue or load_catalogue()
@@ -147,8 +143,7 @@ class TabletopEnv(BaseEnv):
         """Build a scene for a rollout with this seed; the state at its start."""
         self._scene_shown = scene
         self.models = models_of(scene.placements, self.catalogue)
-        self.poses = start_poses(scene, self.models, self.rig, dropped=self._dropped)
-        start = self.world.begin(self.models, scene.placements, self.poses, scene.initial_pose)
+        start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
         self.view = camera_pose(self.rig.view, scene.camera)
@@ -263,7 +258,7 @@ class TabletopEnv(BaseEnv):
             raise SceneError(f"options: unknown key {key!r}", hint=suggestion(key, _OPTIONS))
         observation, info = super().reset(seed=seed, options=options)
         applied = self.applied()
-        applied.check(self._scene_shown, self.poses, self.rig)
+        applied.check(self._scene_shown, self.models, self.rig)
         info["applied"] = applied.as_dict()
         return observation, info
 
@@ -287,12 +282,7 @@ class TabletopEnv(BaseEnv):
 
 
 def make_env(
-    task: str,
-    catalogue: Catalogue,
-    cameras: tuple[CameraRequest, ...] = (),
-    control_hz: int = 5,
-    robot: str = "panda",
-    placement: str = "resting",
+    task: str, catalogue: Catalogue, cameras: tuple[CameraRequest, ...] = (), control_hz: int = 5, robot: str = "panda"
 ) -> TabletopEnv:
     """A new environment. PrerequisiteError if a robot's files are missing, or a renderer for the cameras."""
     try:
@@ -302,7 +292,6 @@ def make_env(
             cameras=cameras,
             control_hz=control_hz,
             robot=robot,
-            placement=placement,
             obs_mode="none",
             render_backend=render_backend() if cameras else "none",
         )

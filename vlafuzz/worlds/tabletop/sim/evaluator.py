@@ -19,10 +19,9 @@ from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
-from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
-from vlafuzz.worlds.tabletop.sim.settle import Settled, settle, start_poses
-from vlafuzz.worlds.tabletop.state import PLACEMENT, State
+from vlafuzz.worlds.tabletop.sim.settle import settled
+from vlafuzz.worlds.tabletop.state import State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
@@ -32,7 +31,7 @@ class TabletopEpisode(Episode):
     def __init__(self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
-        env.applied().check(scene, env.poses, env.rig)
+        env.applied().check(scene, env.models, env.rig)
         super().__init__(scene, seed, conditions, env.monitor, env.task.stage_names)
 
     @property
@@ -74,8 +73,8 @@ def proprioception(state: State, opening: float) -> NDArray[np.float32]:
 class _Environment:
     """The environment of one task for one robot at a time, made where it is needed first."""
 
-    def __init__(self, task: str, catalogue: Catalogue, placement: str) -> None:
-        self._task, self._catalogue, self._placement = task, catalogue, placement
+    def __init__(self, task: str, catalogue: Catalogue) -> None:
+        self._task, self._catalogue = task, catalogue
         self._env: TabletopEnv | None = None
 
     def of(self, robot: str, cameras: tuple[CameraRequest, ...], hz: int = 5) -> TabletopEnv:
@@ -83,7 +82,7 @@ class _Environment:
         if self._env is not None and self._env.rig.robot != robot:
             self.close()
         if self._env is None:
-            self._env = make_env(self._task, self._catalogue, cameras, hz, robot, self._placement)
+            self._env = make_env(self._task, self._catalogue, cameras, hz, robot)
         return self._env
 
     def close(self) -> None:
@@ -112,7 +111,7 @@ class ManiSkillEvaluator(SceneEvaluator):
         self._task, self._catalogue = task_named(conditions.task), catalogue
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
         self._visible = stored_visible(conditions)
-        self._environment = _Environment(self._task.name, catalogue, PLACEMENT.of(conditions))
+        self._environment = _Environment(self._task.name, catalogue)
         if isinstance(policy, Knowing):
             policy.know(catalogue)
 
@@ -122,7 +121,7 @@ class ManiSkillEvaluator(SceneEvaluator):
         distance, spec = MIN_DISTANCE.of(self._conditions), self._policy.spec
         flat = spec.silhouettes and not spec.cameras and not spec.calibrated
         rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
-        return rejection or settled(scene, self._catalogue, PLACEMENT.of(self._conditions)).rejection
+        return rejection or settled(scene, self._catalogue)
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
         spec = self._policy.spec
@@ -132,10 +131,3 @@ class ManiSkillEvaluator(SceneEvaluator):
 
     def renew(self) -> None:
         self._environment.close()
-
-
-def settled(scene: Scene, catalogue: Catalogue, placement: str = "resting") -> Settled:
-    """Settle a scene whose objects are in the catalogue."""
-    models, setup = models_of(scene.placements, catalogue), rig(scene.robot)
-    poses = start_poses(scene, models, setup, dropped=True) if placement == "published" else None
-    return settle(task_named(scene.task), models, scene.placements, setup.table, poses)

@@ -64,9 +64,9 @@ def looks(model: ObjectModel, scale: float = 1.0) -> sapien.render.RenderShapeTr
 
 
 def add_object(
-    scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str, pose: sapien.Pose | None = None
+    scene: sapien.Scene, model: ObjectModel, placement: Placement, name: str
 ) -> physx.PhysxRigidDynamicComponent:
-    """Build an object and add it, by default at its resting pose; with visuals if the scene can render."""
+    """Build an object and add it at its resting pose; with visuals if the scene can render."""
     body = physx.PhysxRigidDynamicComponent()
     scale = [placement.scale] * 3
     for file in model.collision:
@@ -83,7 +83,7 @@ def add_object(
         visual = sapien.render.RenderBodyComponent()
         visual.attach(looks(model, placement.scale))
         entity.add_component(visual)
-    entity.pose = pose or place(model, placement)
+    entity.pose = place(model, placement)
     scene.add_entity(entity)
     return body
 

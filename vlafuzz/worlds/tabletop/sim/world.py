@@ -56,24 +56,15 @@ class World:
         self._before: tuple[Array, Array] | None = None
 
     def begin(
-        self,
-        models: Sequence[ObjectModel],
-        placements: Sequence[Placement],
-        poses: Sequence[sapien.Pose] | None = None,
-        initial: InitialPose | None = None,
+        self, models: Sequence[ObjectModel], placements: Sequence[Placement], initial: InitialPose | None = None
     ) -> State:
-        """Place the objects and reset the robot; the state at the start.
-
-        By default the objects start at their resting poses, and the arm as the rig does.
-        """
+        """Place the objects at rest and reset the robot, by default as the rig does; the state at the start."""
         if not self._fresh:
             self._move_over()
         self._fresh = False
         self._bodies = []
-        posed = zip(models, placements, poses or [None] * len(models), strict=True)
-        for index, (model, placement, pose) in enumerate(posed):  # building one may raise: keep the others
-            body = add_object(self.scene, model, placement, f"{index}-{placement.object}", pose)
-            self._bodies.append(body)
+        for index, pair in enumerate(zip(models, placements, strict=True)):  # building one may raise: keep the others
+            self._bodies.append(add_object(self.scene, *pair, f"{index}-{pair[1].object}"))
         self._reset_robot(initial or InitialPose())
         self._labels: dict[object, int | str] = {body: index for index, body in enumerate(self._bodies)}
         self._labels |= dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
