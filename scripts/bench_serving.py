@@ -47,7 +47,7 @@ from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.forks import single_threaded
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.registry import Place, executor_at, policy_at
-from vlafuzz.worlds.evaluation import SteppedEvaluator
+from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
@@ -138,7 +138,7 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
     return rates, spent
 
 
-def make_evaluator(name: str, policy: Policy | None = None) -> SteppedEvaluator:
+def make_evaluator(name: str, policy: Policy | None = None) -> SceneEvaluator:
     from vlafuzz.model.conditions import Conditions
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 

@@ -26,7 +26,7 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 
 ARITHMETICS = {
     "native": {},
@@ -62,7 +62,7 @@ class Job:
 def _check(case: Case, runner: SimulatorSceneRunner) -> Iterator[tuple[str, bool]]:
     lost = runner.stages[: runner.stages.index(case.lost_stage) + 1]
     numbers = [FIRST + number for number in range(REPEATS)]
-    around = [load_jitter().apply(case.scene, number) for number in numbers]
+    around = [jittered(case.scene, number) for number in numbers]
     single, *repeats = runner.evaluate([case.scene, *around], [FIRST, *numbers])
     yield "single", single.lost_stage in lost
     yield "majority of five", _most(outcome.lost_stage in lost for outcome in _judged(repeats))

@@ -28,7 +28,7 @@ from vlafuzz.model.genes import Gene
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Finding, Triaged
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.manipulation.operators import TargetType
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
@@ -92,8 +92,7 @@ class Simulated:
 
     def around(self, scene: Scene) -> float:
         """The true rate in the scene's neighbourhood."""
-        jittered = (load_jitter().apply(scene, number) for number in range(10**6, 10**6 + 64))
-        return float(np.mean([self.rate(near) for near in jittered]))
+        return float(np.mean([self.rate(jittered(scene, number)) for number in range(10**6, 10**6 + 64)]))
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [self._outcome(scene, number) for scene, number in zip(scenes, numbers, strict=True)]

@@ -15,7 +15,7 @@ from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Manifest, Trial
-from vlafuzz.worlds.evaluation import Evaluation
+from vlafuzz.worlds.evaluator import Evaluation
 from vlafuzz.worlds.manipulation.space import GROUPS
 
 STAGES = ("grasp", "lift", "success")

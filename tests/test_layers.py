@@ -115,7 +115,7 @@ def test_only_the_command_line_knows_of_a_terminal(path: Path):
     [
         "import vlafuzz.cli",
         "from vlafuzz import campaign",
-        "from vlafuzz.worlds.evaluation import Evaluator",
+        "from vlafuzz.worlds.evaluator import Evaluator",
         "from . import base",
         "from vlafuzz.unheard_of import thing",
         "if TYPE_CHECKING:\n    from vlafuzz.rollouts import Executor",

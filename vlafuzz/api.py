@@ -44,7 +44,7 @@ from vlafuzz.search.base import looks_for_causes
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredFinding, StoredResults
-from vlafuzz.worlds.evaluation import Film
+from vlafuzz.worlds.evaluator import Film
 
 
 def fuzz(

@@ -16,7 +16,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observatio
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.tabletop.objects import Catalogue
 from vlafuzz.worlds.tabletop.space import load_operators

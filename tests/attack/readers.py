@@ -21,7 +21,7 @@ from vlafuzz.errors import SceneError
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -87,10 +87,7 @@ def profile(rng: Rng, folder: Path) -> None:
 
 
 def other_yaml(rng: Rng, folder: Path) -> None:
-    if rng.random() < 0.5:
-        load_jitter(_yaml(rng, "jitter.yaml", folder / f"{rng.integers(2**60)}.yaml"))
-    else:
-        load_wordings(_yaml(rng, "instructions.yaml", folder / f"{rng.integers(2**60)}.yaml"))
+    load_wordings(_yaml(rng, "instructions.yaml", folder / f"{rng.integers(2**60)}.yaml"))
 
 
 NAMES = (
@@ -132,7 +129,7 @@ def scene_values(rng: Rng, folder: Path) -> None:
         command("lab", "coverage", folder / "a.jsonl")
         command("export", folder / "a.jsonl", "--out", folder / "out.jsonl")
         (scene,) = source.scenes()
-        load_jitter().apply(scene, 1)
+        jittered(scene, 1)
 
 
 def vlatest(rng: Rng, folder: Path) -> None:

@@ -19,14 +19,13 @@ from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 from vlafuzz.policies.clients.options import load_profile
-from vlafuzz.worlds.manipulation.jitter import load_jitter
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.schema import read_file
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
-YAML_READERS = [load_profile, read_file, load_operators, load_jitter, load_wordings]
+YAML_READERS = [load_profile, read_file, load_operators, load_wordings]
 SCENE = json.loads(nominal().to_json())
 
 

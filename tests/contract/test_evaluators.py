@@ -11,7 +11,7 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement
 from vlafuzz.policies.controls import Random
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 MAKERS: dict[str, Callable[[], Evaluator]] = {

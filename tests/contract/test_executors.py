@@ -12,7 +12,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import Executor, LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.processes import ProcessExecutor
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 
 class Losing(ClosedForm):

@@ -16,7 +16,7 @@ from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.evaluation import Film
+from vlafuzz.worlds.evaluator import Film
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 PLANTED = {name: CONDITIONS[name][0] for name in ("camera-orientation", "light")}

@@ -8,7 +8,7 @@ import pytest
 from tests.report.stores import MANIFEST
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.worlds.evaluation import FILM_SPEED, Film
+from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 
 
 @pytest.mark.render

@@ -18,7 +18,7 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.registry import Place, executor_at
-from vlafuzz.worlds.evaluation import Evaluation
+from vlafuzz.worlds.evaluator import Evaluation
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.world import World

@@ -17,7 +17,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import processes
 from vlafuzz.rollouts.processes import ProcessExecutor
 from vlafuzz.rollouts.worker_pool import Worker, WorkerPool
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 DARK, BRIGHT = scene(light=0.25), scene(light=4.0)
 OTHERS = [scene(light=2.0**power) for power in (-3, -1, 0, 1, 2.5, 3)]

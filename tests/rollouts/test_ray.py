@@ -18,7 +18,7 @@ from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.rollouts.ray import RayExecutor
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.shared import share
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 pytestmark = [pytest.mark.usefixtures("connected"), pytest.mark.xdist_group("ray")]
 MODELS = "python:tests.rollouts.models"

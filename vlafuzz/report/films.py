@@ -10,7 +10,7 @@ from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import View
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds.evaluation import Film
+from vlafuzz.worlds.evaluator import Film
 
 # Makes a film of the run's policy in a scene, or of the given actions; None if that raised an error.
 Films = Callable[[Manifest, Scene, Actions | None], Film | None]

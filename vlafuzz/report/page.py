@@ -14,7 +14,7 @@ from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.failures.described import BUCKETS
 from vlafuzz.report.view import SOLVERS, Sheet, View
-from vlafuzz.worlds.evaluation import FILM_SPEED
+from vlafuzz.worlds.evaluator import FILM_SPEED
 
 
 def render(view: View, *, refresh: int | None = None) -> str:

@@ -9,7 +9,7 @@ from vlafuzz.failures.causes import CauseList
 from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.model.evidence import Solver
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds.evaluation import Film
+from vlafuzz.worlds.evaluator import Film
 
 # Solvers of witnesses with what they know.
 SOLVERS: Mapping[Solver, str] = {

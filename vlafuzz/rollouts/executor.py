@@ -7,7 +7,7 @@ from typing import Protocol
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 Batches = Iterable[tuple[int, Sequence[Scene]] | None]  # tagged; None: to be pulled again later
 

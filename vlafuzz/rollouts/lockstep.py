@@ -15,7 +15,7 @@ from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import Batches, broken, checked
-from vlafuzz.worlds.evaluation import Evaluation, SteppedEvaluator, proceed
+from vlafuzz.worlds.evaluator import Evaluation, SceneEvaluator, proceed
 
 Results = Generator[tuple[int, list[Outcome]], None, None]
 Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes, with the seed of each
@@ -39,7 +39,7 @@ class LockstepExecutor:
         lanes: the largest number of them; they are created when they are needed.
     """
 
-    def __init__(self, make: Callable[[Policy], SteppedEvaluator], policy: Policy, lanes: int) -> None:
+    def __init__(self, make: Callable[[Policy], SceneEvaluator], policy: Policy, lanes: int) -> None:
         self._make, self._policy, self._count = make, policy, lanes
         self._batching = BatchingPolicy(policy)
         self._lanes: list[_Lane] = []
@@ -151,7 +151,7 @@ class _Job:
     batch: _Batch
     index: int
 
-    def evaluation(self, evaluator: SteppedEvaluator) -> Evaluation:
+    def evaluation(self, evaluator: SceneEvaluator) -> Evaluation:
         seeds = self.batch.seeds
         return evaluator.evaluation(self.batch.scenes[self.index], seeds[self.index] if seeds else None)
 
@@ -161,7 +161,7 @@ class _Lane:
     """``asked``: what the evaluation waits for, an answer or a time; only while there is a job."""
 
     policy: _LanePolicy
-    evaluator: SteppedEvaluator
+    evaluator: SceneEvaluator
     job: _Job | None = None
     asked: Observation | float = 0.0
     _evaluation: Evaluation = field(init=False)

@@ -16,7 +16,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import forks
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 STOPPED = 10.0  # seconds that a stopped worker has to go on
 LOG = logging.getLogger(__name__)

@@ -21,7 +21,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.calls import process_pool
 from vlafuzz.rollouts.processes import ProcessExecutor, share
 from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, TRIES, Lost, WorkerPool
-from vlafuzz.worlds.evaluation import Evaluator
+from vlafuzz.worlds.evaluator import Evaluator
 
 REPLY = 5.0  # seconds for a cluster to accept a connection; ray itself tries for minutes
 STORE = 100 * 2**20  # bytes of shared memory for our own ray instance: scenes and outcomes are small

@@ -20,7 +20,7 @@ from vlafuzz.rollouts.policies import is_built_in, is_shared, make_policy
 from vlafuzz.rollouts.processes import ProcessExecutor
 from vlafuzz.rollouts.shared import SharedPolicy, share
 from vlafuzz.rollouts.worker_pool import TIMEOUT
-from vlafuzz.worlds.evaluation import SteppedEvaluator
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 EXECUTORS = ("local", "processes", "ray")
 
@@ -91,7 +91,7 @@ def policy_at(place: Place, name: str) -> Policy:
     return make_policy(name)
 
 
-def executor_at(place: Place, make: Callable[..., SteppedEvaluator], policy: Policy) -> Executor:
+def executor_at(place: Place, make: Callable[..., SceneEvaluator], policy: Policy) -> Executor:
     """The executor at that place; PrerequisiteError when no ray cluster answers.
 
     Args:

@@ -1,11 +1,12 @@
-"""SceneEvaluator: checks that scenes are fair and runs a policy in them; what all worlds have in common."""
+"""Evaluators: scenes in, outcomes out. What all worlds have in common checks scenes and runs a policy in them."""
 
 from __future__ import annotations
 
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +15,65 @@ from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Rejection, Rollout
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import CameraRequest, Observation, Policy
+from vlafuzz.policies.base import ActionChunk, CameraRequest, Observation, Policy
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.harness import Harness, release
+from vlafuzz.policies.harness import Harness, ask, release
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.evaluation import Asking, Evaluation, drive
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
+
+FRAMES = 5  # of a film, for a second of the rollout
+FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds
+T = TypeVar("T")
+Asking = Generator[Observation | float, ActionChunk | None, T]
+Evaluation = Asking[Outcome]
+"""The evaluation of one scene. It yields an observation where the policy must act, and is sent the chunk, or
+thrown the PolicyError; or it yields a pause in seconds. It returns the outcome."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A recorded rollout: an MP4, and a JPEG of the scene before anything moves."""
+
+    video: bytes
+    still: bytes
+    failed: bool
+
+
+class Evaluator(Protocol):
+    """Runs a policy in scenes. A crash in a scene is not raised, it results in an ERROR outcome."""
+
+    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
+        """One outcome per scene, in order. Earlier scenes have no influence on it."""
+
+    def close(self) -> None:
+        """Release simulator and policy."""
+
+
+def proceed(evaluation: Evaluation, answer: ActionChunk | PolicyError | None) -> Observation | float | Outcome:
+    """Resume an evaluation with the policy's answer; None at its start and after a pause."""
+    try:
+        return evaluation.throw(answer) if isinstance(answer, PolicyError) else evaluation.send(answer)
+    except StopIteration as over:
+        outcome: Outcome = over.value
+        return outcome
+
+
+def drive(evaluation: Evaluation, policy: Policy) -> Outcome:
+    """The outcome of an evaluation in which this policy acts."""
+    asked = proceed(evaluation, None)
+    while not isinstance(asked, Outcome):
+        answer: ActionChunk | PolicyError | None = None
+        if isinstance(asked, float):
+            time.sleep(asked)
+        else:
+            try:
+                answer = ask(policy, asked)
+            except PolicyError as error:
+                answer = error
+        asked = proceed(evaluation, answer)
+    return asked
 
 
 class SceneEvaluator(ABC):
@@ -77,7 +129,10 @@ class SceneEvaluator(ABC):
         release(self._policy)
 
     def evaluation(self, scene: Scene, seed: int | None = None) -> Evaluation:
-        """See ``SteppedEvaluator``."""
+        """The evaluation of a scene; no other may begin before it ends. Only PrerequisiteError is raised.
+
+        ``seed``: of its first rollout; None for that of the conditions.
+        """
         try:
             rejection = self.check(scene) if self._checked else None
             if rejection is not None:
@@ -116,27 +171,22 @@ class SceneEvaluator(ABC):
         return (yield from self._rollout(scene, seed))
 
     def _rollout(self, scene: Scene, seed: int) -> Asking[Rollout]:
-        began = time.perf_counter()
-        if self._recording is not None:
-            self._recording.clear()
+        began, recording = time.perf_counter(), self._recording
+        if recording is not None:
+            recording.clear()
         episode = self.begin(scene, seed)
         harness = Harness(self._policy, episode.start)
-        self._record(episode)
+        if recording is not None:
+            recording.note(episode)
         while not episode.over:
             if harness.empty:
-                chunk = yield self._observe(episode)
+                observation = episode.observe()
+                if recording is not None:
+                    recording.observations.append(observation)
+                chunk = yield observation
                 assert chunk is not None
                 harness.accept(chunk)
             episode.advance(harness.next_action())
-            self._record(episode)
+            if recording is not None:
+                recording.note(episode)
         return episode.rollout(time.perf_counter() - began)
-
-    def _observe(self, episode: Episode) -> Observation:
-        observation = episode.observe()
-        if self._recording is not None:
-            self._recording.observations.append(observation)
-        return observation
-
-    def _record(self, episode: Episode) -> None:
-        if self._recording is not None:
-            self._recording.note(episode)

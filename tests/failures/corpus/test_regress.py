@@ -15,7 +15,7 @@ from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Progress, compare
 from vlafuzz.failures.corpus.sides import Recorded, Rerun
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 
 RECORDED = Recorded("old as recorded")
 
@@ -227,7 +227,7 @@ def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repea
         side.answer(failing, repeat)
     (shown, seed), *around = runner.calls
     assert (shown, seed) == (control.scene, number_of(control.scene))
-    assert [scene for scene, _ in around] == [load_jitter().apply(failing.scene, seed) for _, seed in around]
+    assert [scene for scene, _ in around] == [jittered(failing.scene, seed) for _, seed in around]
     assert len({failing.scene, *(scene for scene, _ in around)}) == 3
 
 

@@ -23,7 +23,7 @@ from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionChunk
 from vlafuzz.store.records import Judged
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
@@ -73,7 +73,7 @@ def triaged(evaluator, conditions, seed):
     def roll(scenes, numbers):
         return [Judged.of(outcome) for outcome in evaluator.evaluate(scenes)]
 
-    oracle = Oracle(roll, STAGES, load_jitter().apply, budget=200, lead=1)
+    oracle = Oracle(roll, STAGES, jittered, budget=200, lead=1)
     oracle.count_up_to(judged.lost)
     shrunk = certify(shrink(found, oracle, SPACE), oracle, SPACE, Reference(None, STAGES))
     causes = attribute(shrunk, oracle, SPACE)

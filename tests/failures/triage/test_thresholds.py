@@ -14,7 +14,7 @@ from vlafuzz.failures.triage.path import Path, free_genes
 from vlafuzz.failures.triage.thresholds import Located, locate
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.scene import Camera, Scene
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 
 NOMINAL = SPACE.nominal()
 YAW = "camera.yaw"
@@ -103,7 +103,7 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
     for seed in range(8):
         level = gene.grid.snap(first) + away * int(rng.integers(2, 12))
         scene = SPACE.composer.compose(SPACE.nominal_values | {where: gene.grid.value(level)})
-        policy = Simulated(lambda scene: float(holds(scene)), seed, load_jitter().apply)
+        policy = Simulated(lambda scene: float(holds(scene)), seed, jittered)
         path = path_to(scene, operator)
         errors.append(abs(SPACE.values(path.at(found(path, policy).crossing))[where] - first))
         spent.append(policy.spent)
@@ -114,7 +114,7 @@ def test_sharp_thresholds_in_the_neighbourhood_are_within_a_grid_step(edge):
 def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
     errors, spent = [], []
     for seed, at in planted(40):
-        policy = Simulated(lapsing(beyond(at), 0.05), seed, load_jitter().apply)
+        policy = Simulated(lapsing(beyond(at), 0.05), seed, jittered)
         errors.append(abs(found(yaw(2.7), policy).crossing * STEP - at))
         spent.append(policy.spent)
     assert sum(error < 1.5 * STEP for error in errors) >= 36
@@ -125,7 +125,7 @@ def test_a_policy_that_lapses_has_the_threshold_of_one_that_does_not():
 def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, high):
     covered, spent = 0, []
     for seed, at in planted(40):
-        policy = Simulated(rises(at, width, low, high), seed, load_jitter().apply)
+        policy = Simulated(rises(at, width, low, high), seed, jittered)
         located = found(yaw(4.0), policy)
         covered += located.low * STEP <= at <= located.high * STEP
         spent.append(policy.spent)
@@ -137,7 +137,7 @@ def test_intervals_of_smooth_rates_cover_where_they_cross_one_half(width, low, h
 def test_passes_beyond_a_threshold_are_found(share):
     right = 0
     for seed in range(12):
-        policy = Simulated(lapsing(beyond(2.1, 3.4, 4.0), share), seed, load_jitter().apply)
+        policy = Simulated(lapsing(beyond(2.1, 3.4, 4.0), share), seed, jittered)
         located = found(yaw(4.3), policy)
         ends = [end for ends in located.ranges for end in ends]
         right += len(ends) == 4 and ends[3] is None and abs(ends[0] - 21) <= 2 and ends[1] <= 35 <= ends[2]

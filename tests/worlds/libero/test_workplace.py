@@ -10,8 +10,7 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.worlds.evaluation import drive, proceed
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import SceneEvaluator, drive, proceed
 from vlafuzz.worlds.libero import evaluator as workplace
 from vlafuzz.worlds.libero.space import nominal_scene
 

@@ -21,7 +21,7 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator, stored_space
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.evaluation import FILM_SPEED, FRAMES, Film
+from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film
 from vlafuzz.worlds.place import elsewhere
 
 if TYPE_CHECKING:

@@ -8,11 +8,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
 
-from vlafuzz.common.assets import operators_dir
-from vlafuzz.common.reading import read_yaml, validated
-from vlafuzz.errors import CatalogueError, SceneError, UsageError
+from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model.genes import Gene, Grid
 from vlafuzz.model.scene import Placement, Scene, Start
 from vlafuzz.model.space import Values
@@ -36,6 +33,15 @@ from vlafuzz.worlds.manipulation.operators import (
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, index_of
 
+# How an instruction is said: the suite's own way, then frames around it.
+WORDINGS = (
+    "{instruction}",
+    "please {instruction}",
+    "could you {instruction}",
+    "I need you to {instruction}",
+    "now {instruction}, and be careful",
+    "your next job is to {instruction}",
+)
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
@@ -51,21 +57,6 @@ def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
     return Scene(task, things, found.instruction, robot=robot, start=Start(state))
 
 
-@cache
-def load_wordings() -> tuple[str, ...]:
-    """How an instruction is said, ``{instruction}`` standing for the suite's own, which comes first.
-
-    A CatalogueError is raised for a malformed file, or a wording without the instruction.
-    """
-    path, hint = operators_dir() / "libero-wordings.yaml", "expected a list of wordings"
-    read = read_yaml(path, CatalogueError, hint)
-    wordings = validated(TypeAdapter(list[str]), read, path, CatalogueError, hint)
-    for wording in wordings:
-        if "{instruction}" not in wording:
-            raise CatalogueError(f"{path}: {wording!r} does not say {{instruction}}", hint)
-    return tuple(wordings)
-
-
 class LiberoComposer(TableComposer):
     """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
 
@@ -73,7 +64,7 @@ class LiberoComposer(TableComposer):
         self._libero, self._nominal = task, nominal_scene(str(task), robot)
         slots = _slots(operators, task)
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
-        layout = Layout(slots, nominal, 1, len(load_wordings()), rig(robot))
+        layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
         shared = [gene for name in _SHARED for gene in operators.operators[name].genes(layout)]
         genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
@@ -159,7 +150,7 @@ def _check_names(operator: str, names: Iterable[str] | None, known: Collection[s
 @cache
 def _said(task: LiberoTask) -> tuple[str, ...]:
     """The wordings of a task's instruction."""
-    return tuple(wording.replace("{instruction}", task.instruction) for wording in load_wordings())
+    return tuple(wording.replace("{instruction}", task.instruction) for wording in WORDINGS)
 
 
 class LiberoSpace(TableSpace):

@@ -24,7 +24,7 @@ DEFAULT = "tabletop"
 MIN_DISTANCE = Setting("min_distance", 0.0)  # between objects' centres, metres
 VISIBLE = Setting("visible", "")  # bounds of visibility, as JSON; empty where that is not checked
 TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
-_NO_OPERATORS = ("instructions", "jitter", "libero-objects", "libero-wordings")
+_NO_OPERATORS = ("instructions", "libero-objects")
 Kind = TypeVar("Kind", bound=Operator)
 _Raw = dict[str, dict[str, Any]]
 _Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]

@@ -19,7 +19,7 @@ from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Space, Values,
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation.base import Layout
-from vlafuzz.worlds.manipulation.jitter import load_jitter
+from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.manipulation.operator_set import (
     MIN_DISTANCE,
     VISIBLE,
@@ -165,7 +165,7 @@ class TableSpace(Space):
         return np.array(numbers)
 
     def jittered(self, scene: Scene, number: int) -> Scene:
-        return load_jitter().apply(scene, number)
+        return jittered(scene, number)
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
         """``camera-position+light|x0y3``: with the first target's position in a 4 × 4 grid."""
