@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.typed import typed
 from vlafuzz.cli import COMMANDS, load, main, names
-from vlafuzz.cli.help import EXAMPLES, MANY
+from vlafuzz.cli.help import EXAMPLES
 from vlafuzz.rollouts import policies
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
@@ -82,14 +82,6 @@ def test_an_old_command_is_answered_with_its_new_name(name: str, capsys):
 def test_an_old_option_is_answered_with_its_new_name(command: str, flag: str, capsys):
     assert main([command, f"{flag}=x"]) == 2
     assert capsys.readouterr().err == f"error: {flag}: this is {names.OPTIONS[command][flag]} now\n"
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_every_flag_of_a_command_with_many_is_in_a_panel(name):
-    command = load(name)
-    options = [param for param in command.params if param.param_type_name == "option"]
-    if len(options) > MANY:
-        assert [option.name for option in options if not option.rich_help_panel] == []
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

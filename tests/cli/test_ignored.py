@@ -28,7 +28,6 @@ def folder(tmp_path: Path, monkeypatch) -> None:
         ("lab coverage --frame fit s.jsonl", "--frame fit: none of the files is one of VLATest"),
         ("lab coverage --operators paper a.db", "--operators paper: the files are stores"),
         ("report a.db --out a.html --limit 3 --no-videos", "--limit 3: with --no-videos there are none"),
-        ("replay s.jsonl --first-failure", "--first-failure: s.jsonl is a file of scenes"),
     ],
 )
 def test_a_flag_without_effect_is_refused(arguments: str, says: str, capsys):

@@ -13,9 +13,8 @@ from typing import Any
 
 from vlafuzz.model.conditions import ALONE
 
-# Groups of options, in the order in which a help page shows them.
-WHAT, SCENES, LONG = "What to run", "Which scenes", "How long"
-JUDGE, MORE, WHERE, OUTPUT = "How to judge", "What else to do", "Where it runs", "Output"
+# Groups of options on a page of help.
+WHAT, SCENES, LONG, JUDGE, WHERE = "What to run", "Which scenes", "How long", "How to judge", "Where it runs"
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ class RunConfig:
         kind=list[str],
     )
     store: Path | None = _option(
-        OUTPUT, "--store", "The store; an existing one gets another run.", "runs/TASK-POLICY-SEED.db"
+        WHERE, "--store", "The store; an existing one gets another run.", "runs/TASK-POLICY-SEED.db"
     )
     batch: int | None = _option(
         WHERE,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.failures.causes import first_shown
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.label import Model
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
@@ -40,8 +41,8 @@ class Replayed:
 
     Attributes:
         hz: control rate of the rollout.
-        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored. elsewhere:
-        where that one was made, in words; empty if it was made here, or there is none.
+        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored.
+        elsewhere: where that one was made, in words; empty if it was made here, or there is none.
     """
 
     scene: Scene
@@ -90,16 +91,16 @@ class Replayed:
 
 
 def find(source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None) -> Replayable:
-    """The scene whose digest begins so; by default a store's first failure, or a file's first scene.
+    """The scene whose digest begins so; by default that which a store's last run names, or a file's first scene.
 
     Of several runs of it in a store, the conditions are those of one of ``policy`` and ``label`` if there is any, else
-    of the one that found the failure. The first failure is that of the label, if it has any.
+    of the one that found the failure.
     """
     if not source.is_file():
         raise UsageError(f"{source}: no such file", hint="`vlafuzz run` says where its store is")
     if is_store(source):
         with Store.open(source) as store:
-            return _find_in_store(store, digest, policy, label)
+            return _find_in_store(store, digest or first_shown(store, label), policy, label)
     scenes = [scene for scene in load_scenes(source) if scene.digest.startswith(digest or "")]
     if not scenes:
         raise UsageError(f"{source}: no scene {digest!r}", hint="give the first digits of a scene's digest")
@@ -123,8 +124,8 @@ def replay(
         must_see: whether to refuse policies without pictures.
 
     Raises:
-        UsageError: the policy gets no pictures, or is code that the user did not name. VlafuzzError: policy or
-        simulator broke.
+        UsageError: the policy gets no pictures, or is code that the user did not name.
+        VlafuzzError: policy or simulator broke.
     """
     if policy is None:
         check_trusted(wanted.conditions.policy)
@@ -155,19 +156,16 @@ def replay(
 
 
 def _find_in_store(store: Store, digest: str | None, policy: str | None, label: str | None) -> Replayable:
-    findings = store.findings()
-    labels = {run.id: run.manifest.named for run in store.runs()}
     if digest is None:
-        if not findings:
-            raise UsageError(f"{store.path}: no scene failed", hint=_example(store))
-        first = next((finding for finding in findings if labels[finding.run] == label), findings[0])
-        scene, finders = first.scene, {first.run}
-    else:
-        scene = store.scene(digest)
-        finders = {finding.run for finding in findings if finding.scene == scene}
+        trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
+        passed = next((trial.scene.digest[:12] for trial in trials), None)
+        hint = f"give the digest of a scene that passed: {passed}" if passed else "none of its scenes was run"
+        raise UsageError(f"{store.path}: no scene failed", hint)
+    scene = store.scene(digest)
+    finders = {finding.run for finding in store.findings() if finding.scene == scene}
 
     def rank(run: Run) -> tuple[bool, bool, bool, int]:
-        return run.manifest.policy != policy, labels[run.id] != label, run.id not in finders, -run.id
+        return run.manifest.policy != policy, run.manifest.named != label, run.id not in finders, -run.id
 
     runs = sorted(store.runs(), key=rank)
     for run in runs:
@@ -179,12 +177,6 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None, label: 
     }
     manifest = next((run.manifest for run in runs if run.manifest.key() in keys), None)
     return _never_run(scene) if manifest is None else Replayable(scene, manifest)
-
-
-def _example(store: Store) -> str:
-    trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
-    digest = next((trial.scene.digest[:12] for trial in trials), None)
-    return f"give the digest of a scene that passed: {digest}" if digest else "none of its scenes was run"
 
 
 def _never_run(scene: Scene) -> Replayable:

@@ -13,7 +13,7 @@ from typer.core import TyperCommand
 
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
-from vlafuzz.cli.help import epilog, grouped
+from vlafuzz.cli.help import epilog
 from vlafuzz.cli.names import check_names, named
 from vlafuzz.common.plugins import trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
@@ -156,7 +156,7 @@ def load(name: str) -> Any:
     command = getattr(importlib.import_module(module), attribute)
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     single.command(name, epilog=epilog(name))(stdout_for_data()(command))
-    return grouped(typer.main.get_command(single))
+    return typer.main.get_command(single)
 
 
 _groups = {name: typer.Typer(help=says, no_args_is_help=True) for name, says in GROUPS.items()}

@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TrustFlag, option, refuse
-from vlafuzz.cli.output import Bar, print_json, print_rows, stderr, table
+from vlafuzz.cli.flags import TrustFlag, option, refuse
+from vlafuzz.cli.output import Bar, print_rows, stderr, table
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
@@ -96,7 +96,6 @@ def export(
             "fit",
         ),
     ] = None,
-    json: JsonFlag = False,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
@@ -109,7 +108,7 @@ def export(
     pictures, state and actions of the policy: demonstrations to train it with. The store keeps the solutions.
 
     VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are left out,
-    with a note. --json prints what became of each of them.
+    with a note.
 
     With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
     one policy in several stores is one failure; a run that is in two of them appears twice.
@@ -121,17 +120,15 @@ def export(
     if foreign:
         refuse({"--run": run}, f"{sources[0]} is a file of scenes, not a store")
     else:
-        refuse({"--frame": frame, "--json": json or None}, "only VLATest's files, written as ours, have it")
+        refuse({"--frame": frame}, "only VLATest's files, written as ours, have it")
     if not minimal:
         refuse({"--controls": controls}, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
-    if foreign:
-        _import_scenes(sources, out, frame or "fit", json=json)
-    elif format_ == "store" and not minimal:
-        _merge(sources, out)
-    elif len(sources) > 1:
+    if len(sources) > 1 and not foreign and (minimal or format_ != "store"):
         problem = f"{sources[1]}: several sources are for VLATest's files and --format store"
         raise UsageError(problem, hint="export one after the other")
+    if foreign:
+        _import_scenes(sources, out, frame or "fit")
     elif minimal:
         if verdict != "failed" or format_ != "vlafuzz":
             raise UsageError(
@@ -139,23 +136,25 @@ def export(
                 hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
             )
         _export_corpus(sources[0], out, run, controls, firm, workers or 1)
+    elif format_ == "store":
+        from vlafuzz.store.merge import merge
+
+        if twice := next((store for number, store in enumerate(sources) if store in sources[:number]), None):
+            raise UsageError(f"{twice}: given twice", hint="give each store once")
+        merged = merge(sources, out)
+        Bar.note(f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}")
     elif format_ == "lerobot":
         if verdict != "failed":
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(sources[0], out, run, scenes, demos, demos_per_scene, hold_out, workers)
     else:
-        _export_scenes(sources[0], out, run, verdict)
+        from vlafuzz.exports.export import SCENE_FILES, scenes_of
 
-
-def _export_scenes(store: Path, out: Path, run: int | None, verdict: Wanted) -> None:
-    """Write scenes to one file, with their verdicts."""
-    from vlafuzz.exports.export import SCENE_FILES, scenes_of
-
-    chosen = scenes_of(store, run, verdict)
-    with writing(out):
-        write_scenes(out, chosen, chosen)
-    what = "scenes" if verdict == "all" or store.suffix in SCENE_FILES else f"{verdict} scenes"
-    Bar.note(f"{len(chosen)} {what} written to {out}")
+        chosen = scenes_of(sources[0], run, verdict)
+        with writing(out):
+            write_scenes(out, chosen, chosen)
+        what = "scenes" if verdict == "all" or sources[0].suffix in SCENE_FILES else f"{verdict} scenes"
+        Bar.note(f"{len(chosen)} {what} written to {out}")
 
 
 def _export_demonstrations(
@@ -254,17 +253,7 @@ def _note_left_out(left_out: Mapping[str, int]) -> None:
         Bar.note(f"left out: {count}: {reason}")
 
 
-def _merge(stores: list[Path], out: Path) -> None:
-    """Merge all runs, trials and failures of several stores into a new one, in the given order."""
-    from vlafuzz.store.merge import merge as merge_stores
-
-    if twice := next((store for number, store in enumerate(stores) if store in stores[:number]), None):
-        raise UsageError(f"{twice}: given twice", hint="give each store once")
-    merged = merge_stores(stores, out)
-    Bar.note(f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}")
-
-
-def _import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool) -> None:
+def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
     Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames original and
@@ -287,7 +276,4 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame, *, json: bool
         {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}
         for file in imported
     ]
-    if json:
-        print_json([row | {"missing": file.missing} for row, file in zip(rows, imported, strict=True)])
-    else:
-        print_rows(rows, title=str(out))
+    print_rows(rows, title=str(out))

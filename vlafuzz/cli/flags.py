@@ -29,17 +29,18 @@ def refuse(flags: Mapping[str, object], reason: str) -> None:
             raise UsageError(f"{flag}{said}: {reason}", hint="leave it out")
 
 
-def option(text: str, shown: str = "", *, flag: str = "", hidden: bool = False) -> Any:
+def option(text: str, shown: str = "", *, flag: str = "", hidden: bool = False, panel: str | None = None) -> Any:
     """An option of a command.
 
     Args:
         shown: the default in words, where None stands for it.
         flag: its name, or several with spaces, if not that of the parameter; switches need one.
+        panel: the group in which the page of help shows it.
     """
-    return typer.Option(*flag.split(), help=text, show_default=shown or True, hidden=hidden)
+    return typer.Option(*flag.split(), help=text, show_default=shown or True, hidden=hidden, rich_help_panel=panel)
 
 
-def label_option(flag: str, text: str, default: str = "") -> Any:
+def label_option(flag: str, text: str, default: str = "", panel: str | None = None) -> Any:
     """An option that takes a label, and refuses what does not fit into a line of text."""
 
     def checked(label: str | None) -> str | None:
@@ -48,22 +49,23 @@ def label_option(flag: str, text: str, default: str = "") -> Any:
         check_label(flag, label)
         return label
 
-    return typer.Option(flag, help=text, show_default=default or False, callback=checked)
+    return typer.Option(flag, help=text, show_default=default or False, callback=checked, rich_help_panel=panel)
 
 
-def option_of(name: str, shown: str | None = None, *, more: str = "") -> Any:
+def option_of(name: str, shown: str | None = None, *, more: str = "", panel: str | None = None) -> Any:
     """An option that ``RunConfig`` declares; hidden if only ``--config`` has it.
 
     Args:
         shown: the default in words, if it is another one in this command; empty to show the value.
         more: what this command says about it, beside what holds for every command.
+        panel: the group in which the page of help shows it.
     """
     told = OPTIONS[name]
     flag, default = told.flag or f"--{name.replace('_', '-')}", told.shown if shown is None else shown
     text = " ".join(filter(None, (told.help, more)))
     if name == "label":
-        return label_option(flag, text, default)
-    return option(text, default, flag=flag, hidden=not told.flag)
+        return label_option(flag, text, default, panel)
+    return option(text, default, flag=flag, hidden=not told.flag, panel=panel)
 
 
 def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
@@ -74,7 +76,9 @@ def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
             name,
             Parameter.KEYWORD_ONLY,
             default=None,
-            annotation=Annotated[(told.kind or hints[name]) | None, option_of(name, more=told.of_run)],
+            annotation=Annotated[
+                (told.kind or hints[name]) | None, option_of(name, more=told.of_run, panel=told.panel)
+            ],
         )
         for name, told in OPTIONS.items()
     ]

@@ -1,34 +1,8 @@
-"""What `--help` adds to the flags: the panel of each, and two examples of the commands that are used most."""
+"""Two examples of the commands that are used most, below the flags that `--help` shows."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
-
-from vlafuzz.campaign.options import JUDGE, LONG, MORE, OPTIONS, OUTPUT, SCENES, WHAT, WHERE
-
-# Groups of the options that no ``RunConfig`` declares.
-PANELS: Mapping[str, tuple[str, ...]] = {
-    WHAT: (
-        *("version", "baseline", "policy_a", "policy_b", "label_a", "label_b", "checkpoints", "against"),
-        *("column", "world", "first_failure", "pack", "unseen", "stores", "config"),
-    ),
-    SCENES: (*("strategies", "lab study.alpha", "verdict", "run", "export.scenes"), *("hold_out", "run_a", "run_b")),
-    LONG: (
-        *("time", "rollouts", "triage_rollouts", "max_rollouts", "limit", "comparisons"),
-        *("demos", "demos_per_scene", "n"),
-    ),
-    JUDGE: (
-        *("alpha", "nights", "error", "whole", "firm", "static", "frame", "min_distance", "thorough"),
-        *("states", "pictures"),
-    ),
-    MORE: ("resume", "certify", "unchecked", "trust", "answers", "controls", "minimal"),
-    WHERE: (),
-    OUTPUT: (
-        *("out", "follow", "format_", "json", "csv", "markdown", "junit", "summary", "sarif"),
-        *("fail_on_finding", "video", "videos", "picture", "seen", "trace", "film", "verbose"),
-    ),
-}
 
 EXAMPLES: Mapping[str, tuple[str, str]] = {
     "run": (
@@ -63,25 +37,8 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
 }
 
-MANY = 6  # more options than these are shown in panels
-_PANEL_OF = {name: told.panel for name, told in OPTIONS.items()} | {
-    name: panel for panel, names in PANELS.items() for name in names
-}
-
 
 def epilog(command: str) -> str | None:
     """The examples of a command, a line each."""
     lines = ("Examples:", *EXAMPLES[command]) if command in EXAMPLES else ()
     return "\n\n".join(line.replace("[", r"\[") for line in lines) or None
-
-
-def grouped(command: Any) -> Any:
-    """The same command with its options in panels, unless it has few."""
-    options = [param for param in command.params if param.param_type_name == "option"]
-    if len(options) > MANY:
-        for option in options:
-            special = _PANEL_OF.get(f"{command.name}.{option.name}")
-            option.rich_help_panel = special or _PANEL_OF.get(option.name)
-        order = [None, *PANELS]  # arguments have none
-        command.params.sort(key=lambda param: order.index(getattr(param, "rich_help_panel", None)))
-    return command

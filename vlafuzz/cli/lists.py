@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import CsvFlag, JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened, option
+from vlafuzz.cli.flags import JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened, option
 from vlafuzz.cli.output import print_rows
 from vlafuzz.worlds import known_worlds, world_with
 from vlafuzz.worlds.capabilities import Catalogued
@@ -17,38 +17,33 @@ def operators(
     robot: RobotFlag = None,
     pack: PackFlag = None,
     json: JsonFlag = False,
-    csv: CsvFlag = False,
 ) -> None:
     """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
     listed = world_with(Catalogued).listed_operators(operators, task, robot, opened(pack))
-    if listed.differing and not (json or csv):
+    if listed.differing and not json:
         typer.echo(f"ranges differ in {', '.join(listed.differing)}: --task shows them", err=True)
-    print_rows(listed.rows, json=json, csv=csv, title=listed.title)
+    print_rows(listed.rows, json=json, title=listed.title)
 
 
-def objects(pack: PackFlag = None, json: JsonFlag = False, csv: CsvFlag = False) -> None:
+def objects(pack: PackFlag = None, json: JsonFlag = False) -> None:
     """List the objects of the catalogue, or of packs.
 
-    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON and CSV have metres
-    and kilograms.
+    Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON has metres.
     """
     rows: list[dict[str, Any]] = []
-    scale, digits, unit = (1, 3, "") if json or csv else (100, 1, " cm")
     for one in world_with(Catalogued).listed_objects(opened(pack)):
-        size = " × ".join(f"{scale * side:.{digits}f}" for side in one.size)
-        poses = ", ".join(
-            pose if width is None else f"{pose} {scale * width:.{digits}f}{unit}" for pose, width in one.poses.items()
-        )
-        if not (json or csv):
-            row = {"object": one.name, "role": one.role, "size in cm": size, "kg": one.mass}
-            rows.append(row | {"rest poses, narrowest grasps": poses})
+        row: dict[str, Any] = {"object": one.name, "spoken": one.spoken, "role": one.role, "size": one.size}
+        if json:
+            rows.append(row | {"mass": one.mass, "rest poses": one.poses})
             continue
-        row = {"object": one.name, "spoken": one.spoken, "role": one.role, "size": one.size if json else size}
-        rows.append(row | {"mass": one.mass, "rest poses": one.poses if json else poses})
-    print_rows(rows, json=json, csv=csv, title="objects")
+        size = " × ".join(f"{100 * side:.1f}" for side in one.size)
+        poses = [pose if width is None else f"{pose} {100 * width:.1f} cm" for pose, width in one.poses.items()]
+        row = {"object": one.name, "role": one.role, "size in cm": size, "kg": one.mass}
+        rows.append(row | {"rest poses, narrowest grasps": ", ".join(poses)})
+    print_rows(rows, json=json, title="objects")
 
 
-def policies(json: JsonFlag = False, csv: CsvFlag = False) -> None:
+def policies(json: JsonFlag = False) -> None:
     """List the policies that can be tested."""
     from vlafuzz.policies.clients.options import known_profiles
     from vlafuzz.policies.clients.servers import client
@@ -60,10 +55,10 @@ def policies(json: JsonFlag = False, csv: CsvFlag = False) -> None:
         for name, profile in known_profiles().items()
         for protocol in profile.protocols
     ]
-    print_rows(rows, json=json, csv=csv, title="policies")
+    print_rows(rows, json=json, title="policies")
 
 
-def strategies(json: JsonFlag = False, csv: CsvFlag = False) -> None:
+def strategies(json: JsonFlag = False) -> None:
     """List the strategies that propose scenes, the default first."""
     from vlafuzz.campaign.config import STRATEGY
     from vlafuzz.search.registry import STRATEGIES
@@ -72,14 +67,14 @@ def strategies(json: JsonFlag = False, csv: CsvFlag = False) -> None:
     for name in dict.fromkeys([STRATEGY, *STRATEGIES]):
         paragraph = (inspect.getdoc(STRATEGIES[name]) or "").partition("\n\n")[0]
         rows.append({"strategy": name, "is": " ".join(paragraph.split())})
-    if not (json or csv):
+    if not json:
         rows[0]["strategy"] += " (default)"
-    print_rows(rows, json=json, csv=csv, title="strategies")
+    print_rows(rows, json=json, title="strategies")
 
 
-def worlds(json: JsonFlag = False, csv: CsvFlag = False) -> None:
+def worlds(json: JsonFlag = False) -> None:
     """List the worlds that come with vlafuzz, with their tasks and robots, the defaults first."""
-    most = None if json or csv else 8  # tasks in a table
+    most = None if json else 8  # tasks in a table
     rows = []
     for name, world in known_worlds().items():
         tasks, robots = list(world.tasks), list(world.robots)
@@ -88,4 +83,4 @@ def worlds(json: JsonFlag = False, csv: CsvFlag = False) -> None:
         if not json:
             row |= {"tasks": ", ".join(shown), "robots": ", ".join(robots)}
         rows.append(row)
-    print_rows(rows, json=json, csv=csv, title="worlds")
+    print_rows(rows, json=json, title="worlds")

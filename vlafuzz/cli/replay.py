@@ -9,8 +9,6 @@ import typer
 from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened, option
 from vlafuzz.cli.output import print_json, print_rows, stderr
 from vlafuzz.common.files import write_whole, writing
-from vlafuzz.errors import UsageError
-from vlafuzz.model.scene_lines import is_store
 
 
 def command(
@@ -19,7 +17,6 @@ def command(
         str | None,
         typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
-    first_failure: Annotated[bool, option("The store's first failure.", flag="--first-failure")] = False,
     policy: Annotated[str | None, option("Another policy than the store's.")] = None,
     label: Annotated[str | None, label_option("--label", "Which model the policy is, or whose first failure.")] = None,
     pack: PackFlag = None,
@@ -39,21 +36,12 @@ def command(
     json: JsonFlag = False,
 ) -> None:
     """Run one scene or failure again, and show it: what is unusual in it, and a film of what goes wrong."""
-    if digest and first_failure:
-        raise UsageError(f"--first-failure and digest {digest!r} exclude each other", hint="give one of them")
-    if first_failure and source.is_file() and not is_store(source):
-        raise UsageError(f"--first-failure: {source} is a file of scenes, without verdicts", "leave it out")
     opened(pack)  # replayed scenes may have their objects
     from vlafuzz.campaign.replay import find, replay
-    from vlafuzz.failures.causes import first_shown
     from vlafuzz.failures.described import unusual
-    from vlafuzz.store.store import Store
     from vlafuzz.worlds import no_pictures, world_of
     from vlafuzz.worlds.recording import Recording, write_picture
 
-    if digest is None and not first_failure and source.is_file() and is_store(source):
-        with Store.open(source) as store:
-            digest = first_shown(store, label)
     wanted = find(source, digest, policy, label)
     if film is None:
         film = not (json or video or picture or seen or trace) and not no_pictures(wanted.scene.task)

@@ -85,11 +85,11 @@ class TestKnown:
         assert (action.rotation, action.position_scale, action.rotation_scale) == ("euler_xyz", 0.1, -0.1)
 
     def test_they_are_listed_with_the_protocols(self, capsys):
-        assert main(["list", "policies", "--csv"]) == 0
+        assert main(["list", "policies", "--json"]) == 0
         listed = capsys.readouterr().out
         for name, profile in known_profiles().items():
             for protocol in profile.protocols:
-                assert f"{client(protocol).form}?profile={name}," in listed
+                assert f'"{client(protocol).form}?profile={name}"' in listed
 
 
 class TestOwn:
