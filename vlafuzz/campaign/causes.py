@@ -2,12 +2,15 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from vlafuzz.campaign.tally import Tally
+from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
 from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.scoring import Measure
@@ -26,17 +29,32 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
     A cause's failures are some of all failures, so no bound of its share is above that of the probability.
     """
     overall = probability(strategy)
+    trials = list(store.trials(run))
     failures = [
         (trial.scene, trial.genome)
-        for trial in store.trials(run)
+        for trial in trials
         if trial.outcome.verdict is Verdict.FAILED and trial.genome is not None
     ]
-    found = [
+    listed, drawn = causes(strategy), at_random(strategy)
+    plain = [
         FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall))
-        for cause in causes(strategy)
+        for cause in listed
     ]
+    merged = mechanisms(space, listed, trials, drawn) if isinstance(space, Space) else []
+    left = set(range(len(plain))) - {member for one in merged for member in one.members}
+    found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall) for one in merged]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
-    return Attribution(tuple(found), unexplained(strategy), overall, at_random(strategy))
+    return Attribution(tuple(found), unexplained(strategy), overall, drawn)
+
+
+def _as_one(found: Sequence[FoundCause], merged: Merged, overall: Probability | None) -> FoundCause:
+    """Causes that act through one quantity, shown by the one that explains most failures."""
+    members = [found[index] for index in merged.members]
+    shown = max(members, key=lambda cause: (cause.scene is not None, cause.failures))
+    failures = sum(cause.failures for cause in members)
+    return replace(
+        shown, failures=failures, share=_within(merged.share, overall) or shown.share, mechanism=merged.mechanism
+    )
 
 
 def _within(share: Probability | None, overall: Probability | None) -> Probability | None:

@@ -15,6 +15,8 @@ from vlafuzz.failures.triage.oracle import ONE_HALF
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.phrasing import acting
+from vlafuzz.model.quantities import Mechanism, plain_quantity
 from vlafuzz.model.space import Space
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
@@ -47,6 +49,7 @@ class ListedCause:
         scene: digest of the minimal scene, or without one of the failure that shows the cause.
         found: digests of the failures that show it.
         detail: the evidence, in a sentence.
+        mechanism: the quantity through which several operators act; the first of the conditions says it in words.
     """
 
     conditions: tuple[str, ...]
@@ -60,6 +63,7 @@ class ListedCause:
     scene: str | None = None
     found: tuple[str, ...] = ()
     detail: str
+    mechanism: Mechanism | None = None
 
     @property
     def says(self) -> str:
@@ -186,13 +190,17 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         if finding is None:
             detail = "no stored failure has these operators alone"
             merged[number] = ListedCause(
-                conditions=cause.operators, share=cause.share, failures=cause.failures, detail=detail
+                conditions=_through(space, cause.mechanism, cause.operators),
+                share=cause.share,
+                failures=cause.failures,
+                detail=detail,
+                mechanism=cause.mechanism,
             )
             continue
         row = triaged.get(finding.scene)
         failure, types = described(store.path, finding, run.manifest, space, row), _target_types(space, cause, row)
         one = ListedCause(
-            conditions=_conditions(space, cause, failure, row),
+            conditions=_through(space, cause.mechanism, _conditions(space, cause, failure, row)),
             lost_stage=failure.lost_stage,
             share=cause.share,
             failures=cause.failures,
@@ -203,6 +211,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
             scene=failure.scene.digest,
             found=failure.found,
             detail=failure.detail,
+            mechanism=cause.mechanism,
         )
         key = (one.signature, types) if one.bucket in ("minimal", "base") else number
         merged[key] = _united(merged[key], one) if key in merged else one
@@ -256,8 +265,16 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
     return tuple(parts) or cause.operators
 
 
+def _through(space: Space, mechanism: Mechanism | None, conditions: tuple[str, ...]) -> tuple[str, ...]:
+    """The conditions, of a mechanism as an example behind what it is."""
+    if mechanism is None:
+        return conditions
+    quantity = space.quantities.get(mechanism.quantity) or plain_quantity(mechanism.quantity)
+    return (acting(mechanism, quantity), *(f"for example {condition}" for condition in conditions))
+
+
 def _united(one: ListedCause, other: ListedCause) -> ListedCause:
-    first, second = sorted((one, other), key=_rank)
+    first, second = sorted((one, other), key=lambda cause: (cause.mechanism is None, _rank(cause)))
     return replace(first, failures=one.failures + other.failures, found=first.found + second.found)
 
 

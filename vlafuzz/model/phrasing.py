@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from vlafuzz.model.evidence import Causes, Threshold, Values
+from vlafuzz.model.quantities import Mechanism, Quantity
 from vlafuzz.model.scene import amount, in_words
 
 BASE = "base"  # in a signature: even the nominal scene fails
@@ -35,6 +36,14 @@ def failing_range(threshold: Threshold) -> str:
     share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
     parts = [_range(start + share, *first), *(_range(_amounts(low), low, high) for low, high in others)]
     return f"fails {' and '.join(parts)}"
+
+
+def acting(mechanism: Mechanism, quantity: Quantity) -> str:
+    """What it is and how it comes about: ``the target appears ≥ 11 px lower than usual (camera-position -z or …)``."""
+    *others, last = mechanism.ways
+    ways = f"{', '.join(others)} or {last}" if others else last
+    shown = "; shown by a swap" if mechanism.swapped else ""
+    return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways}{shown})"
 
 
 def _range(start: str, low: Values, high: Values) -> str:

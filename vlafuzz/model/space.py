@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Scene, in_words
 from vlafuzz.model.task import Task
 
@@ -230,6 +231,15 @@ class Space(ABC):
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         """Quantities of a scene that no single gene has: by operator and name, in the units of the scene."""
+        return {}
+
+    @property
+    def quantities(self) -> Mapping[str, Quantity]:
+        """By name, the numbers of a scene that a policy may fail by, whichever operators change them."""
+        return {}
+
+    def measured(self, scene: Scene) -> Mapping[str, float]:
+        """The values of ``quantities`` in a scene; infinite or NaN where it has none."""
         return {}
 
     def subjects(self, scene: Scene) -> Sequence[str]:

@@ -186,6 +186,8 @@ STEPS: dict[int, tuple[str, ...]] = {
     # Earlier runs had no other settings of worlds, and all actions seven numbers.
     18: ("ALTER TABLE run ADD COLUMN world TEXT NOT NULL DEFAULT '{}'",),
     19: ("ALTER TABLE triage ADD COLUMN witness_width INTEGER",),
+    # JSON; no cause of an earlier run was one of several that act through one quantity.
+    20: ("ALTER TABLE cause ADD COLUMN mechanism TEXT NOT NULL DEFAULT 'null'",),
 }
 
 

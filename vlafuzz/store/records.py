@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 from vlafuzz.model.conditions import Conditions, Origin, Role, condition
 from vlafuzz.model.evidence import Actions, Causes, Rate, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Genome
 from vlafuzz.search.probability import Probability
@@ -107,12 +108,15 @@ class FoundCause:
         takes, the confounders' as one.
         failures: of the run that it explains.
         share: of random scenes that fail for this reason; None if unknown.
+        mechanism: the quantity through which this cause and others act, of which it is the one that explains most
+            failures; failures and share are those of all.
     """
 
     scene: Scene | None
     operators: tuple[str, ...]
     failures: int
     share: Probability | None = None
+    mechanism: Mechanism | None = None
 
 
 @dataclass(frozen=True)

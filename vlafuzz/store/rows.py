@@ -17,6 +17,7 @@ from vlafuzz.model.checked import check_operators, check_read
 from vlafuzz.model.conditions import as_kept, from_kept
 from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
@@ -33,6 +34,7 @@ _BY_NAME = TypeAdapter(dict[str, str])
 _SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _RATES = TypeAdapter(dict[str, Rate])
+_MECHANISM = TypeAdapter(Mechanism | None)
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
     "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds",
@@ -193,6 +195,7 @@ def cause_row(run: int, rank: int, cause: FoundCause) -> Row:
         "scene": cause.scene.digest if cause.scene else None,
         "operators": json.dumps(cause.operators),
         "failures": cause.failures,
+        "mechanism": _MECHANISM.dump_json(cause.mechanism).decode(),
     } | _estimate("share", cause.share)
 
 
@@ -215,7 +218,8 @@ def _to_cause(row: sqlite3.Row) -> FoundCause:
     scene = to_scene(row, "scene") if row["json"] else None
     operators = _NAMES.validate_json(row["operators"])
     check_operators(Causes(), operators)
-    return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"))
+    mechanism = _MECHANISM.validate_json(row["mechanism"])
+    return FoundCause(scene, operators, row["failures"], _to_estimate(row, "share"), mechanism)
 
 
 def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:

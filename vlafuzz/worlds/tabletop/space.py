@@ -7,12 +7,15 @@ Rejection is bounded: first a position is redrawn, then the whole scene, then ge
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import UsageError
+from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation.base import Layout
@@ -37,9 +40,10 @@ from vlafuzz.worlds.tabletop.fairness.checks import (
     too_close,
 )
 from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, footprint
-from vlafuzz.worlds.tabletop.fairness.visible import unseen
+from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
 from vlafuzz.worlds.tabletop.state import TableTask
 from vlafuzz.worlds.tabletop.tasks import load_wordings, say
 from vlafuzz.worlds.tabletop.tasks import task as task_named
@@ -228,6 +232,17 @@ class SearchSpace(TableSpace):
         """Why a target cannot be seen, if that is checked."""
         visible = self.operators.visible
         return unseen(scene, self.catalogue, visible) if visible else None
+
+    @cached_property
+    def quantities(self) -> Mapping[str, Quantity]:
+        return quantities_of(self.task.targets)
+
+    def measured(self, scene: Scene) -> Mapping[str, float]:
+        return measured(scene, self.catalogue, self._usual)
+
+    @cached_property
+    def _usual(self) -> NDArray[np.float64]:
+        return places(Picture(self.nominal(), self.catalogue), self.task.targets)
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         target, *_ = scene.targets

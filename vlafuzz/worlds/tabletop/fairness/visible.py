@@ -88,6 +88,7 @@ class Hidden:
     inside: float  # share of the outline
     unhidden: float  # share of the outline inside
     area: float  # share of the picture
+    size: float  # square root of the outline's area, pixels of a picture ``labels.WIDTH`` wide
     by: str
 
 
@@ -104,6 +105,13 @@ class Picture:
             for model, (turn, place) in zip(self._models, self._poses, strict=True)
         ]
         self._labels = self._painted()
+        self._colours: dict[int, tuple[Array, Array]] = {}
+
+    def place(self, index: int) -> Array:
+        """Where an object's centre appears: right and down from the corner, pixels of a picture ``WIDTH`` wide."""
+        uv, _ = self._view.project(self._poses[index][1][None])
+        height, width = self._labels.shape
+        return np.asarray(uv[0] * [width, height])
 
     def _painted(self) -> Labels:
         robot = [[body] for body in arms.bodies(self._rig, self._scene.initial_pose)]
@@ -125,7 +133,7 @@ class Picture:
         hiding[label] = 0
         whole = max(area_beyond(self._parts[index], self._view), inside, 1)
         by = self._name(int(hiding.argmax()))
-        return Hidden(inside / whole, area / max(inside, 1), area / alone.size, by)
+        return Hidden(inside / whole, area / max(inside, 1), area / alone.size, math.sqrt(whole), by)
 
     def apart(self, index: int, least: float) -> tuple[float, str]:
         """The difference in grey levels between an object and what half of its outline borders on.
@@ -146,6 +154,11 @@ class Picture:
 
     def colours(self, index: int) -> tuple[Array, Array]:
         """Pixel values ``(n, 3)`` at points that the camera sees of an object, and their relative areas."""
+        if index not in self._colours:
+            self._colours[index] = self._seen(index)
+        return self._colours[index]
+
+    def _seen(self, index: int) -> tuple[Array, Array]:
         look, (turn, place) = skin(self._models[index]), self._poses[index]
         points, normals = look.points @ turn.T + place, look.normals @ turn.T
         rays = self._view.position - points

@@ -1,0 +1,294 @@
+"""Mechanisms: causes that act through one quantity of the scene are one.
+
+A tilted camera, a lower one and a target that is nearer may all do the same: the target appears lower in the picture
+than usual. A row for each of them would say less, and their shares would add up to more than the failures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.common.statistics import wilson
+from vlafuzz.failures.triage.directions import direction
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.quantities import Mechanism
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
+from vlafuzz.search.base import Cause
+from vlafuzz.search.causes.units import CONFOUNDERS, Units
+from vlafuzz.search.probability import Probability
+from vlafuzz.store.records import Trial
+
+Numbers = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Chosen by bench_mechanisms.py with seeds that it does not report.
+PENALTY = 5.0  # log likelihood that a row has to be worth: a threshold, and a choice of one in a dozen
+MARGIN = 3.0  # by which a quantity has to be better than the rows that it replaces
+ENDS = np.linspace(0.3, 1.0, 15)  # where a row may begin, as a share of the way to its own scene
+INSIDE, OUTSIDE = (6.0, 1.0), (0.5, 2.0)  # failures and passes that priors are worth: in causes, and by chance
+REPEATED = 2  # rollouts of an operator alone beyond a threshold that a swap test takes
+HARDLY = 0.1  # severity up to which other operators may be off
+SEVERAL = 30  # scenes of which it is looked whether two operators cancel each other
+
+
+@dataclass(frozen=True)
+class Merged:
+    """Causes that act through one quantity.
+
+    Attributes:
+        members: their indices, in order.
+        share: of random scenes that fail beyond the threshold; None without any.
+    """
+
+    mechanism: Mechanism
+    members: tuple[int, ...]
+    share: Probability | None
+
+
+def mechanisms(
+    space: Space, causes: Sequence[Cause], trials: Sequence[Trial], at_random: Collection[int] = ()
+) -> list[Merged]:
+    """The causes of a run that are one, in the order in which they were found; fewer rows explain its outcomes as well.
+
+    Causes are merged if each one's scene lies beyond a threshold of a quantity, and no longer does so with some of its
+    operators reset; and if the quantity explains the run's outcomes better than they do, by a likelihood with failures
+    by chance and a penalty for each row.
+
+    Args:
+        at_random: the proposals that are random scenes.
+    """
+    if len(causes) < 2 or not space.quantities:
+        return []
+    run = _Run(space, causes, [trial for trial in trials if _judged(trial)])
+    found, left = list[Merged](), frozenset(range(len(causes)))
+    explained = np.zeros(len(run.failed), dtype=bool)
+    while (best := _best(run, left, explained)) is not None:
+        found.append(_merged(run, best, at_random))
+        left, explained = left - set(best.members), explained | best.beyond
+    return found
+
+
+def _judged(trial: Trial) -> bool:
+    return trial.outcome.verdict >= Verdict.PASSED and not trial.duplicate and trial.genome is not None
+
+
+class _Run:
+    """A run's scenes, which failed, and how far they deviate as each cause does."""
+
+    def __init__(self, space: Space, causes: Sequence[Cause], trials: Sequence[Trial]) -> None:
+        self.space, self.trials = space, trials
+        self.failed = np.array([trial.outcome.verdict is Verdict.FAILED for trial in trials], dtype=bool)
+        self.rows = [_Row(space, space.decode(cause.genome), cause.operators) for cause in causes]
+        units = Units(space.genes, np.array([gene.grid.nominal_level for gene in space.genes]))
+        genomes = [trial.genome for trial in trials if trial.genome is not None]
+        scenes = units.deviations(np.array([units.levels(genome) for genome in genomes]))
+        own = units.deviations(np.array([units.levels(cause.genome) for cause in causes]))
+        self.doses = np.array([_dose(units, row.operators, *pair) for row, *pair in self._pairs(scenes, own)])
+
+    def _pairs(self, scenes: Numbers, own: Numbers) -> Iterator[tuple[_Row, Numbers, Numbers]]:
+        return ((row, scenes, one) for row, one in zip(self.rows, own, strict=True))
+
+    @cached_property
+    def usual(self) -> Mapping[str, float]:
+        return self.space.measured(self.space.nominal())
+
+    @cached_property
+    def values(self) -> Mapping[str, Numbers]:
+        """By quantity, ``(n,)`` its values in the scenes."""
+        measured = [self.space.measured(trial.scene) for trial in self.trials]
+        return {name: np.array([one[name] for one in measured]) for name in self.space.quantities}
+
+    def ranges(self, rows: Collection[int], explained: Mask) -> Mask:
+        """``(rows, n)`` which scenes lie in the range of each row, as wide as explains the outcomes best."""
+        doses, ends = self.doses[list(rows)], np.full(len(rows), 1.0)
+        inside = doses >= ends[:, None]
+        for _ in range(2):
+            for index in range(len(rows)):
+                others = explained | np.delete(inside, index, axis=0).any(axis=0)
+                tried = doses[index] >= ENDS[:, None]
+                best = int(np.argmax(likelihood(tried | others, self.failed)))
+                inside[index] = tried[best]
+        return np.asarray(inside)
+
+
+class _Row:
+    """A cause with its scene, and what resetting each of its operators does to the quantities."""
+
+    def __init__(self, space: Space, scene: Scene, operators: tuple[str, ...]) -> None:
+        self._space, self.scene, self.operators = space, scene, operators
+
+    @cached_property
+    def here(self) -> Mapping[str, float]:
+        return self._space.measured(self.scene)
+
+    @cached_property
+    def without(self) -> Mapping[str, Mapping[str, float]]:
+        """The quantities of the scene with each of its operators reset."""
+        return {name: self._space.measured(reset(self._space, self.scene, name)) for name in self.operators}
+
+    def brought_by(self, name: str, sign: int, threshold: float) -> list[str]:
+        """The operators without which its scene is not beyond a threshold any more; none if it never was."""
+        if not sign * self.here[name] >= threshold:
+            return []
+        return [operator for operator, values in self.without.items() if sign * values[name] < threshold]
+
+
+def reset(space: Space, scene: Scene, operator: str) -> Scene:
+    """The scene with an operator, or a group of them, nominal."""
+    return space.reset(scene, space.groups.get(operator, (operator,)))
+
+
+def _dose(units: Units, operators: Sequence[str], scenes: Numbers, own: Numbers) -> Numbers:
+    """``(n,)`` how far scenes deviate in the way of a cause, as a share of how far its own scene does."""
+    dose = np.full(len(scenes), np.inf)
+    for index, unit in enumerate(units.units):
+        if unit.operator not in operators or not own[index]:
+            continue
+        here = scenes[:, index]
+        if unit.kind == "category":
+            share = np.where(here == own[index], 1.0, np.where(here == 0, 0.0, 0.5))
+        elif unit.kind == CONFOUNDERS:
+            nearness = np.minimum(own[-1], 9.0) / np.minimum(scenes[:, -1], 9.0)  # metres; alone, as far as can be
+            share = np.where(here > 0, nearness, 0.0)
+        else:
+            share = here / own[index]
+        dose = np.minimum(dose, share)
+    return dose
+
+
+def likelihood(inside: Mask, failed: Mask) -> Numbers:
+    """``(m,)`` log likelihoods of outcomes if scenes in a range fail at one rate, and others at another, by chance.
+
+    Both rates are unknown: it is integrated over them.
+
+    Args:
+        inside: ``(m, n)`` of each range, the scenes in it.
+    """
+    from scipy.special import betaln
+
+    total = np.zeros(len(inside))
+    for within, (failures, passes) in ((inside, INSIDE), (~inside, OUTSIDE)):
+        failing = (within & failed).sum(axis=1)
+        total += betaln(failing + failures, within.sum(axis=1) - failing + passes) - betaln(failures, passes)
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A threshold of a quantity, in the direction of a sign, and the rows that it may replace."""
+
+    name: str
+    sign: int
+    threshold: float  # times the sign
+    members: tuple[int, ...]
+    beyond: Mask
+    score: float
+
+
+def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | None:
+    """The quantity that explains the outcomes best in place of some rows; None if the rows do that better."""
+    if len(left) < 2:
+        return None
+    rows = sorted(left)
+    ranges = run.ranges(rows, explained)
+    plain = float(likelihood((explained | ranges.any(axis=0))[None], run.failed)[0]) - PENALTY * len(rows)
+    candidates = (
+        _candidate(run, name, sign, threshold, rows, ranges, explained)
+        for name, quantity in run.space.quantities.items()
+        for sign in (1, -1)
+        for threshold in _thresholds(run, name, sign, quantity.step, rows)
+    )
+    better = [one for one in candidates if one is not None and one.score > plain + MARGIN]
+    return max(better, key=lambda one: one.score, default=None)
+
+
+def _thresholds(run: _Run, name: str, sign: int, step: float, rows: Sequence[int]) -> list[float]:
+    """Multiples of a step beyond the nominal value, up to the second farthest cause."""
+    usual = sign * run.usual[name]
+    reached = sorted(sign * run.rows[row].here[name] for row in rows)
+    last = reached[-2]
+    if not np.isfinite(last) or np.isnan(usual) or last <= usual:
+        return []
+    first = np.floor(usual / step) + 1 if np.isfinite(usual) else np.floor(reached[0] / step)
+    return [round(float(step * number), 6) for number in np.arange(first, np.floor(last / step) + 1)]
+
+
+def _candidate(
+    run: _Run, name: str, sign: int, threshold: float, rows: Sequence[int], ranges: Mask, explained: Mask
+) -> _Candidate | None:
+    members = [index for index, row in enumerate(rows) if run.rows[row].brought_by(name, sign, threshold)]
+    if len(members) < 2:
+        return None
+    beyond = sign * run.values[name] >= threshold
+    others = [index for index in range(len(rows)) if index not in members]
+    inside = explained | beyond | ranges[others].any(axis=0)
+    score = float(likelihood(inside[None], run.failed)[0]) - PENALTY * (len(others) + 1)
+    return _Candidate(name, sign, threshold, tuple(rows[index] for index in members), beyond, score)
+
+
+def _merged(run: _Run, best: _Candidate, at_random: Collection[int]) -> Merged:
+    ways = dict[str, str]()
+    for member in best.members:
+        row = run.rows[member]
+        for operator in row.brought_by(best.name, best.sign, best.threshold):
+            ways.setdefault(operator, _way(run.space, row.scene, operator))
+    threshold, above = best.sign * best.threshold, best.sign > 0
+    mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()), _swapped(run, best, list(ways)))
+    return Merged(mechanism, best.members, _share(run, best.beyond, at_random))
+
+
+def _way(space: Space, scene: Scene, operator: str) -> str:
+    """An operator with its direction, if that is one."""
+    if operator not in space.groups or operator == CONFOUNDERS:
+        return operator
+    return f"{operator} {direction(space, scene, operator, space.nominal(like=scene))}"
+
+
+def _share(run: _Run, beyond: Mask, at_random: Collection[int]) -> Probability | None:
+    """The share of random scenes beyond a threshold that fail."""
+    drawn = np.array([trial.proposal in at_random for trial in run.trials], dtype=bool)
+    if not drawn.any():
+        return None
+    failing, scenes = int((beyond & run.failed & drawn).sum()), int(drawn.sum())
+    return Probability(failing / scenes, *wilson(failing, scenes))
+
+
+def _swapped(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+    """Whether two operators, each without the other, were tried beyond the threshold, and the policy mostly failed.
+
+    Where two of them cancel each other, it must mostly have passed.
+    """
+    alone = {operator: list[bool]() for operator in operators}
+    for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
+        deviating = _deviating(run.space, trial.scene) if beyond else set[str]()
+        for operator in operators:
+            if operator in deviating and len(deviating & set(operators)) == 1:
+                alone[operator].append(bool(failed))
+    shown = [one for one in alone.values() if len(one) >= REPEATED and sum(one) > len(one) / 2]
+    return len(shown) > 1 and not _fails_cancelled(run, best, operators)
+
+
+def _deviating(space: Space, scene: Scene) -> set[str]:
+    severities = space.severities(scene)
+    groups = {**{name: (name,) for name in severities}, **space.groups}
+    return {name for name, members in groups.items() if any(severities.get(each, 0) > HARDLY for each in members)}
+
+
+def _fails_cancelled(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+    """Whether the policy mostly fails where an operator would bring the quantity about if another did not undo it."""
+    outcomes = list[bool]()
+    for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
+        deviating = [] if beyond else [name for name in operators if name in _deviating(run.space, trial.scene)]
+        if len(deviating) < 2 or len(outcomes) == SEVERAL:
+            continue
+        values = (run.space.measured(reset(run.space, trial.scene, name))[best.name] for name in deviating)
+        if any(best.sign * value >= best.threshold for value in values):
+            outcomes.append(bool(failed))
+    return len(outcomes) >= REPEATED and sum(outcomes) > len(outcomes) / 2

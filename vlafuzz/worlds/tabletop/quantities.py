@@ -1,0 +1,83 @@
+"""Quantities of a scene on the table: how its targets look in the policy's first picture, and what is near them."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.model.quantities import Quantity
+from vlafuzz.model.scene import Scene
+from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.tabletop.fairness.visible import Picture
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+
+Array = NDArray[np.float64]
+HALF = 0.5  # of what is seen of a target differs at least so much from what is around it
+_TARGET = "the target"
+_OTHER = "the second target"
+# Pixels are those of a picture 256 wide, grey levels 0 to 255. A step is about what a person could see.
+_OF_TARGET = {
+    "right": Quantity(
+        "the target appears ≥ {} farther right than usual", "the target appears ≥ {} farther left than usual", " px"
+    ),
+    "down": Quantity("the target appears ≥ {} lower than usual", "the target appears ≥ {} higher than usual", " px"),
+    "size": Quantity("the target appears ≥ {} large", "the target appears ≤ {} large", " px"),
+    "brightness": Quantity("the target is ≥ {} bright", "the target is ≤ {} bright", " grey levels", 5.0),
+    "contrast": Quantity(
+        "the target is ≥ {} apart from its surroundings", "the target is ≤ {} apart from its surroundings",
+        " grey levels", 5.0,
+    ),
+    "hidden": Quantity("≥ {} of the target is hidden", "≤ {} of the target is hidden", "%", 5.0),
+    "reach": Quantity("the target is ≥ {} from the robot's base", "the target is ≤ {} from it", " m", 0.01),
+}  # fmt: skip
+_NEAREST = Quantity("confounders are ≥ {} from the target", "a confounder is ≤ {} from the target", " m", 0.01)
+
+
+def quantities_of(targets: int) -> dict[str, Quantity]:
+    """The quantities of scenes with so many targets, by name; of the second one with ``-2`` behind it."""
+    second = {f"{name}-2": _of_second(kind) for name, kind in _OF_TARGET.items()} if targets > 1 else {}
+    return {**_OF_TARGET, **second, "nearest": _NEAREST}
+
+
+def _of_second(kind: Quantity) -> Quantity:
+    return replace(kind, above=kind.above.replace(_TARGET, _OTHER), below=kind.below.replace(_TARGET, _OTHER))
+
+
+def places(picture: Picture, targets: int) -> Array:
+    """``(targets, 2)`` where the targets appear: pixels right and down."""
+    return np.array([picture.place(index) for index in range(targets)])
+
+
+def measured(scene: Scene, catalogue: Catalogue, usual: Array) -> dict[str, float]:
+    """The quantities of a scene, in 2 ms.
+
+    Args:
+        usual: the ``places`` of the nominal scene.
+    """
+    picture = Picture(scene, catalogue)
+    found: dict[str, float] = {}
+    for index in range(len(scene.targets)):
+        suffix = f"-{index + 1}" if index else ""
+        for name, value in _of_target(picture, scene, index, usual[index]).items():
+            found[name + suffix] = value
+    first = scene.targets[0]
+    away = [math.hypot(other.x - first.x, other.y - first.y) for other in scene.confounders]
+    return {**found, "nearest": min(away, default=math.inf)}
+
+
+def _of_target(picture: Picture, scene: Scene, index: int, usual: Array) -> dict[str, float]:
+    right, down = (picture.place(index) - usual).tolist()
+    hidden, (colours, areas) = picture.hidden(index), picture.colours(index)
+    bright = float(np.average(colours.mean(axis=1), weights=areas)) if len(colours) else math.nan
+    base, target = rig(scene.robot).base, scene.targets[index]
+    return {
+        "right": right,
+        "down": down,
+        "size": hidden.size,
+        "brightness": bright,
+        "contrast": picture.apart(index, HALF)[0],
+        "hidden": 100 * (1 - hidden.inside * hidden.unhidden),
+        "reach": math.hypot(target.x - base[0], target.y - base[1]),
+    }
