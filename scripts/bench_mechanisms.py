@@ -21,17 +21,17 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
 
-from strategies.faults import World, space_of, world
+from strategies.faults import Density, World, space_of, world
 from strategies.search import search
 
 from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.search.base import Cause, at_random, causes
-from vlafuzz.search.registry import strategy_factory
+from vlafuzz.search.base import Cause, Proposal, Source
+from vlafuzz.search.causes.strategy import Causes
+from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Trial
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.tasks import TASKS
 
 TASK, ROLLOUTS = "pick-up", 300
 SHARE, SAMPLE = 0.2, 1000  # of random scenes beyond the threshold, and how many it is measured with
@@ -39,7 +39,7 @@ MECHANISMS = (
     ("down", True), ("down", False), ("right", True), ("right", False),
     ("size", False), ("brightness", False), ("nearest", False), ("reach", True),
 )  # fmt: skip
-DENSITIES = ("dense", "middling")
+DENSITIES: tuple[Density, ...] = ("dense", "middling")
 BACKGROUNDS = (0.0, 0.2)
 Fails = Callable[[Scene], bool]
 
@@ -49,7 +49,7 @@ class Case:
     """A policy. ``mechanism``: a quantity and whether it fails above a threshold; else the density of its faults."""
 
     mechanism: tuple[str, bool] | None
-    density: str
+    density: Density | None
     background: float
     seed: int
 
@@ -62,14 +62,16 @@ class Case:
     def fails(self) -> Fails:
         """Whether the policy fails in a scene for a reason."""
         if self.mechanism is None:
-            return lambda scene: bool(self.planted.met(scene))
+            planted = self.planted
+            return lambda scene: bool(planted.met(scene))
         (name, above), threshold = self.mechanism, self.threshold
         space = space_of(TASK)
         return lambda scene: (space.measured(scene)[name] >= threshold) == above
 
     @property
     def planted(self) -> World:
-        return world(self.density, self.seed, 1.0)  # type: ignore[arg-type]
+        assert self.density is not None
+        return world(self.density, self.seed, 1.0)
 
     @property
     def threshold(self) -> float:
@@ -99,18 +101,16 @@ class Played:
         return mechanisms(space_of(TASK), self.causes, self.trials, self.at_random)
 
 
-class Noted:
-    """A strategy whose proposals are kept with their verdicts."""
+class Noted(Causes):
+    """Keeps the proposals with their scores."""
 
-    def __init__(self, strategy: object) -> None:
-        self._strategy, self.told = strategy, list[tuple[object, object]]()
+    def __init__(self, space: Source, seed: int, budget: int) -> None:
+        super().__init__(space, seed, budget)
+        self.told = list[tuple[Proposal, Score]]()
 
-    def __getattr__(self, name: str) -> object:
-        return getattr(self._strategy, name)
-
-    def tell(self, proposals: Sequence[object], scores: Sequence[object]) -> None:
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         self.told += zip(proposals, scores, strict=True)
-        self._strategy.tell(proposals, scores)
+        super().tell(proposals, scores)
 
 
 def play(case: Case) -> Played:
@@ -125,17 +125,25 @@ def play(case: Case) -> Played:
             return Outcome(verdict=Verdict.FAILED, lost_stage="grasp")
         return Outcome(verdict=Verdict.PASSED, progress=1.0)
 
-    strategy = Noted(strategy_factory("causes")(space, case.seed, ROLLOUTS))
+    strategy = Noted(space, case.seed, ROLLOUTS)
     for _ in search(space, evaluate, strategy, ROLLOUTS):
         pass
-    trials, seen = [], set()
+    trials, seen = list[Trial](), set[str]()
     for proposal, score in strategy.told:
         scene = space.decode(proposal.genome)
         twice = scene.digest in seen
         seen.add(scene.digest)
-        trials.append(Trial(proposal=proposal.id, scene=scene, outcome=Outcome(verdict=score.verdict), severity=0.0,
-                            genome=proposal.genome, duplicate=twice))
-    return Played(causes(strategy), trials, at_random(strategy))
+        trials.append(
+            Trial(
+                proposal=proposal.id,
+                scene=scene,
+                outcome=Outcome(verdict=score.verdict),
+                severity=0.0,
+                genome=proposal.genome,
+                duplicate=twice,
+            )
+        )
+    return Played(strategy.causes(), trials, strategy.at_random)
 
 
 def figures(case: Case, played: Played) -> dict[str, float]:
@@ -175,7 +183,7 @@ def main() -> None:
     print("| policy | background | " + " | ".join(("causes", "rows", "right", "wrong", "swapped", "untrue")) + " |")
     for background in BACKGROUNDS:
         for mechanism in MECHANISMS:
-            ran = [Case(mechanism, "", background, seed) for seed in seeds]
+            ran = [Case(mechanism, None, background, seed) for seed in seeds]
             report(ran)
     for background in BACKGROUNDS:
         for density in DENSITIES:
@@ -187,7 +195,11 @@ def report(cases: Sequence[Case]) -> None:
     total = Counter[str]()
     for case in cases:
         total.update(figures(case, play(case)))
-    print(f"| {cases[0].name} | {cases[0].background:.0%} | " + " | ".join(f"{name} {n:g}" for name, n in total.items()) + " |")
+    print(
+        f"| {cases[0].name} | {cases[0].background:.0%} | "
+        + " | ".join(f"{name} {n:g}" for name, n in total.items())
+        + " |"
+    )
 
 
 if __name__ == "__main__":

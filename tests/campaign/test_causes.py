@@ -1,6 +1,7 @@
 """A run whose strategy looks for causes ends with them, each shown by a stored failure."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,3 +191,22 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
     planned = plan(RunConfig(policy="pinhole", strategy="causes", budget=150, seed=1, store=path, workers=1))
     launch.start(planned, watch)
     assert max(seen[:-1]) > 0
+
+
+def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):
+    """The target appears lower in the picture, by the camera's tilt or as it is nearer to the camera."""
+    nominal, rng = SPACE.nominal(), np.random.default_rng(0)
+    tilted = replace(nominal, camera=replace(nominal.camera, pitch=-5.0))
+    nearer = replace(nominal, targets=(replace(nominal.targets[0], x=0.06),))
+    listed = [(tilted, "camera-orientation"), (nearer, "target-position")]
+
+    class TwoCauses(Scripted):
+        def causes(self) -> list[Cause]:
+            return [Cause(SPACE.encode(scene), (name,), 3) for scene, name in listed]
+
+    proposed = [SPACE.encode(one) for one in (tilted, nearer, *(SPACE.sample(rng) for _ in range(60)))]
+    lower = PlantedEvaluator([lambda scene: SPACE.measured(scene)["down"] >= 10])
+    found, _ = run(tmp_path / "a.db", LocalExecutor(lower), strategy=TwoCauses(proposed))
+    (cause,) = found.causes
+    assert (cause.mechanism.quantity, cause.failures) == ("down", 6)
+    assert cause.scene in (tilted, nearer)

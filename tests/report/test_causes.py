@@ -13,6 +13,7 @@ from tests.report.stores import MANIFEST
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
+from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
@@ -146,6 +147,25 @@ def test_a_cause_that_no_stored_failure_shows_is_listed_with_the_reason(store: S
     (cause,) = listed(store).causes
     assert (cause.conditions, cause.scene) == (("wording", "light"), None)
     assert cause.detail == "no stored failure has these operators alone"
+
+
+def test_causes_that_act_through_one_quantity_are_listed_by_what_it_is_and_how_it_comes_about(store: Store):
+    lower = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"), swapped=True)
+    scene = only("camera-orientation", 0)
+    store.keep_causes(1, Attribution((FoundCause(scene, ("camera-orientation",), 9, SHARE, lower),)))
+    (cause,) = listed(store).causes
+    what, example = cause.conditions
+    ways = "(camera-orientation -pitch or target-position +x; shown by a swap)"
+    assert what == f"the target appears ≥ 11 px lower than usual {ways}"
+    assert example.startswith("for example camera-orientation: ")
+    assert "the target appears ≥ 11 px lower" in render(view_of_store(store))
+    assert listed(store).document()["causes"][0]["mechanism"]["threshold"] == 11
+
+
+def test_a_quantity_that_is_not_known_here_keeps_its_name(store: Store):
+    glare = Mechanism("glare", 3.0, False, ("light",))
+    store.keep_causes(1, Attribution((FoundCause(None, ("light",), 1, mechanism=glare),)))
+    assert listed(store).causes[0].conditions == ("glare ≤ 3 (light)", "for example light")
 
 
 def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Store):

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -212,12 +211,12 @@ def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | Non
 def _thresholds(run: _Run, name: str, sign: int, step: float, rows: Sequence[int]) -> list[float]:
     """Multiples of a step beyond the nominal value, up to the second farthest cause."""
     usual = sign * run.usual[name]
-    reached = sorted(sign * run.rows[row].here[name] for row in rows)
-    last = reached[-2]
-    if not np.isfinite(last) or np.isnan(usual) or last <= usual:
+    values = [sign * run.rows[row].here[name] for row in rows]
+    reached = sorted(value for value in values if np.isfinite(value) and value > usual)
+    if len(reached) < 2:
         return []
-    first = np.floor(usual / step) + 1 if np.isfinite(usual) else np.floor(reached[0] / step)
-    return [round(float(step * number), 6) for number in np.arange(first, np.floor(last / step) + 1)]
+    first = np.floor((usual if np.isfinite(usual) else reached[0] - step) / step) + 1
+    return [round(float(step * number), 6) for number in np.arange(first, np.floor(reached[-2] / step) + 1)]
 
 
 def _candidate(

@@ -1,7 +1,6 @@
 """Quantities of a scene on the table: how its targets look in the policy's first picture, and what is near them."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds.manipulation.rigs.robots import rig
+from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 
