@@ -6,13 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vlafuzz.failures.triage.certify import Shrunk, certify
-from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.failures.triage.oracle import Jitter, Oracle
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Judged
-from vlafuzz.worlds.manipulation.jitter import Jitter
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
 from vlafuzz.worlds.manipulation.space import GROUPS
 from vlafuzz.worlds.tabletop.fairness import check_static
