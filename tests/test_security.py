@@ -92,10 +92,10 @@ ARRAY = {"__ndarray__": True, "data": BOMB, "dtype": "|O", "shape": [1]}
 @pytest.mark.parametrize(
     ("unpack", "frame"),
     [
-        (msgpack_wire.unpack_groot, msgpack.packb(OBJECTS)),
-        (msgpack_wire.unpack_groot, msgpack.packb(OBJECTS | {b"type": "O8"})),
+        (msgpack_wire.unpack, msgpack.packb(OBJECTS)),
+        (msgpack_wire.unpack, msgpack.packb(OBJECTS | {b"type": "O8"})),
         (
-            msgpack_wire.unpack_groot,
+            msgpack_wire.unpack,
             msgpack.packb({"__ndarray_class__": True, "as_npy": b"\x93NUMPY\x01\x00\x3b\x00"
                            b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }  \n" + BOMB}),
         ),

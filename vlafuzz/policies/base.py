@@ -224,7 +224,7 @@ class Policy(Protocol):
     policy in a separate process, which batches their simultaneous requests into one call of ``act``. Share a model that
     fills a device; a small model on a CPU is faster inside the workers. `vlafuzz serve` batches the requests of several
     connections in the same way. When ``act`` of a shared or served policy raises, it must not have advanced any
-    rollout: the observations may be retried one by one.
+    rollout, as the observations may be retried one by one; ``harness.PartlyAnsweredError`` is for one that has.
     """
 
     @property

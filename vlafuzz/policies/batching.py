@@ -7,7 +7,7 @@ from typing import cast
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Finishing, Observation, Policy, PolicySpec
-from vlafuzz.policies.harness import blamed_on, check_chunks
+from vlafuzz.policies.harness import PartlyAnsweredError, blamed_on, check_chunks
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +110,8 @@ class BatchingPolicy:
             with blamed_on(self._name):
                 width = self._policy.spec.action.width
                 chunks = check_chunks(self._policy.act(batch), len(batch), self._name, width)
+        except PartlyAnsweredError as partly:
+            return [_plain(answer) if isinstance(answer, PolicyError) else answer for answer in partly.answers]
         except PolicyError as error:
             if len(batch) == 1:
                 return [_plain(error)]

@@ -76,6 +76,33 @@ def ask(policy: Policy, observation: Observation) -> ActionChunk:
         return ActionChunk(check_chunks(policy.act([observation]), 1, name, policy.spec.action.width)[0])
 
 
+class PartlyAnsweredError(PolicyError):
+    """Some of several observations have an answer, and the policy has advanced their rollouts.
+
+    ``answers``: one per observation, in the same order; an error where there is none.
+    """
+
+    def __init__(self, answers: Sequence[ActionChunk | PolicyError]) -> None:
+        first = next(answer for answer in answers if isinstance(answer, PolicyError))
+        super().__init__(first.message, first.hint, first.cause)
+        self.answers = answers
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (type(self), (self.answers,))
+
+
+def answered(answers: Sequence[ActionChunk | PolicyError]) -> list[ActionChunk]:
+    """The answers of a policy, if there are no errors among them.
+
+    Raises:
+        PolicyError: the only answer is this error. PartlyAnsweredError: one of several is.
+    """
+    chunks = [answer for answer in answers if isinstance(answer, ActionChunk)]
+    if len(chunks) == len(answers):
+        return chunks
+    raise answers[0] if len(answers) == 1 and isinstance(answers[0], PolicyError) else PartlyAnsweredError(answers)
+
+
 def _finish(policy: Policy, start: EpisodeStart) -> None:
     if isinstance(policy, Finishing):
         policy.finish([start])

@@ -17,7 +17,7 @@ from websockets.sync.client import connect
 from tests.policies.clients import listening
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.groot import GrootOptions
-from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.policies.clients.wire import ROLLOUT
 
 HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
@@ -171,7 +171,7 @@ def groot(faults: Faults) -> Iterator[str]:
         while not faults.over.is_set():
             if line.poll(20):
                 client, empty, frame = line.recv_multipart()
-                reply, fault = pack_groot(answer(unpack_groot(frame))), faults.next()
+                reply, fault = pack_groot(answer(unpack(frame))), faults.next()
                 replies = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
                 if fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
                     line.send_multipart([client, empty, replies.get(fault, reply)])

@@ -14,7 +14,7 @@ from tests.policies.clients.served import STATE, black, seen, start
 from tests.policies.clients.served import failure as served_failure
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import Observation
-from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
@@ -55,11 +55,11 @@ class TestFrames:
 
     def test_a_reply_of_n16(self):
         moves = b"\x00\x00\x80\x3f\x00\x00\x00\x40"
-        reply, info = unpack_groot(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
+        reply, info = unpack(b"\x92\x81\xa1x" + file("<f4", "(1, 2, 1)", moves) + b"\x80")
         assert (reply["x"].tolist(), reply["x"].dtype, info) == ([[[1.0], [2.0]]], np.float32, {})
 
     def test_a_reply_of_n17(self):
-        reply, info = unpack_groot((GOLDEN / "groot_reply.msgpack").read_bytes())
+        reply, info = unpack((GOLDEN / "groot_reply.msgpack").read_bytes())
         assert np.array_equal(reply["x"], np.linspace(-1, 1, 14).reshape(1, 2, 7).astype(np.float32))
         assert info == {"milliseconds": 1.5}
 
@@ -67,13 +67,13 @@ class TestFrames:
     @pytest.mark.parametrize("under", [b"\xa7as_json", b"\xa7as_dict"])
     def test_a_models_keys(self, mark, under):
         plain = b"\x82\xaddelta_indices\x91\x00\xadmodality_keys\x91\xa5image"
-        assert unpack_groot(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain) == {
+        assert unpack(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain) == {
             "video": {"delta_indices": [0], "modality_keys": ["image"]}
         }
 
     def test_an_array_by_columns(self):
         columns = np.asfortranarray(np.arange(6, dtype=np.int16).reshape(2, 3))
-        assert unpack_groot(msgpack.packb(npy(columns))).tolist() == columns.tolist()
+        assert unpack(msgpack.packb(npy(columns))).tolist() == columns.tolist()
 
 
 def conversed(
@@ -91,7 +91,7 @@ def conversed(
 
 
 def unpacked(part: Any) -> Any:
-    return unpack_groot(msgpack.packb(part))
+    return unpack(msgpack.packb(part))
 
 
 class TestConversation:

@@ -16,7 +16,7 @@ from websockets.server import ServerProtocol
 from tests.policies.clients.served import HELLO, message, scripted, seen, start
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.clients import openvla
-from vlafuzz.policies.clients.msgpack_wire import unpack_groot, unpack_openpi, unpack_vla_eval
+from vlafuzz.policies.clients.msgpack_wire import unpack, unpack_openpi, unpack_vla_eval
 from vlafuzz.policies.clients.openvla import decode
 from vlafuzz.policies.clients.wire import short
 from vlafuzz.rollouts.policies import make_policy
@@ -140,7 +140,7 @@ def test_what_a_server_says_is_shown_in_one_line_without_what_steers_a_terminal(
 MAPS = msgpack.packb({"actions": [{}] * 1_000_000})
 
 
-@pytest.mark.parametrize("unpack", [unpack_openpi, unpack_vla_eval, unpack_groot])
+@pytest.mark.parametrize("unpack", [unpack_openpi, unpack_vla_eval, unpack])
 @pytest.mark.parametrize("frame", [MAPS, msgpack.packb({"a": [[{}] * 1000] * 1000})], ids=["one list", "many"])
 def test_a_message_of_very_many_containers_is_refused_before_they_are_built(unpack, frame):
     tracemalloc.start()

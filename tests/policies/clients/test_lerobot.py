@@ -122,6 +122,7 @@ from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.utils import prepare_observation_for_inference
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients.conventions import LAYOUTS
+from vlafuzz.policies.harness import PartlyAnsweredError
 from vlafuzz.rollouts.policies import make_policy
 
 folder, stepwise = sys.argv[1], sys.argv[2] == "diffusion"
@@ -157,14 +158,15 @@ def theirs(seed, *steps):
     return found
 
 def interleaved():
-    policy.reset([EpisodeStart(name, "pick up apple", "pick-up", ord(name)) for name in "ab"])
+    policy.reset([EpisodeStart(name, "pick up apple", "pick-up", ord(name)) for name in "abc"])
     found = []
     for step in range(6):
         pair = [seen("a", step), seen("b", step, pictures={name: 255 - one for name, one in images.items()})]
-        try:  # whoever shares it asks again, one by one
-            policy.act([pair[0], seen("b", step, pictures={})])
-        except KeyError:
-            found.append(policy.act(pair if step % 2 else pair[::-1])[step % 2 == 0].actions.tolist())
+        found.append(policy.act(pair if step % 2 else pair[::-1])[step % 2 == 0].actions.tolist())
+        try:  # the error of one costs the other nothing
+            policy.act([seen("c", step), seen("b", step, pictures={})])
+        except PartlyAnsweredError as partly:
+            assert [type(answer).__name__ for answer in partly.answers] == ["ActionChunk", "PolicyError"]
     return found
 
 black = {name: np.zeros_like(picture) for name, picture in images.items()}

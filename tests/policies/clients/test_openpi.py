@@ -108,22 +108,13 @@ class TestWrongAnswers:
         assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
         assert len(error.message) < 500
 
-    @pytest.mark.parametrize(
-        ("key", "hint"),
-        [
-            ("observation/state", "sent with ?profile=libero or state=1"),
-            ("observation/wrist_image", "sent with ?profile=libero or wrist=1"),
-            ("observation/joint_position", "sent with ?profile=droid"),
-            ("images", "name the model's own keys: image_key=…, instruction_key=…, state=1&state_key=images"),
-        ],
-    )
-    def test_a_key_that_the_model_misses_is_named_with_what_was_sent_and_what_sends_it(self, key, hint):
-        missing = f"Traceback (most recent call last):\n  File x, in __call__\nKeyError: {key!r}\n"
+    def test_a_key_that_the_model_misses_is_named_with_what_was_sent(self):
+        missing = "Traceback (most recent call last):\n  File x, in __call__\nKeyError: 'observation/state'\n"
         with scripted(missing) as (name, _):
             error = failure(name)
-        said = f": KeyError: {key!r}, which was not sent; sent were observation/image, prompt"
+        said = ": KeyError: 'observation/state', which was not sent; sent were observation/image, prompt"
         assert error.message.endswith(said)
-        assert error.hint.startswith(hint)
+        assert error.hint.startswith("name a profile, or the model's own keys: ")
 
     def test_a_chunk_of_another_length_than_the_options_say(self):
         with scripted({"actions": np.zeros((16, 7))}) as (name, _):

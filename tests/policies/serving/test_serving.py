@@ -222,8 +222,8 @@ class TestErrors:
             client = make_policy(name)
             client.reset([start("one")])
             client.act([seen("one")])
-            (_, session) = client._live["one"]
-            session._connection.close()
+            session = client._live["one"]
+            session.connection.close()
             with pytest.raises(PolicyError, match="1 observations of this rollout came on a connection"):
                 client.act([seen("one")])
 

@@ -10,12 +10,12 @@ from pydantic import AfterValidator, BaseModel
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.connections import ZmqConnection
 from vlafuzz.policies.clients.conventions import layout_width
 from vlafuzz.policies.clients.model import Model
-from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack_groot
+from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
+from vlafuzz.policies.clients.wire import ZmqConnection
 from vlafuzz.policies.harness import check_chunks
 
 
@@ -125,8 +125,8 @@ class Groot:
 
     def _get_modalities(self) -> Modalities:
         declared = self._ask("get_modality_config")
-        with wire.closed_on_error(self):
-            return wire.validated(Modalities, self._url, "modality config", declared)
+        with wire.closed_on_error(self), wire.read(f"{self._url}: its modality config"):
+            return Modalities.model_validate(declared)
 
     def _keys(self) -> dict[str, tuple[str, ...]]:
         """The model's keys by modality, as the options name them."""
@@ -197,4 +197,4 @@ class Groot:
                 self._connection = ZmqConnection(self._url, self._options.timeout)
             frame = self._connection.ask(pack_groot(message))
             with wire.read(f"{self._url}: not a GR00T message"):
-                return unpack_groot(frame)
+                return unpack(frame)

@@ -3,7 +3,7 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -19,7 +19,7 @@ from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.wire import numbers, read, short
-from vlafuzz.policies.harness import check_chunks
+from vlafuzz.policies.harness import answered, blamed_on, check_chunks
 
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
@@ -92,17 +92,15 @@ class LeRobot:
             self._live[start.episode] = start, {key: copy(state[key]) for key in REMEMBERED if key in state}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        """Answer one observation after the other; an error in one rolls back the memory of all."""
-        several = self._card.stepwise and len(observations) > 1
-        before = deepcopy({name: memory for name, (_, memory) in self._live.items()}) if several else {}
-        try:
-            chunks = [ActionChunk(self._act(seen)) for seen in observations]
-            check_chunks(chunks, len(observations), self._name)
-        except BaseException:
-            for name, memory in before.items():
-                self._live[name][1].update(memory)
-            raise
-        return chunks
+        """Answer one observation after the other; see ``answered``."""
+        answers: list[ActionChunk | PolicyError] = []
+        for seen in observations:
+            try:
+                with blamed_on(self._name):
+                    answers += map(ActionChunk, check_chunks([ActionChunk(self._act(seen))], 1, self._name))
+            except PolicyError as error:
+                answers.append(error)
+        return answered(answers)
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         for start in episodes:

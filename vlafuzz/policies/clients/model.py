@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
 from vlafuzz.policies.clients.conventions import sent
-from vlafuzz.policies.clients.options import SIDE, ProfiledOptions, known_profiles
+from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
 
 
 class Model:
@@ -45,19 +45,6 @@ class Model:
         if self.layout is not None and seen.state is not None:
             message[options.state_key] = sent(self.layout, seen)
         return message | {options.instruction_key: seen.instruction}
-
-    def sends(self, key: str) -> str:
-        """A hint: which profiles and options send something under this key."""
-        options = self._options
-        profiles = [
-            f"?profile={name}"
-            for name, profile in known_profiles().items()
-            if key in (profile.options_for(options.protocol) or {}).values()
-        ]
-        flags = {options.state_key: ["state=1"], options.wrist_key: ["wrist=1"]}
-        if tries := profiles + flags.get(key, []):
-            return f"sent with {' or '.join(tries)}"
-        return f"name the model's own keys: image_key=…, instruction_key=…, state=1&state_key={key}"
 
     def actions(self, chunk: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:
         """The model's answer in the units of the spec; ValueError when the options describe it otherwise."""

@@ -23,26 +23,38 @@ MARKS, UNDER = ("__ModalityConfig_class__", "__ModalityConfig__"), ("as_json", "
 
 
 def pack_openpi(message: Mapping[str, Any]) -> bytes:
-    return _pack(message, _encode_openpi)
+    def encode(value: Any) -> Any:
+        check_sendable(value, np.ndarray | np.generic)
+        dtype = value.dtype.str
+        if isinstance(value, np.generic):
+            return {b"__npgeneric__": True, b"data": value.item(), b"dtype": dtype}
+        return {b"__ndarray__": True, b"data": value.tobytes(), b"dtype": dtype, b"shape": value.shape}
+
+    return _pack(message, encode)
 
 
 def unpack_openpi(frame: bytes) -> dict[Any, Any]:
     """A message from its bytes; ValueError when they are none."""
-    message = _unpack(frame, _decode_openpi)
+    message = unpack(frame)
     if not isinstance(message, dict):
         raise ValueError(f"no dictionary, but {short(message)}")
     return message
 
 
 def pack_vla_eval(kind: str, payload: Mapping[str, Any], number: int) -> bytes:
-    return _pack({"type": kind, "payload": payload, "seq": number, "timestamp": time.time()}, _encode_vla_eval)
+    def encode(value: Any) -> Any:
+        check_sendable(value)
+        # Uncompressed: PNG compression of an image takes longer than simulating the step.
+        return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": list(value.shape)}
+
+    return _pack({"type": kind, "payload": payload, "seq": number, "timestamp": time.time()}, encode)
 
 
 def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
     """Type, payload and number of a message; ValueError when the frame is none."""
     if isinstance(frame, str):
         raise ValueError(f"the text {short(frame)!r}")
-    message = _unpack(frame, _decode_vla_eval)
+    message = unpack(frame)
     if not isinstance(message, dict) or not {"type", "payload", "seq"} <= message.keys():
         raise ValueError(f"no type, payload and number in {short(message)}")
     for key, kind in (("type", str), ("payload", dict), ("seq", int)):
@@ -52,12 +64,13 @@ def unpack_vla_eval(frame: bytes | str) -> tuple[str, Mapping[str, Any], int]:
 
 
 def pack_groot(message: object) -> bytes:
-    return _pack(message, _encode_groot)
+    def encode(value: Any) -> Any:
+        check_sendable(value)
+        file = io.BytesIO()
+        np.save(file, value, allow_pickle=False)
+        return {"__ndarray_class__": True, "as_npy": file.getvalue()}
 
-
-def unpack_groot(frame: bytes) -> Any:
-    """A message from its bytes, modality configs as plain dictionaries; ValueError when they are none."""
-    return _unpack(frame, _decode_groot)
+    return _pack(message, encode)
 
 
 def _pack(message: object, encode: Callable[[Any], Any]) -> bytes:
@@ -66,7 +79,8 @@ def _pack(message: object, encode: Callable[[Any], Any]) -> bytes:
     return bytes(msgpack.packb(message, default=encode))
 
 
-def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
+def unpack(frame: bytes) -> Any:
+    """A message of any of the formats, GR00T's modality configs as plain dictionaries; ValueError when it is none."""
     import msgpack
 
     left = MOST_VALUES
@@ -80,20 +94,13 @@ def _unpack(frame: bytes, decode: Callable[[dict[Any, Any]], Any]) -> Any:
 
     most = {"max_array_len": MOST_VALUES, "max_map_len": MOST_VALUES}
     try:
-        return msgpack.unpackb(frame, object_hook=lambda values: decode(counted(values)), list_hook=counted, **most)
+        return msgpack.unpackb(frame, object_hook=lambda values: _decode(counted(values)), list_hook=counted, **most)
     except Exception as error:  # msgpack and NumPy raise many types on malformed data
         raise ValueError(f"{len(frame)} bytes, {type(error).__name__}: {short(error)}") from None
 
 
-def _encode_openpi(value: Any) -> Any:
-    check_sendable(value, np.ndarray | np.generic)
-    dtype = value.dtype.str
-    if isinstance(value, np.generic):
-        return {b"__npgeneric__": True, b"data": value.item(), b"dtype": dtype}
-    return {b"__ndarray__": True, b"data": value.tobytes(), b"dtype": dtype, b"shape": value.shape}
-
-
-def _decode_openpi(value: dict[Any, Any]) -> Any:
+def _decode(value: dict[Any, Any]) -> Any:
+    """What a dictionary stands for: in openpi's messages an array or a number, in the others' an array or a config."""
     if b"__ndarray__" in value:
         return array_of(value[b"data"], value[b"dtype"], value[b"shape"])
     if b"__npgeneric__" in value:
@@ -101,27 +108,8 @@ def _decode_openpi(value: dict[Any, Any]) -> Any:
         if kind.kind not in KINDS:
             raise ValueError(f"a number of {kind}")
         return np.asarray(value[b"data"], kind)[()]
-    return value
-
-
-def _encode_vla_eval(value: Any) -> Any:
-    check_sendable(value)
-    # Uncompressed: PNG compression of an image takes longer than simulating the step.
-    return {"__ndarray__": True, "data": value.tobytes(), "dtype": value.dtype.str, "shape": list(value.shape)}
-
-
-def _decode_vla_eval(value: dict[str, Any]) -> Any:
-    return array_of(value["data"], value["dtype"], value["shape"]) if "__ndarray__" in value else value
-
-
-def _encode_groot(value: Any) -> Any:
-    check_sendable(value)
-    file = io.BytesIO()
-    np.save(file, value, allow_pickle=False)
-    return {"__ndarray_class__": True, "as_npy": file.getvalue()}
-
-
-def _decode_groot(value: dict[Any, Any]) -> Any:
+    if "__ndarray__" in value:
+        return array_of(value["data"], value["dtype"], value["shape"])
     if "__ndarray_class__" in value:
         return npy_array(value["as_npy"])
     if b"nd" in value:

@@ -1,18 +1,18 @@
 """Models behind openpi's policy server."""
 
 import re
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.connections import WebSocketConnection
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.sessions import Session, Sessions
+from vlafuzz.policies.clients.wire import WebSocketConnection
 
 
 class OpenPiOptions(ProfiledOptions):
@@ -37,35 +37,28 @@ class OpenPi(Sessions):
     options: ClassVar[type[CommonOptions]] = OpenPiOptions
     server, start_it, packages = "openpi", "uv run scripts/serve_policy.py …", ("msgpack", "websockets")
 
-    def _open(self, start: EpisodeStart | None) -> Session:
-        headers = wire.rollout_header(start) if start else {}
-        session = OpenPiSession(WebSocketConnection(self._url, self._options.timeout, headers))
-        with wire.closed_on_error(session):
-            session.receive()  # the server's metadata, which is arbitrary
-        return session
+    def _connect(self, start: EpisodeStart | None) -> WebSocketConnection:
+        return WebSocketConnection(self._url, self._options.timeout, wire.rollout_header(start) if start else {})
 
+    def _greet(self, session: Session) -> None:
+        self._next(session, {})  # the server's metadata, which is arbitrary
 
-class OpenPiSession(Session):
-    """A rollout at such a server."""
+    def _send(self, session: Session, seen: Observation) -> None:
+        session.connection.send(pack_openpi(self._model.message(seen)))
 
-    def ask(self, seen: Observation) -> None:
-        self._connection.send(pack_openpi(self.model.message(seen)))
-        self._unanswered.append(seen)
+    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+        return self._model.actions(wire.actions_of(self._next(session, self._model.message(seen), wait)), seen)
 
-    def answer(self, wait: float) -> NDArray[np.float64]:
-        actions = wire.actions_of(self.receive(wait))
-        return self.model.actions(actions, self._unanswered.popleft())
-
-    def receive(self, wait: float | None = None) -> dict[object, object]:
+    def _next(self, session: Session, sent: Mapping[str, Any], wait: float | None = None) -> dict[Any, Any]:
         """The next message; PolicyError when it is late, malformed, or the text of an error."""
-        url, frame = self._connection.url, self._connection.receive(wait)
+        frame = session.connection.receive(wait)
         if not isinstance(frame, str):
-            with wire.read(f"{url}: not an openpi message"):
+            with wire.read(f"{self._url}: not an openpi message"):
                 return unpack_openpi(frame)
         last = wire.short(frame.strip().rpartition("\n")[2] or frame)  # of a traceback
         key = re.fullmatch(r"KeyError: '([^']+)'", last)
-        sent = self.model.message(self._unanswered[0]) if self._unanswered else {}
         if key is None or not sent or key[1] in sent:
-            raise wire.failure(url, last, "remote")
+            raise wire.failure(self._url, last, "remote")
         says = f"{last}, which was not sent; sent were {', '.join(sent)}"
-        raise wire.failure(url, says, "remote", self.model.sends(key[1]))
+        hint = f"name a profile, or the model's own keys: image_key=…, wrist=1&wrist_key=…, state=1&state_key={key[1]}"
+        raise wire.failure(self._url, says, "remote", hint)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from vlafuzz.common.reading import array_of
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.connections import HttpConnection
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.sessions import Session, Sessions
+from vlafuzz.policies.clients.wire import HttpConnection
 
 
 class ActOptions(ProfiledOptions):
@@ -45,31 +45,22 @@ class OpenVla(Sessions):
     options: ClassVar[type[CommonOptions]] = ActOptions
     server, start_it = "/act", "python vla-scripts/deploy.py …"
 
-    def _open(self, start: EpisodeStart | None) -> Session:
-        return ActSession(HttpConnection(self._url, self._options.timeout), self._options, start)
+    def _connect(self, start: EpisodeStart | None) -> HttpConnection:
+        return HttpConnection(self._url, self._options.timeout)
 
+    def _send(self, session: Session, seen: Observation) -> None:
+        assert session.start is not None, "a rollout has begun"
+        options: ActOptions = self._options
+        message = self._model.message(seen) | ({"unnorm_key": options.unnorm_key} if options.unnorm_key else {})
+        headers = wire.rollout_header(session.start, session.sent)
+        session.connection.post(request(message, twice=options.encoded), headers)
+        session.sent += 1
 
-class ActSession(Session):
-    """A rollout at such a server."""
-
-    def __init__(self, connection: HttpConnection, options: ActOptions, start: EpisodeStart | None) -> None:
-        super().__init__(connection)
-        self._options, self._start, self._sent = options, start, 0
-
-    def ask(self, seen: Observation) -> None:
-        assert self._start is not None, "the first session is for looking whether a server is there"
-        key = self._options.unnorm_key
-        message = self.model.message(seen) | ({"unnorm_key": key} if key else {})
-        headers = wire.rollout_header(self._start, self._sent)
-        self._connection.post(request(message, twice=self._options.encoded), headers)
-        self._sent += 1
-        self._unanswered.append(seen)
-
-    def answer(self, wait: float) -> NDArray[np.float64]:
-        return self.model.actions(self._actions(*self._connection.reply(wait)), self._unanswered.popleft())
+    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+        return self._model.actions(self._actions(*session.connection.reply(wait)), seen)
 
     def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
-        url, text = self._connection.url, body.decode("utf-8", "replace")
+        url, text = self._url, body.decode("utf-8", "replace")
         if status != 200:
             raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
         if text.strip().strip('"') == "error":  # both servers send this with status 200

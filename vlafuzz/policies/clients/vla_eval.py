@@ -1,10 +1,8 @@
 """Models behind servers of vla-eval's protocol, and what such servers declare, from and to our specs."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,12 +13,12 @@ from vlafuzz import __version__
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.connections import WebSocketConnection
 from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN, layout_width, sent
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.options import SIDE, CommonOptions, ProfiledOptions, VlaEvalOptions
 from vlafuzz.policies.clients.sessions import Session, Sessions
+from vlafuzz.policies.clients.wire import WebSocketConnection
 
 PROTOCOL_VERSION = 1
 GREETING = {"harness_version": f"vlafuzz {__version__}", "protocol_version": PROTOCOL_VERSION}
@@ -190,68 +188,55 @@ class VlaEval(Sessions):
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
     server, start_it, packages = "vla-eval", "vla-eval serve --config …", ("msgpack", "websockets")
 
-    def _described(self, first: VlaEvalSession) -> DeclaredModel:
-        return DeclaredModel(self._name, first.hello, self._options)
+    def _connect(self, start: EpisodeStart | None) -> WebSocketConnection:
+        return WebSocketConnection(self._url, self._options.timeout)
 
-    def _open(self, start: EpisodeStart | None) -> VlaEvalSession:
-        session = VlaEvalSession(WebSocketConnection(self._url, self._options.timeout))
-        with wire.closed_on_error(session):
-            session.greet()
-        return session
-
-    def _begin(self, start: EpisodeStart) -> Session:
-        session: VlaEvalSession = super()._begin(start)
-        with wire.closed_on_error(session):
-            if self._described(session).spec != self.spec:
-                raise wire.replaced(self._name)
-            suite, _, number = start.task.rpartition("/")  # some servers have settings for each suite
-            place = {"suite": suite, "task_id": int(number)} if suite else {"suite": "vlafuzz"}
-            task = {"name": start.instruction, "task": start.task, **place}
-            session.send("episode_start", {"task": task | {"episode": start.episode, "seed": start.seed}})
-        return session
-
-
-class VlaEvalSession(Session):
-    """A rollout at such a server, with numbered messages. ``hello``: what the server declares."""
-
-    hello: Hello
-
-    def __init__(self, connection: Any) -> None:
-        super().__init__(connection)
-        self._number = 0
-
-    def greet(self) -> None:
-        greeting, url = self._receive("hello", self.send("hello", GREETING)), self._connection.url
-        self.hello = wire.validated(Hello, url, "hello", greeting)
-        if self.hello.protocol_version != PROTOCOL_VERSION:
-            version = f"version {self.hello.protocol_version} of the protocol, not {PROTOCOL_VERSION}"
+    def _greet(self, session: Session) -> Hello:
+        self._say(session, "hello", GREETING)
+        greeting = self._reply(session, "hello")
+        with wire.read(f"{self._url}: its hello"):
+            hello = Hello.model_validate(greeting)
+        if hello.protocol_version != PROTOCOL_VERSION:
+            version = f"version {hello.protocol_version} of the protocol, not {PROTOCOL_VERSION}"
             hint = "install a vla-eval there that speaks it, such as 0.8.0"
-            raise wire.failure(url, f"it speaks {version}", "protocol", hint)
+            raise wire.failure(self._url, f"it speaks {version}", "protocol", hint)
+        return hello
 
-    def ask(self, seen: Observation) -> None:
-        self._unanswered.append(self.send("observation", self.model.message(seen)))
+    def _described(self, first: Session) -> DeclaredModel:
+        return DeclaredModel(self._name, first.greeting, self._options)
 
-    def answer(self, wait: float) -> NDArray[np.float64]:
-        return wire.actions_of(self._receive("action", self._unanswered.popleft(), wait))
+    def _begin(self, session: Session) -> None:
+        if self._described(session).spec != self.spec:
+            raise wire.replaced(self._name)
+        start = cast(EpisodeStart, session.start)
+        suite, _, number = start.task.rpartition("/")  # some servers have settings for each suite
+        place = {"suite": suite, "task_id": int(number)} if suite else {"suite": "vlafuzz"}
+        task = {"name": start.instruction, "task": start.task, **place}
+        self._say(session, "episode_start", {"task": task | {"episode": start.episode, "seed": start.seed}})
 
-    def end(self) -> None:
+    def _send(self, session: Session, seen: Observation) -> None:
+        self._say(session, "observation", self._model.message(seen))
+
+    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+        return wire.actions_of(self._reply(session, "action", wait))
+
+    def _end(self, session: Session) -> None:
         """Send no metrics, since we judge the rollout ourselves."""
-        self.send("episode_end", {"metrics": {}})
+        self._say(session, "episode_end", {"metrics": {}})
 
-    def send(self, kind: str, payload: Mapping[str, Any]) -> int:
-        """Send a message; returns its number, which the reply must repeat."""
-        self._number += 1
-        self._connection.send(pack_vla_eval(kind, payload, self._number))
-        return self._number
+    def _say(self, session: Session, kind: str, payload: Mapping[str, Any]) -> None:
+        """Send a message with its number, which the reply must repeat."""
+        session.sent += 1
+        session.connection.send(pack_vla_eval(kind, payload, session.sent))
 
-    def _receive(self, kind: str, number: int, wait: float | None = None) -> Mapping[str, Any]:
-        """The reply to message ``number``; PolicyError when it is late, an error, or another message."""
-        url, frame = self._connection.url, self._connection.receive(wait)
-        with wire.read(f"{url}: not a vla-eval message"):
+    def _reply(self, session: Session, kind: str, wait: float | None = None) -> Mapping[str, Any]:
+        """The reply to the last message; PolicyError when it is late, an error, or another message."""
+        frame = session.connection.receive(wait)
+        with wire.read(f"{self._url}: not a vla-eval message"):
             received, payload, echoed = unpack_vla_eval(frame)
         if received == "error":
-            raise wire.failure(url, wire.short(payload.get("error")), "remote")
-        if (received, echoed) != (kind, number):
-            problem = f"expected the message {kind!r} with number {number}, got {received!r} with {echoed!r}"
-            raise wire.failure(url, problem, "protocol")
+            raise wire.failure(self._url, wire.short(payload.get("error")), "remote")
+        if (received, echoed) != (kind, session.sent):
+            problem = f"expected the message {kind!r} with number {session.sent}, got {received!r} with {echoed!r}"
+            raise wire.failure(self._url, problem, "protocol")
         return payload
