@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from tests.cli.typed import told
 from vlafuzz.cli import doctor, main
-from vlafuzz.doctor import Check, before_run, machine
+from vlafuzz.doctor import Check, exam, machine
 from vlafuzz.worlds.tabletop import renderer
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
@@ -23,7 +23,6 @@ def healthy(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     monkeypatch.setattr(machine, "_import_problems", lambda names: dict.fromkeys(names))
     monkeypatch.setattr(renderer, "probe", lambda: LAVAPIPE)
-    monkeypatch.setattr(machine, "check_sameness", lambda pictures: iter(()))
 
 
 def run(*arguments: str):
@@ -103,7 +102,7 @@ def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch):
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
     code = (
         "import sys; from vlafuzz.worlds.tabletop import renderer; from vlafuzz.cli import doctor;"
-        "doctor.machine = lambda watch: iter(()); doctor.doctor();"
+        "doctor.machine = lambda: iter(()); doctor.doctor();"
         "print([name for name in ('numpy', 'pydantic', 'scipy', 'torch') if name in sys.modules])"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -119,7 +118,7 @@ def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(monkeyp
         yield Check("hearing", "its answers do not change", "warn", "deaf")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(before_run, "examine", examine)
+    monkeypatch.setattr(exam, "examine", examine)
     assert main(["doctor", "--policy", "pinhole"]) == 130
     assert "its answers change by 40%" in seen[0]
     printed = capsys.readouterr()
@@ -132,5 +131,5 @@ def test_an_interrupted_doctor_prints_json_of_what_it_knows(monkeypatch, capsys)
         yield Check("sight", "its answers change by 40%", "ok")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(before_run, "examine", examine)
+    monkeypatch.setattr(exam, "examine", examine)
     assert [row["check"] for row in told(capsys, "doctor --policy pinhole --json", code=130)] == ["sight"]

@@ -13,7 +13,6 @@ import pytest
 from tests.cli.typed import typed
 from tests.doctor.faults import FAULTS, Changed
 from vlafuzz.cli import main
-from vlafuzz.doctor import two_processes
 from vlafuzz.policies.base import Policy
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.store.store import Store
@@ -64,8 +63,7 @@ def rows(capsys) -> dict[str, dict[str, str]]:
     return {row["check"]: row for row in json.loads(capsys.readouterr().out)}
 
 
-def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(monkeypatch, capsys):
-    monkeypatch.setattr(two_processes, "check_simulation", lambda *_: iter(()))  # slow: it has its own test
+def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys):
     assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
     checks = rows(capsys)
     assert {row["verdict"] for row in checks.values()} == {"ok"}

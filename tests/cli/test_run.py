@@ -12,7 +12,7 @@ from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
 from vlafuzz.cli.run import note_defaults
 from vlafuzz.common.deadline import Deadline
-from vlafuzz.doctor import before_run
+from vlafuzz.doctor import exam
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.renderer import Renderer
@@ -67,7 +67,7 @@ def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(capsys, monkeypatch
 
 
 def test_before_a_run_with_a_time_it_says_how_far_that_gets(capsys, monkeypatch):
-    monkeypatch.setattr(before_run, "usual_speed", lambda _: Speed(answer=9.0, simulator=0.0, words="slow"))
+    monkeypatch.setattr(exam, "usual_speed", lambda _: Speed(answer=9.0, simulator=0.0, words="slow"))
     few = ("--workers", "1", "--budget", "3", "--no-certify", "--store", "a.db")
     assert main(["run", "--policy", "frozen", *few, "--time", "20m"]) == 0
     # three rollouts of 56 answers would take 25 minutes

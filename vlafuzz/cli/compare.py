@@ -67,7 +67,7 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import MOST, RunConfig, default_store
-    from vlafuzz.doctor.before_run import speed_of
+    from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare import page
     from vlafuzz.lab.compare.compare import compare
     from vlafuzz.worlds import default_policy, default_task

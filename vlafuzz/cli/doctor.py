@@ -38,11 +38,11 @@ def doctor(
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
         if policy is None:
-            checks = machine(bar)
+            checks = machine()
         else:
             check_number("--n", n, 1, 1000)
             from vlafuzz.campaign.config import RunConfig
-            from vlafuzz.doctor.before_run import examine
+            from vlafuzz.doctor.exam import examine
 
             run = RunConfig(policy=policy, **flags)  # type: ignore[arg-type]
             checks = examine(run, 10 if n is None else n, bar, until)

@@ -80,7 +80,7 @@ def study(
     if stores and (flags := [flag for flag, value in runs.items() if value]):
         raise UsageError(f"{flags[0]} and --from: nothing is run", hint="leave one of the two out")
     from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.doctor.before_run import speed_of
+    from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.studies.study import StudyRequest, ranges_for, study_of, write
     from vlafuzz.lab.studies.study import study as run_study
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
-    from vlafuzz.doctor.before_run import Checked
+    from vlafuzz.doctor.exam import Checked
 
 
 @with_run_options
@@ -109,7 +109,7 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
 
 def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
     """The plan after the check of its policy, with notes on what follows from this machine."""
-    from vlafuzz.doctor.before_run import checked_plan
+    from vlafuzz.doctor.exam import checked_plan
 
     if plan.resume is None:
         note_defaults(plan, flags)

@@ -1,29 +1,56 @@
-"""Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails."""
+"""Exam: runs a policy in the simulator, probes its answers, and tries corrections where it fails.
 
+`vlafuzz doctor` makes all of its checks, and `vlafuzz run` the quick ones before it begins.
+"""
+
+import shlex
 from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 from itertools import count, cycle, islice
+from multiprocessing import get_context
 from pathlib import Path
 from statistics import fmean, median
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from vlafuzz.campaign.forecast import Speed
+from vlafuzz.campaign import config
+from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
+from vlafuzz.campaign.launch import stands_alone
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, verdicts
-from vlafuzz.doctor.probes import Break, Interview, Moment, Recorder, moved, reworded, seconds_at_once, sights, spread
+from vlafuzz.doctor.probes import (
+    Break,
+    Interview,
+    Moment,
+    Recorder,
+    ask,
+    moved,
+    reworded,
+    seconds_at_once,
+    sights,
+    spread,
+)
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
-from vlafuzz.errors import PolicyError, SimulatorError
+from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.policies.base import Policy
+from vlafuzz.policies.base import Policy, PolicySpec
+from vlafuzz.policies.clients.servers import guesses, is_remote
 from vlafuzz.rollouts.executor import evaluate_safely
+from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.rollouts.setup import make_evaluator, stored_space
 from vlafuzz.store.records import Manifest
 
+UNCHECKED = "unchecked"
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
 CLUTTER = ("confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
 SCENES, ANSWERS = 3, 8  # scenes in which the policy is observed, and answers in each
@@ -202,3 +229,147 @@ class Exam:
     def _roll(self, scene: Scene, correction: Correction | None = None) -> Outcome:
         self._corrected.correction = correction
         return evaluate_safely(self._evaluator, [scene])[0]
+
+
+def check_answers(conditions: Conditions, spec: PolicySpec, moments: Sequence[Moment], *, remote: bool) -> Check:
+    """Whether the policy that the conditions name answers alike in two processes, each with its own.
+
+    One process after the other, since a model may need half of the memory; ``remote``: each connects anew.
+    """
+    context = get_context("spawn")
+    try:
+        with ProcessPoolExecutor(1, context) as one, ProcessPoolExecutor(1, context) as other:
+            first = one.submit(asked_twice, conditions, moments)
+            if not remote:
+                first.result()
+                one.shutdown()
+            second = other.submit(asked_twice, conditions, moments)
+            return verdicts.on_answers(spec, first.result(), second.result(), remote=remote)
+    except (VlafuzzError, BrokenExecutor) as error:
+        hint = getattr(error, "hint", None) or "a process of its own may lack memory, or a second connection"
+        return Check("same answers", f"unknown: {' '.join(str(error).split())}", "warn", hint)
+
+
+def asked_twice(conditions: Conditions, moments: Sequence[Moment]) -> list[list[NDArray[np.float64]]]:
+    """Two answers of the policy to each moment."""
+    policy = make_policy(conditions.policy)
+    with closing(make_evaluator(conditions, policy)):  # which tells it what it has to know of the world
+        return [[ask(policy, [moment])[0] for moment in moments] for _ in range(2)]
+
+
+def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None) -> Iterator[Check]:
+    """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts.
+
+    After the deadline no rollout is begun but the first.
+    """
+    assert run.policy
+    policy = _make(run.policy)
+    if isinstance(policy, Check):
+        yield policy
+        return
+    with closing(policy):
+        manifest = config.plan(run, policy=policy).manifest
+        watch.note(
+            f"{run.policy}: a few seconds of questions, a few more in two other processes, then "
+            f"{n} rollouts; where they fail, up to some 150 more, with corrections; --time bounds it"
+        )
+        most = longest(policy.spec, manifest)
+        watch.progress("checks", 0, None)
+        with closing(Exam(manifest, policy, watch, deadline)) as exam:
+            for number, check in enumerate(exam.thorough(n), start=1):
+                yield check
+                watch.progress("checks", number, None)
+                if check.check == "speed":
+                    watch.note(_duration(exam.speed(1), most, n))
+                    if not (deadline and deadline.passed):
+                        yield check_answers(manifest, policy.spec, exam.moments(), remote=is_remote(policy))
+
+
+class Checked(NamedTuple):
+    """A plan that may be run, and the speed of its policy if that is known."""
+
+    plan: Plan
+    speed: Speed | None
+
+
+def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Checked:
+    """The plan of a run, labelled with what seconds of checks find wrong with its policy.
+
+    Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a hundred of
+    their rollouts. A resumed run keeps its label, and is not checked if it was not before.
+
+    Raises:
+        PrerequisiteError: the policy cannot be tested.
+    """
+    manifest = plan.manifest
+    if manifest.repeats > 1 and plan.policy.spec.deterministic:
+        watch.note(f"note: {manifest.policy} is deterministic: repeats differ only if it uses the seed")
+    if plan.resume and manifest.alone:
+        watch.note(f"note: {manifest.policy}: what answers now has to be the model with which the run began")
+    if is_built_in(manifest.policy) or manifest.checkup == UNCHECKED:
+        return Checked(plan, usual_speed(plan))
+    if plan.resume is None:
+        _say(plan, watch)
+    label, speed = (UNCHECKED, None) if unchecked else _label(plan, watch)
+    if plan.resume is None:
+        plan = replace(plan, manifest=replace(manifest, checkup=label))
+    return Checked(plan, speed)
+
+
+def _say(plan: Plan, watch: Watch) -> None:
+    """Say what the run takes for granted: each convention that nobody declares, and that it stands alone."""
+    name, manifest = plan.manifest.policy, plan.manifest
+    if assumed := guesses(name, plan.policy.spec):
+        watch.note(f"note: {name}: nobody declares these conventions, so they are guessed:")
+        for option, means in assumed.items():
+            watch.note(f"  {option} ({means})")
+        whole = shlex.quote(f"{name}{'&' if '?' in name else '?'}{'&'.join(assumed)}")
+        watch.note(f"hint: with the right values in the policy's name, nothing is guessed: {whole}")
+    if manifest.alone:
+        watch.note(stands_alone(name))
+
+
+def speed_of(plan: Plan) -> Speed | None:
+    """How fast a plan's policy usually is, or as measured, which takes seconds; None if it breaks."""
+    if is_built_in(plan.manifest.policy):
+        return usual_speed(plan)
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        seen = list(exam.looks())
+        return None if any(check.verdict == "refuse" for check in seen) else exam.speed(at_a_time(plan))
+
+
+def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
+    """What the checks find wrong with the policy, and how fast it is."""
+    name = plan.manifest.policy
+    checks: list[Check] = []
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        for check in exam.quick():
+            checks.append(check)
+            watch.progress("checkup", len(checks), None)
+        speed = None if checks[-1].verdict == "refuse" else exam.speed(at_a_time(plan))
+    doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
+    for check in checks:
+        if check.verdict == "refuse":
+            hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
+            raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
+        if check.verdict == "warn" and not check.follows.startswith("guessed"):  # that was said
+            watch.note(f"note: {name}: {check.found}: {check.follows}")
+    assert speed is not None
+    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok", speed
+
+
+def _duration(speed: Speed, most: int, n: int) -> str:
+    """How long the doctor's rollouts take at most."""
+    seconds = most / speed.actions * (speed.answer + speed.simulator)
+    first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
+    return f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}"
+
+
+def _make(name: str) -> Policy | Check:
+    """The policy, or a refused check that says why it cannot be made; UsageError for an unknown one."""
+    try:
+        return make_policy(name)
+    except UsageError:
+        raise
+    except VlafuzzError as error:
+        return Check("connects", error.message, "refuse", error.hint or "")

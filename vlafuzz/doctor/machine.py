@@ -15,7 +15,6 @@ from pathlib import Path
 from vlafuzz import __version__
 from vlafuzz.common import assets
 from vlafuzz.common.text import plural
-from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 
@@ -34,13 +33,12 @@ for name in sys.argv[1:]:
 """
 
 
-def machine(watch: Watch = SILENT) -> Iterator[Check]:
-    """All checks; they take some seconds, mostly for loading the simulator three times."""
-    watch.note("some twenty seconds, mostly for rolling out and drawing a scene in two processes")
+def machine() -> Iterator[Check]:
+    """All checks; they take some seconds, mostly for loading the simulator."""
     fits = PYTHONS[0] <= sys.version_info[:2] <= PYTHONS[1]
     hint = "" if fits else "hint: use Python 3.11 or 3.12"
     yield Check("python", platform.python_version(), "ok" if fits else "warn", hint)
-    yield check_vlafuzz()
+    yield Check("vlafuzz", __version__)
     try:
         from vlafuzz.worlds import world_with
         from vlafuzz.worlds.capabilities import Equipped
@@ -49,29 +47,13 @@ def machine(watch: Watch = SILENT) -> Iterator[Check]:
     except ImportError as error:  # of what the package itself needs
         yield Check("packages", f"ImportError: {error}", "refuse", "nothing runs; hint: run scripts/setup")
         return
-    packages = list(check_packages(world.packages()))
-    yield from packages
+    yield from check_packages(world.packages())
     workers = plural(most_workers(), "worker")
     yield Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
     drawing = world.try_drawing()
     yield Check("renderer", drawing.name, "ok" if drawing.works else "warn", drawing.follows)
-    cache = check_cache(assets.cache_dir())
-    yield cache
+    yield check_cache(assets.cache_dir())
     yield check_disk(Path.cwd())
-    if all(check.verdict != "refuse" for check in [*packages, cache]):
-        yield from check_sameness(pictures=drawing.works)
-
-
-def check_vlafuzz() -> Check:
-    """The version, and the commit where this is a checkout."""
-    top = Path(assets.__file__).resolve().parents[2]
-    commit = _git(top, "rev-parse", "--short", "HEAD") if (top / ".git").exists() else None
-    if commit is None:
-        return Check("vlafuzz", __version__, "ok")
-    version = f"{__version__}, commit {commit}"
-    if _git(top, "status", "--porcelain") == "":
-        return Check("vlafuzz", version, "ok")
-    return Check("vlafuzz", f"{version}, changed", "warn", "results cannot be traced to this commit alone")
 
 
 def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
@@ -83,7 +65,7 @@ def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
             version = "not installed"
         problem = problems[name]
         if problem is None:
-            yield Check(name, version, "ok")
+            yield Check(name, version)
         else:
             yield Check(name, f"{version}: {problem}", "refuse", f"{follows}; hint: run scripts/setup")
 
@@ -105,16 +87,6 @@ def check_disk(folder: Path) -> Check:
     return Check("disk", f"{free / 1e9:.1f} GB free here", "ok" if enough else "warn", follows)
 
 
-def check_sameness(*, pictures: bool) -> Iterator[Check]:
-    """Whether a scene of the default task is the same in two processes."""
-    from vlafuzz.campaign.config import RunConfig, plan
-    from vlafuzz.doctor.two_processes import check_simulation
-    from vlafuzz.policies.base import CameraRequest
-
-    manifest = plan(RunConfig(policy="expert")).manifest
-    yield from check_simulation(manifest, [CameraRequest("front", 224, 224)] if pictures else [])
-
-
 def _import_problems(names: list[str]) -> dict[str, str | None]:
     """By package, the error that importing it raises; None where it works."""
     command = [sys.executable, "-c", _IMPORT, *names]
@@ -128,15 +100,6 @@ def _import_problems(names: list[str]) -> dict[str, str | None]:
             name, problem = json_format.loads(line.removeprefix("imported "))
             problems[name] = problem
     return problems
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    """The output of a git command; None where it fails."""
-    try:
-        child = subprocess.run(["git", "-C", str(folder), *arguments], capture_output=True, text=True, check=False)
-    except OSError:
-        return None
-    return child.stdout.strip() if child.returncode == 0 else None
 
 
 def _existing(folder: Path) -> Path:
