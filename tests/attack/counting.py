@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from tests.attack import samples
-from tests.attack.failing import FAILING
 from tests.attack.folders import FOLDERS
 from tests.attack.reactions import is_fair
 from tests.attack.readers import READERS, Reader
@@ -28,7 +27,7 @@ from tests.attack.used import USED
 from tests.attack.wires import FRAMES
 
 TARGETS: dict[str, tuple[Reader, int]] = {
-    **READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS, **FAILING
+    **READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS
 }  # fmt: skip
 SECONDS = 5.0  # that a reaction may take, not counting those in which other processes have the processor
 MEMORY = 1 << 30  # bytes that it may take beyond what the process has

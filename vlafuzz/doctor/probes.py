@@ -11,18 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import (
-    ActionChunk,
-    EpisodeStart,
-    Finishing,
-    Knowing,
-    Observation,
-    Outlines,
-    Policy,
-    PolicySpec,
-)
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
-from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks
+from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks, finish
 
 Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
@@ -53,8 +44,7 @@ class Lent:
         return self._policy.act(observations)
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
-        if isinstance(self._policy, Finishing):
-            self._policy.finish(episodes)
+        finish(self._policy, episodes)
 
     def close(self) -> None:
         """Nothing: the owner closes the policy."""
@@ -333,8 +323,7 @@ def _answers(policy: Policy, moments: Sequence[Moment], steps: int) -> Iterator[
                 spec = policy.spec
                 yield check_chunks(policy.act(shown), len(shown), spec.name, spec.action.width)
     finally:
-        if isinstance(policy, Finishing):
-            policy.finish(begun)
+        finish(policy, begun)
 
 
 def _shown(moment: Moment, **changes: Any) -> Moment:

@@ -19,7 +19,7 @@ SIM_HZ = 100  # of the simulator
 _MOST_PIXELS = 4096  # of a side of an image
 
 
-def _expect(name: str, value: object, expected: str, *, usable: bool) -> None:
+def _expect(name: str, value: object, expected: str, usable: object) -> None:
     """Raise a UsageError unless a value is usable."""
     if not usable:
         message = f"the policy's spec: {name}: expected {expected}, got {shown(value)}"
@@ -27,16 +27,13 @@ def _expect(name: str, value: object, expected: str, *, usable: bool) -> None:
 
 
 def _expect_one_of(name: str, value: object, literal: object) -> None:
-    """Raise a UsageError unless a value is one of those of a ``Literal``."""
     known = get_args(literal)
-    usable = isinstance(value, str) and value in known
-    _expect(name, value, f"one of {', '.join(known)}", usable=usable)
+    _expect(name, value, f"one of {', '.join(known)}", isinstance(value, str) and value in known)
 
 
-def _expect_count(name: str, value: object, least: int, most: int | None = None) -> None:
-    """Raise a UsageError unless a value is an integer from ``least`` to ``most``."""
-    within = isinstance(value, int) and least <= value <= (value if most is None else most)
-    _expect(name, value, f"{least} or more" if most is None else f"{least} to {most}", usable=within)
+def _expect_count(name: str, value: object, least: int, most: float = math.inf) -> None:
+    expected = f"{least} or more" if most == math.inf else f"{least} to {most}"
+    _expect(name, value, expected, isinstance(value, int) and least <= value <= most)
 
 
 @dataclass(frozen=True)
@@ -53,7 +50,7 @@ class CameraRequest:
     role: Role = "third_person"
 
     def __post_init__(self) -> None:
-        _expect("name of a camera", self.name, "a text", usable=isinstance(self.name, str))
+        _expect("name of a camera", self.name, "a text", isinstance(self.name, str))
         for side in ("width", "height"):
             _expect_count(f"{side} of the camera {self.name}", getattr(self, side), 1, _MOST_PIXELS)
         _expect_one_of("role", self.role, Role)
@@ -92,11 +89,11 @@ class ActionSpec:
         for name in ("position_scale", "rotation_scale"):
             scale = getattr(self, name)
             usable = isinstance(scale, int | float) and math.isfinite(scale) and scale != 0
-            _expect(name, scale, "a finite number other than 0", usable=usable)
+            _expect(name, scale, "a finite number other than 0", usable)
         _expect_count("sticky", self.sticky, 0)
         _expect_count("width", self.width, 1)
         _expect_count("hz", self.hz, 1)
-        _expect("hz", self.hz, f"a divisor of {SIM_HZ}", usable=SIM_HZ % self.hz == 0)
+        _expect("hz", self.hz, f"a divisor of {SIM_HZ}", SIM_HZ % self.hz == 0)
 
 
 @dataclass(frozen=True)
@@ -132,17 +129,17 @@ class PolicySpec:
     def __post_init__(self) -> None:
         for name in ("name", "version"):
             text = getattr(self, name)
-            _expect(name, text, "a text", usable=isinstance(text, str) and text != "")
-        _expect("action", self.action, "an ActionSpec", usable=isinstance(self.action, ActionSpec))
+            _expect(name, text, "a text", isinstance(text, str) and text != "")
+        _expect("action", self.action, "an ActionSpec", isinstance(self.action, ActionSpec))
         requests = isinstance(self.cameras, tuple) and all(isinstance(c, CameraRequest) for c in self.cameras)
-        _expect("cameras", self.cameras, "a tuple of CameraRequest", usable=requests)
+        _expect("cameras", self.cameras, "a tuple of CameraRequest", requests)
         names = [camera.name for camera in self.cameras]
-        _expect("cameras", names, "different names", usable=len(set(names)) == len(names))
+        _expect("cameras", names, "different names", len(set(names)) == len(names))
         _expect_count("execute", 1 if self.execute is None else self.execute, 1)
         _expect_count("max_batch", self.max_batch, 1)
         kept = self.provenance
         texts = isinstance(kept, Mapping) and all(isinstance(text, str) for pair in kept.items() for text in pair)
-        _expect("provenance", kept, "texts by name", usable=texts)
+        _expect("provenance", kept, "texts by name", texts)
 
 
 @dataclass(frozen=True)

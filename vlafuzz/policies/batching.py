@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Finishing, Observation, Policy, PolicySpec
-from vlafuzz.policies.harness import PartlyAnsweredError, blamed_on, check_chunks
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
+from vlafuzz.policies.harness import PartlyAnsweredError, blamed_on, check_chunks, finish
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +120,7 @@ class BatchingPolicy:
         return [ActionChunk(chunk) for chunk in chunks]
 
     def _finish(self, names: Sequence[str]) -> None:
-        over = [self._live.pop(name) for name in names if name in self._live]
-        if over and isinstance(self._policy, Finishing):
-            self._policy.finish(over)
+        finish(self._policy, [self._live.pop(name) for name in names if name in self._live])
 
 
 def _own(caller: int, episode: str) -> str:

@@ -3,7 +3,7 @@
 import sys
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -30,7 +30,7 @@ class Harness:
         self._gripper = Gripper(self._spec.action)
         with blamed_on(self._spec.name):
             policy.reset([start])
-        self.finish = weakref.finalize(self, _finish, policy, start)
+        self.finish = weakref.finalize(self, finish, policy, [start])
 
     @property
     def empty(self) -> bool:
@@ -45,12 +45,6 @@ class Harness:
         """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
         action = self._queue.popleft()
         return self._metric(action) if self._spec.action.width == WIDTH else action
-
-    def action(self, observe: Callable[[], Observation]) -> Array:
-        """``next_action``; the policy is asked if necessary, see ``ask``."""
-        if self.empty:
-            self.accept(ask(self._policy, observe()))
-        return self.next_action()
 
     def _metric(self, action: Array) -> Array:
         spec = self._spec.action
@@ -103,9 +97,10 @@ def answered(answers: Sequence[ActionChunk | PolicyError]) -> list[ActionChunk]:
     raise answers[0] if len(answers) == 1 and isinstance(answers[0], PolicyError) else PartlyAnsweredError(answers)
 
 
-def _finish(policy: Policy, start: EpisodeStart) -> None:
-    if isinstance(policy, Finishing):
-        policy.finish([start])
+def finish(policy: Policy, episodes: Sequence[EpisodeStart]) -> None:
+    """End these rollouts, where the policy keeps resources for each."""
+    if episodes and isinstance(policy, Finishing):
+        policy.finish(episodes)
 
 
 @contextmanager

@@ -13,31 +13,50 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.policies.clients.lerobot import Card, LeRobot, LeRobotOptions, fitted
+from vlafuzz.policies.clients.lerobot import LeRobot, LeRobotOptions, fitted
 from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import is_shared, make_policy
 
 THERE = os.environ.get("VLAFUZZ_LEROBOT")
 ROOT = Path(__file__).parents[3]
 FRONT, WRIST = "observation.images.image", "observation.images.image2"
-ACT = Card("act", {FRONT: (96, 64), WRIST: (32, 32)}, state=8, actions=7, execute=5)
 DEAF = {"other words"}
-STEPWISE = replace(ACT, kind="diffusion", execute=8, stepwise=True)
+
+
+def config(pictures: dict, state: int = 8, actions: int = 7, **more: Any) -> SimpleNamespace:
+    """What is read of a ``PreTrainedConfig``; ``pictures``: width and height by key."""
+
+    def feature(*shape: int) -> SimpleNamespace | None:
+        return SimpleNamespace(shape=shape) if all(shape) else None
+
+    features = {
+        "image_features": {key: feature(3, height, width) for key, (width, height) in pictures.items()},
+        "robot_state_feature": feature(state),
+        "action_feature": feature(actions),
+        "env_state_feature": None,
+    }
+    usual = {"type": "act", "n_obs_steps": 1, "n_action_steps": 5, "device": "cpu"}
+    return SimpleNamespace(**features | usual | more)
+
+
+BOTH = {FRONT: (96, 64), WRIST: (32, 32)}
+ACT, STEPWISE = config(BOTH), config(BOTH, type="diffusion", n_action_steps=8, n_obs_steps=2)
 
 
 def options(query: str) -> LeRobotOptions:
     return parse(f"lerobot:/policies/mine?{query}", LeRobot).options
 
 
-def fit(query: str, card: Card = ACT) -> LeRobotOptions:
-    return fitted("it", options(query), card)
+def fit(query: str, of: SimpleNamespace = ACT) -> LeRobotOptions:
+    return fitted("it", options(query), of)
 
 
 class TestNames:
@@ -72,7 +91,7 @@ class TestNames:
 
 
 class TestFitting:
-    """A policy's card is combined with the options."""
+    """A policy's config is combined with the options."""
 
     def test_pictures_have_the_sizes_that_the_policy_takes(self):
         options = fit("profile=libero")
@@ -86,30 +105,29 @@ class TestFitting:
     @pytest.mark.parametrize("key", ["observation.image", FRONT])
     def test_an_only_picture_needs_no_name_and_empty_cameras_are_not_asked_for(self, key):
         pictures = {key: (96, 96), "observation.images.empty_camera_0": (9, 9)}
-        assert fit("hz=10", Card("smolvla", pictures, 0, 7, 5)).image_key == key
+        assert fit("hz=10", config(pictures, state=0, type="smolvla")).image_key == key
 
     def test_a_policy_that_remembers_sees_every_step(self):
         assert fit("profile=libero", STEPWISE).execute == 1
 
     @pytest.mark.parametrize(("device", "same"), [("cpu", True), ("cuda", False)])
     def test_on_a_cpu_it_repeats_itself(self, device, same):
-        card = replace(ACT, execute=8, device=device)
-        assert fit("profile=libero", card).deterministic is same
+        assert fit("profile=libero", config(BOTH, device=device)).deterministic is same
 
     @pytest.mark.parametrize(
-        ("query", "card", "says"),
+        ("query", "of", "says"),
         [
             ("state=0", ACT, "takes the pictures image, image2, the options name image"),
             ("profile=libero&state=1", ACT, "8 numbers of state, state=eef_pos3_axisangle3_gripper1 has 7"),
             ("profile=libero&state=0", ACT, "takes 8 numbers of state, state=0 has 0"),
             ("profile=libero&rotation=rot6d&rotation_scale=1", ACT, "7 numbers, a hand's have 10 with rot6d"),
-            ("profile=libero", replace(ACT, actions=14), "its actions have 14 numbers"),
+            ("profile=libero", config(BOTH, actions=14), "its actions have 14 numbers"),
             ("profile=libero&execute=4", STEPWISE, "remembers past"),
         ],
     )
-    def test_what_does_not_go_together_is_refused(self, query, card, says):
+    def test_what_does_not_go_together_is_refused(self, query, of, says):
         with pytest.raises(UsageError, match=says) as caught:
-            fit(query, card)
+            fit(query, of)
         assert caught.value.hint
 
 

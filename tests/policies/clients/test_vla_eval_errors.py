@@ -27,7 +27,7 @@ from tests.policies.clients.served import (
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.controls import Random
-from vlafuzz.policies.harness import Harness, PartlyAnsweredError
+from vlafuzz.policies.harness import PartlyAnsweredError
 from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
@@ -148,11 +148,11 @@ class TestServerThatGoesAway:
     def test_a_rollout_that_it_leaves_is_not_gone_on_with(self):
         with serving(Rounded(Random())) as name:
             policy = make_policy(name)
-            harness = Harness(policy, start("one"))
-            harness.action(lambda: seen("one"))
+            policy.reset([start("one")])
+            policy.act([seen("one")])
         for _ in range(2):
             with pytest.raises(PolicyError):
-                harness.action(lambda: seen("one"))
+                policy.act([seen("one", 1)])
         policy.close()
 
     def test_another_one_in_its_place_is_noticed(self, opened):

@@ -8,8 +8,7 @@ import struct
 import subprocess
 import sys
 import threading
-import time
-from contextlib import ExitStack, closing
+from contextlib import closing
 from http.client import HTTPConnection
 from urllib.parse import urlsplit
 from urllib.request import urlopen
@@ -305,8 +304,8 @@ def connected(name: str) -> socket.socket:
 
 def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, monkeypatch):
     over = threading.Semaphore(0)
-    close = http.BoundedServer.shutdown_request
-    monkeypatch.setattr(http.BoundedServer, "shutdown_request", lambda *given: (close(*given), over.release()))
+    close = http._Server.shutdown_request
+    monkeypatch.setattr(http._Server, "shutdown_request", lambda *given: (close(*given), over.release()))
     with serving(echo, "http") as name:
         for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
             with connected(name) as client:
@@ -314,35 +313,3 @@ def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, mo
                 client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
             assert over.acquire(timeout=5)
     assert capfd.readouterr().err == ""
-
-
-def ends_after_a_byte(client: socket.socket) -> bool:
-    try:
-        client.sendall(b" ")
-        return client.recv(1 << 16) == b""
-    except TimeoutError:
-        return False
-    except OSError:
-        return True
-
-
-@pytest.mark.parametrize("half", [b"POST /act HT", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n{"])
-def test_a_request_has_to_arrive_in_time_however_often_a_byte_of_it_comes(half, monkeypatch):
-    monkeypatch.setattr(http, "ARRIVAL", 0.2)
-    with serving(Frozen(), "http") as name:
-        with connected(name) as client:
-            client.sendall(half)
-            client.settimeout(0.05)
-            assert any(ends_after_a_byte(client) for _ in range(100))
-        client = make_policy(name)
-        client.reset([start("one")])
-        time.sleep(0.3)  # a simulator may be slow between two requests
-        assert len(client.act([seen("one")])) == 1
-        client.close()
-
-
-def test_connections_beyond_the_bound_are_closed_at_once(monkeypatch):
-    monkeypatch.setattr(http, "CONNECTIONS", 2)
-    with serving(Frozen(), "http") as name, ExitStack() as stack:
-        clients = [stack.enter_context(connected(name)) for _ in range(3)]
-        assert clients[2].recv(1) == b""

@@ -1,10 +1,9 @@
 """LeRobot policies from a folder, which run in this process on the user's own installation of lerobot."""
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from copy import copy
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -41,23 +40,6 @@ class LeRobotOptions(ProfiledOptions):
     device: str | None = Field(default=None, pattern=r"^(cpu|mps|cuda(:\d+)?)$")
 
 
-@dataclass(frozen=True)
-class Card:
-    """What a policy declares about itself; on a CPU it is deterministic.
-
-    ``pictures``: width and height in pixels by key. ``state``, ``actions``: dimensions. ``execute``: actions of a chunk
-    to execute. ``stepwise``: it must see every step, since it keeps a history.
-    """
-
-    kind: str
-    pictures: Mapping[str, tuple[int, int]]
-    state: int
-    actions: int
-    execute: int
-    stepwise: bool = False
-    device: str = "cpu"
-
-
 class LeRobot:
     """A policy from a folder, as lerobot saves it, run in this process: ?profile=libero&device=cuda.
 
@@ -79,8 +61,8 @@ class LeRobot:
             raise UsageError(f"{address.name}: {missing}", hint)
         with needed(address.name, hint=INSTALL), _loading(address.name):
             self._policy, self._before, self._after = _load(folder, address.options.device)
-        self._name, self._card = address.name, _card(address.name, self._policy.config)
-        self._model = Model(address.name, fitted(address.name, address.options, self._card))
+        self._name, self._stepwise = address.name, is_stepwise(self._policy.config)
+        self._model = Model(address.name, fitted(address.name, address.options, self._policy.config))
         self.spec = self._model.spec
         self._live: dict[str, tuple[EpisodeStart, dict[str, Any]]] = {}
 
@@ -124,37 +106,53 @@ class LeRobot:
             torch.manual_seed(int(seed))
             message = {key: np.array(value) for key, value in message.items()}  # lerobot keeps them
             batch = self._before(prepare_observation_for_inference(message, device, task=task))
-            choose = self._policy.select_action if self._card.stepwise else self._policy.predict_action_chunk
+            choose = self._policy.select_action if self._stepwise else self._policy.predict_action_chunk
             actions = self._after(choose(batch))
         memory.update({key: vars(self._policy)[key] for key in memory})
         with read(self._name, "bad_action"):
             return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
 
 
-def fitted(name: str, options: LeRobotOptions, card: Card) -> LeRobotOptions:
-    """The options, completed by what the policy declares; UsageError when they contradict it."""
-    pictures, layout = _pictures(name, options, card), options.layout
+def is_stepwise(config: Any) -> bool:
+    """Whether a policy must see every step, since it keeps a history; ``config``: its ``PreTrainedConfig``."""
+    return config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None
+
+
+def fitted(name: str, options: LeRobotOptions, config: Any) -> LeRobotOptions:
+    """The options, completed by what the policy declares; UsageError when they contradict it.
+
+    ``config``: its ``PreTrainedConfig``. On a CPU it is deterministic.
+    """
+    if config.env_state_feature is not None:
+        message = f"{name}: the policy wants the state of its environment"
+        raise UsageError(message, hint="name one that sees pictures only")
+    if config.action_feature is None:
+        raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
+    pictures, layout = _pictures(name, options, config), options.layout
+    state = int(config.robot_state_feature.shape[0]) if config.robot_state_feature else 0
     width = layout_width(layout) if layout else 0
-    if card.state != width:
-        message = f"{name}: the policy takes {card.state} numbers of state, state={layout or 0} has {width}"
+    if state != width:
+        message = f"{name}: the policy takes {state} numbers of state, state={layout or 0} has {width}"
         raise UsageError(message, hint="name their layout: state=…")
-    expected = 4 + ROTATIONS[options.rotation].width
-    if card.actions != expected:
-        message = f"its actions have {card.actions} numbers, a hand's have {expected} with {options.rotation}"
+    actions, expected = int(config.action_feature.shape[0]), 4 + ROTATIONS[options.rotation].width
+    if actions != expected:
+        message = f"its actions have {actions} numbers, a hand's have {expected} with {options.rotation}"
         raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")
-    if card.stepwise and options.execute not in (None, 1):
-        raise UsageError(f"{name}: {card.kind} remembers past steps, so it sees each", hint="leave execute")
-    execute = 1 if card.stepwise else options.execute or card.execute
-    same = options.deterministic or card.device == "cpu"
+    if is_stepwise(config) and options.execute not in (None, 1):
+        raise UsageError(f"{name}: {config.type} remembers past steps, so it sees each", hint="leave execute")
+    execute = 1 if is_stepwise(config) else options.execute or int(getattr(config, "n_action_steps", 1))
+    same = options.deterministic or str(config.device) == "cpu"
     return options.model_copy(update=pictures | {"execute": execute, "deterministic": same})
 
 
-def _pictures(name: str, options: LeRobotOptions, card: Card) -> dict[str, Any]:
+def _pictures(name: str, options: LeRobotOptions, config: Any) -> dict[str, Any]:
     """The options of the third-person and of the wrist picture, in full."""
-    known = {key.removeprefix(PICTURES): key for key in card.pictures if EMPTY not in key}
+    # Shapes are (3, height, width).
+    sizes = {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()}
+    known = {key.removeprefix(PICTURES): key for key in sizes if EMPTY not in key}
     if len(known) == 1 and not options.wrist and "image_key" not in options.model_fields_set:
         (only,) = known.values()
-        return {"image_key": only, "camera": card.pictures[only], "wrist": False}
+        return {"image_key": only, "camera": sizes[only], "wrist": False}
     named = {} if options.camera == (0, 0) else {("image_key", "camera"): options.image_key}
     named |= {("wrist_key", "wrist_camera"): options.wrist_key} if options.wrist else {}
     if {key.removeprefix(PICTURES) for key in named.values()} != set(known):
@@ -164,28 +162,8 @@ def _pictures(name: str, options: LeRobotOptions, card: Card) -> dict[str, Any]:
     changes: dict[str, Any] = {"wrist": bool(options.wrist)}
     for (key, size), short_name in named.items():
         whole = known[short_name.removeprefix(PICTURES)]
-        changes |= {key: whole, size: card.pictures[whole]}
+        changes |= {key: whole, size: sizes[whole]}
     return changes
-
-
-def _card(name: str, config: Any) -> Card:
-    """The card from lerobot's ``PreTrainedConfig``, whose pictures have the shape (3, height, width)."""
-    if config.env_state_feature is not None:
-        message = f"{name}: the policy wants the state of its environment"
-        raise UsageError(message, hint="name one that sees pictures only")
-    state, actions = config.robot_state_feature, config.action_feature
-    if actions is None:
-        raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
-    sizes = {key: (int(part.shape[2]), int(part.shape[1])) for key, part in config.image_features.items()}
-    return Card(
-        config.type,
-        sizes,
-        state=int(state.shape[0]) if state else 0,
-        actions=int(actions.shape[0]),
-        execute=int(getattr(config, "n_action_steps", 1)),
-        stepwise=config.n_obs_steps > 1 or getattr(config, "temporal_ensemble_coeff", None) is not None,
-        device=str(config.device),
-    )
 
 
 def _load(folder: Path, device: str | None) -> tuple[Any, Any, Any]:

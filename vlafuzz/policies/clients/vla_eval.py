@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation
+from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN, layout_width, sent
+from vlafuzz.policies.clients.conventions import LAYOUTS, MEASURED, OWN, sent
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.options import SIDE, CommonOptions, ProfiledOptions, VlaEvalOptions
@@ -127,15 +127,6 @@ def declared_actions(spec: ActionSpec) -> dict[str, dict[str, Any]]:
         "rotation": {"name": "rotation", "dims": 3, "format": rotations.get(spec.rotation, UNDECLARED)},
         "gripper": {"name": "gripper", "dims": 1, "format": grippers[spec.gripper]},
     }
-
-
-def declared_observations(cameras: Sequence[CameraRequest], layout: str | None) -> dict[str, dict[str, Any]]:
-    """Our observations in vla-eval's terms. ``layout``: of the proprioception, None for none."""
-    parts = {camera.name: (PICTURE, 0) for camera in cameras}
-    if layout is not None:
-        parts["state"] = (layout, layout_width(layout))
-    parts["language"] = ("language", 0)
-    return {name: {"name": name, "dims": dims, "format": kind} for name, (kind, dims) in parts.items()}
 
 
 def _layout(name: str, hello: Hello, options: VlaEvalOptions) -> str | None:

@@ -8,7 +8,6 @@ import logging
 import select
 import socket
 import struct
-import threading
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -175,33 +174,18 @@ class HttpConnection:
             self._line.request("POST", self._path, body, {"Content-Type": "application/json", **headers})
 
     def reply(self, wait: float) -> tuple[int, bytes]:
-        """Status and body of the response, within ``wait`` seconds."""
-        over, sock = threading.Event(), self._line.sock
-
-        def end() -> None:
-            over.set()
-            with suppress(OSError):  # closed already
-                sock.shutdown(socket.SHUT_RDWR)
-
-        timer = threading.Timer(max(wait, 0.001), end)  # a socket's own timeout begins anew with every byte
-        timer.daemon = True
-        timer.start()
-        try:
-            with _blamed(self.url, wait):
-                sock.settimeout(max(wait, 0.001))
-                with self._line.getresponse() as response:
-                    body = b""
-                    while more := response.read1(1 << 16):
-                        body += more
-                        if len(body) > MAX_BYTES:
-                            raise _too_large(self.url)
-        except PolicyError:
-            if not over.is_set():
-                raise
-        finally:
-            timer.cancel()
-        if over.is_set():
-            raise _late(self.url, wait)
+        """Status and body of the response, of which something has to come within ``wait`` seconds, and then all."""
+        until = time.monotonic() + wait
+        with _blamed(self.url, wait):
+            self._line.sock.settimeout(max(wait, 0.001))
+            with self._line.getresponse() as response:
+                body = b""
+                while more := response.read1(1 << 16):
+                    body += more
+                    if len(body) > MAX_BYTES:
+                        raise _too_large(self.url)
+                    if time.monotonic() > until:
+                        raise TimeoutError
         return response.status, body
 
 

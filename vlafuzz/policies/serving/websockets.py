@@ -16,7 +16,7 @@ from vlafuzz.common.reading import array_of, decoded
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
 from vlafuzz.policies.clients.openpi import OpenPiOptions
-from vlafuzz.policies.clients.vla_eval import PROTOCOL_VERSION, declared_actions, declared_observations
+from vlafuzz.policies.clients.vla_eval import PICTURE, PROTOCOL_VERSION, declared_actions
 from vlafuzz.policies.clients.wire import ROLLOUT, short
 from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession, RolloutHeader, ServedPolicy
 
@@ -116,6 +116,8 @@ def _reply(
     spec = served.spec
     if kind == "hello":
         wrist = any(camera.role == "wrist" for camera in spec.cameras)
+        observed = [(camera.name, 0, PICTURE) for camera in spec.cameras]
+        observed += [("state", 7, OWN)] * spec.state + [("language", 0, "language")]
         return kind, {
             "harness_version": __version__,
             "protocol_version": PROTOCOL_VERSION,
@@ -123,7 +125,7 @@ def _reply(
             "capabilities": {},
             "observation_params": {"send_state": spec.state, "send_wrist_image": wrist},
             "action_spec": declared_actions(spec.action),
-            "observation_spec": declared_observations(spec.cameras, OWN if spec.state else None),
+            "observation_spec": {name: {"name": name, "dims": dims, "format": kind} for name, dims, kind in observed},
         }
     if kind == "episode_start":
         session.expect(RolloutHeader.model_validate(payload.get("task", {})))
