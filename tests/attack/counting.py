@@ -1,7 +1,6 @@
-"""Runs mutated inputs in child processes with bounds on time and memory, and counts the reactions."""
+"""Runs mutated inputs in a child process with bounds on time and memory, and counts the reactions."""
 
 import logging
-import multiprocessing
 import resource
 import shutil
 import signal
@@ -10,10 +9,11 @@ import time
 import traceback
 import warnings
 import zlib
-from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,10 +26,8 @@ from tests.attack.stored import STORED
 from tests.attack.used import USED
 from tests.attack.wires import FRAMES
 
-TARGETS: dict[str, tuple[Reader, int]] = {
-    **READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS
-}  # fmt: skip
-SECONDS = 5.0  # that a reaction may take, not counting those in which other processes have the processor
+TARGETS: dict[str, tuple[Reader, int]] = {**READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS}
+SECONDS = 5.0  # of a processor that a reaction may take
 MEMORY = 1 << 30  # bytes that it may take beyond what the process has
 SLICE = 250  # inputs of one child
 
@@ -47,29 +45,22 @@ class Count:
     accepted: int = 0
     hangs: int = 0
     tracebacks: int = 0
-    seconds: float = 0.0
     slowest: float = 0.0
-    mebibytes: int = 0
     faults: dict[str, str] = field(default_factory=dict)  # one for each place in the code
 
     def add(self, number: int, kind: str, detail: str, seconds: float) -> None:
         """Count the reaction to an input; a traceback's detail begins with its place."""
         self.inputs += 1
-        self.seconds, self.slowest = self.seconds + seconds, max(self.slowest, seconds)
+        self.slowest = max(self.slowest, seconds)
         setattr(self, kind, getattr(self, kind) + 1)
         if detail:
             self.faults.setdefault(detail.partition("\n")[0], f"input {number}: {detail}")
 
 
-def reaction(name: str, seed: int, number: int, seconds: float = 0.0) -> tuple[str, str]:
-    """What a reader makes of an input: ``accepted``, ``refused``; ``tracebacks`` or ``hangs``, with where.
-
-    ``seconds``: after which it hangs; 0 for no limit.
-    """
+def reaction(name: str, seed: int, number: int) -> tuple[str, str]:
+    """What a reader makes of an input: ``accepted``, ``refused``; ``tracebacks`` or ``hangs``, with where."""
     rng = np.random.default_rng([seed, zlib.crc32(name.encode()), number])
     folder = Path(tempfile.mkdtemp(prefix="attack-"))
-    _waited[0] = _waiting()
-    signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         TARGETS[name][0](rng, folder)
     except HangError as error:
@@ -77,7 +68,6 @@ def reaction(name: str, seed: int, number: int, seconds: float = 0.0) -> tuple[s
     except Exception as error:
         return ("refused", "") if is_fair(error) else ("tracebacks", _place(error))
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
         shutil.rmtree(folder, ignore_errors=True)
     return "accepted", ""
 
@@ -85,79 +75,47 @@ def reaction(name: str, seed: int, number: int, seconds: float = 0.0) -> tuple[s
 def count(name: str, inputs: int, seed: int, first: int = 0) -> Count:
     """The reactions to the inputs from ``first`` on."""
     samples.make_all()
-    counted, number = Count(), first
-    while number < first + inputs:
-        last = min(number + SLICE, first + inputs)
-        for done, kind, detail, seconds, mebibytes in _slice(name, seed, number, last):
-            counted.add(done, kind, detail, seconds)
-            counted.mebibytes = max(counted.mebibytes, mebibytes)
-        number = first + counted.inputs
+    counted, numbers = Count(), iter(range(first, first + inputs))
+    while counted.inputs < inputs:
+        with ProcessPoolExecutor(1, get_context("fork"), _bound) as child:
+            for number, _ in zip(numbers, range(SLICE), strict=False):
+                try:
+                    counted.add(number, *child.submit(_timed, name, seed, number).result(12 * SECONDS))
+                except BrokenProcessPool:
+                    counted.add(number, "tracebacks", "the process died", 0.0)
+                    break
+                except TimeoutError:
+                    counted.add(number, "hangs", "hangs in a library", 12 * SECONDS)
+                    for process in child._processes.values():
+                        process.kill()
+                    break
     return counted
 
 
-def _slice(name: str, seed: int, first: int, last: int) -> Iterator[tuple[int, str, str, float, int]]:
-    """The reactions to some inputs; ends at an input that the child does not survive."""
-    context = multiprocessing.get_context("fork")
-    ours, theirs = context.Pipe()
-    child = context.Process(target=_work, args=(theirs, name, seed, first, last))
-    child.start()
-    theirs.close()
-    try:
-        for number in range(first, last):
-            try:
-                if not ours.poll(12 * SECONDS):
-                    yield number, "hangs", "hangs in a library", 12 * SECONDS, 0
-                    return
-                yield (number, *ours.recv())
-            except EOFError:
-                child.join()
-                yield number, "tracebacks", f"the process died: {child.exitcode}", 0.0, 0
-                return
-    finally:
-        child.kill()
-        child.join()
-        ours.close()
-
-
-def _work(pipe: Any, name: str, seed: int, first: int, last: int) -> None:
+def _bound() -> None:
+    """In the child."""
     logging.disable()
     warnings.simplefilter("ignore")
-    signal.signal(signal.SIGALRM, _alarm)
-    before = _pages(1)
-    limit = _pages(0) + MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-    for number in range(first, last):
-        began = time.monotonic() - _waiting()
-        kind, detail = reaction(name, seed, number, SECONDS)
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-        pipe.send((kind, detail, time.monotonic() - _waiting() - began, max(0, peak - before) >> 20))
+    signal.signal(signal.SIGPROF, _alarm)
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY,) * 2)
 
 
-def _pages(column: int) -> int:
-    pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[column]
-    return int(pages) * resource.getpagesize()
-
-
-_waited = [0.0]  # seconds that this process had waited for a processor when the present input began
-
-
-def _waiting() -> float:
-    """Seconds for which this process was ready to run, but did not."""
-    return int(Path("/proc/self/schedstat").read_text(encoding="ascii").split()[1]) / 1e9
+def _timed(name: str, seed: int, number: int) -> tuple[str, str, float]:
+    began = time.process_time()
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        return *reaction(name, seed, number), time.process_time() - began
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
 
 
 def _alarm(*_: object) -> None:
-    now = _waiting()
-    waited, _waited[0] = now - _waited[0], now
-    if waited < 0.1:
-        raise HangError
-    signal.setitimer(signal.ITIMER_REAL, waited)
+    raise HangError
 
 
 def _place(error: BaseException) -> str:
     frames = traceback.extract_tb(error.__traceback__)
-    own = [
-        frame for frame in frames if "/vlafuzz/vlafuzz/" in frame.filename or "vlafuzz" in Path(frame.filename).parts
-    ]
+    own = [frame for frame in frames if "vlafuzz" in Path(frame.filename).parts]
     last = (own or frames)[-1]
     return f"{type(error).__name__} at {last.filename}:{last.lineno}\n{str(error)[-800:]}"
