@@ -17,12 +17,13 @@ import yaml
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv
+from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.tabletop.lint import lint
+from vlafuzz.worlds.tabletop.lint import TableLinter
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
@@ -30,7 +31,7 @@ from vlafuzz.worlds.tabletop.vlatest import read_scene_file
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
-CATALOGUE, RANGES = samples.CATALOGUE, load_operators()
+CATALOGUE = samples.CATALOGUE
 FRAMES = ("fit", "keep", "original", "robot")
 
 
@@ -105,8 +106,8 @@ def policy_name(rng: Rng, folder: Path) -> None:
 
 
 def _lint(path: Path, frame: Any) -> None:
-    judged = lint(read_scene_file(path, CATALOGUE, frame), CATALOGUE, 0.15, RANGES.visible)
-    json.dumps(judged.row(), allow_nan=False)
+    verdicts = TableLinter(CATALOGUE).lint(path, frame, None, SILENT, settle=False)
+    json.dumps(verdicts.counts, allow_nan=False)
 
 
 def scene_lines(rng: Rng, folder: Path) -> None:
