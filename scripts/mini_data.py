@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from vlafuzz.policies.mini import words
-from vlafuzz.policies.mini.actions import HORIZON, LONG, proprioception
+from vlafuzz.policies.mini.model import HORIZON, LONG, proprioception
 
 HELD_OUT = 50  # every 50th episode is for validation
 ABOUT = "card.json"  # beside the demonstrations: what the card of weights is to say of the world

@@ -24,8 +24,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 from torch.nn import functional
 
-from vlafuzz.policies.mini.actions import BINS, decode, to_bins
-from vlafuzz.policies.mini.model import WATCHED, Network
+from vlafuzz.policies.mini.model import BINS, WATCHED, Network, decode, to_bins
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS
 
 SOFT = 1.0  # bins, standard deviation of a label

@@ -237,7 +237,7 @@ class TestProfiles:
     @pytest.mark.parametrize(
         ("options", "says"),
         [
-            ({"profile": AWAY}, "does not name another"),
+            ({"profile": AWAY}, "names another one"),
             ({"camera": AWAY}, "camera: expected pixels"),
             ({"url": AWAY}, "unknown option 'url'"),
         ],

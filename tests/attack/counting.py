@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from tests.attack import samples
-from tests.attack.folders import FOLDERS
 from tests.attack.reactions import is_fair
 from tests.attack.readers import READERS, Reader
 from tests.attack.servers import SERVERS
@@ -26,7 +25,7 @@ from tests.attack.stored import STORED
 from tests.attack.used import USED
 from tests.attack.wires import FRAMES
 
-TARGETS: dict[str, tuple[Reader, int]] = {**READERS, **STORED, **FOLDERS, **USED, **FRAMES, **SERVERS}
+TARGETS: dict[str, tuple[Reader, int]] = {**READERS, **STORED, **USED, **FRAMES, **SERVERS}
 SECONDS = 5.0  # of a processor that a reaction may take
 MEMORY = 1 << 30  # bytes that it may take beyond what the process has
 SLICE = 250  # inputs of one child

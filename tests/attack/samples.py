@@ -22,7 +22,6 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.clients.options import PROFILES
-from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -88,17 +87,7 @@ def untriaged() -> Path:
     return write_store(folder() / "untriaged.db", findings=2, triaged=1, policy="frozen")
 
 
-@cache
-def mini() -> Path:
-    """A folder of weights."""
-    place = folder() / "mini"
-    place.mkdir(exist_ok=True)
-    for name in (CARD, WEIGHTS):
-        shutil.copy(SHIPPED / name, place)
-    return place
-
-
 def make_all() -> None:
     """Make all samples; an error in this is none of the readers that are attacked."""
-    for make in (scenes, vlatest, pack, mini, corpus, store, untriaged):
+    for make in (scenes, vlatest, pack, corpus, store, untriaged):
         make()

@@ -1,9 +1,11 @@
 """Answers that differ between two processes are found, with their usual reason."""
 
+import os
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from tests.doctor.planted import SPEC
 from tests.policies.clients.served import seen, start
 from tests.policies.clients.test_openpi import scripted
 from vlafuzz.campaign.config import RunConfig, plan
@@ -11,9 +13,47 @@ from vlafuzz.doctor import Check
 from vlafuzz.doctor.exam import check_answers
 from vlafuzz.doctor.probes import Moment
 from vlafuzz.doctor.verdicts import on_answers
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.rollouts.policies import make_policy
 
-PLANTED = "python:tests.doctor.planted"
+PLANTED = "python:tests.doctor.test_answers"
+SPEC = PolicySpec("planted", state=True)
+
+
+class Planted:
+    """Answers with its rollout's seed and with what ``more`` gives, centimetres."""
+
+    spec = SPEC
+
+    def __init__(self, more):
+        self._more = more
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self._seed = episodes[0].seed
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(np.full((1, 7), 0.01 * (self._seed + self._more()))) for _ in observations]
+
+    def close(self) -> None:
+        pass
+
+
+def fine() -> Planted:
+    return Planted(lambda: 0)
+
+
+def unseeded() -> Planted:
+    return Planted(np.random.random)
+
+
+def by_process() -> Planted:
+    return Planted(lambda: os.getpid() % 1000)
+
+
+def dying() -> Planted:
+    return Planted(lambda: os._exit(1))
+
+
 MOMENTS = [Moment(start(name, seed), seen(name, seed), np.zeros((1, 7))) for seed, name in enumerate(("one", "two"))]
 
 

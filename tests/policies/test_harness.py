@@ -121,13 +121,6 @@ def test_angles_are_scaled_first_and_become_a_rotation_vector(rotation, order):
     assert action[3:6] == pytest.approx((one * two * three).as_rotvec())
 
 
-@pytest.mark.parametrize("rotation", ["axis_angle", "euler_xyz", "rpy"])
-@pytest.mark.parametrize("axis", [3, 4, 5])
-def test_a_turn_about_one_axis_is_the_same_either_way(rotation, axis):
-    action = np.eye(7)[axis] * 0.3
-    assert first(Dictated(chunk_of(*action), rotation=rotation))[3:6] == pytest.approx(action[3:6])
-
-
 @pytest.mark.parametrize(
     ("convention", "values"),
     [

@@ -18,7 +18,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini import words
-from vlafuzz.policies.mini.actions import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
+from vlafuzz.policies.mini.model import BINS, FARTHEST, decode, from_bins, proprioception, to_bins
 from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, read_card
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import default_policy

@@ -246,14 +246,6 @@ def black(moment: Moment, _: Moment) -> Moment:
     return _shown(moment, images=images, outlines=outlines)
 
 
-def noise(moment: Moment, _: Moment) -> Moment:
-    """Pictures of noise, reproducible for the moment."""
-    rng = np.random.default_rng([moment.start.seed, moment.seen.step])
-    shapes = {name: picture.shape for name, picture in moment.seen.images.items()}
-    images = {name: rng.integers(0, 256, shape, np.uint8) for name, shape in shapes.items()}
-    return _shown(moment, images=images)
-
-
 def elsewhere(moment: Moment, other: Moment) -> Moment:
     """The view of another scene."""
     seen = other.seen
@@ -284,7 +276,7 @@ def moved(moment: Moment, _: Moment) -> Moment:
 def sights(spec: PolicySpec) -> Mapping[str, Probe]:
     """The visual probes for a policy, by name; the last one shows another scene. Empty for a blind spec."""
     if spec.cameras:
-        return {"black pictures": black, "noise": noise, "another scene's picture": elsewhere}
+        return {"black pictures": black, "another scene's picture": elsewhere}
     if spec.silhouettes:
         return {"an empty table": black, "another scene's outlines": elsewhere}
     return {"another scene's state": elsewhere} if spec.privileged else {}

@@ -4,9 +4,7 @@ import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from http.client import HTTPConnection, HTTPException
 from typing import Any
-from urllib.parse import urlsplit
 
 import msgpack
 import numpy as np
@@ -14,7 +12,7 @@ import zmq
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.policies.clients import listening
+from tests.policies.clients.served import websocket
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.groot import GrootOptions
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
@@ -69,18 +67,10 @@ class Faults:
 
 @contextmanager
 def relayed(name: str, faults: Faults) -> Iterator[str]:
-    """The name of a server behind a relay."""
-    address, question, query = name.partition("?")
-    protocol = "http" if address.startswith("http") else "ws"
-    scheme, _, _ = address.partition("://")
-    target = f"{protocol}://{address.partition('://')[2]}"
-    relay = _relay_posts if protocol == "http" else _relay_frames
-    with relay(target, faults) as port:
-        yield f"{scheme}://127.0.0.1:{port}{urlsplit(target).path}{question}{query}"
+    """The name of a server of WebSockets behind a relay."""
+    protocol, _, address = name.partition(":")
+    target, _, query = address.partition("?")
 
-
-@contextmanager
-def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
     def session(client: Any) -> None:
         header = client.request.headers.get(ROLLOUT)
         headers = {ROLLOUT: header} if header else {}
@@ -102,48 +92,9 @@ def _relay_frames(target: str, faults: Faults) -> Iterator[int]:
                 server.send(frame)
         server.close()
 
-    with listening.websocket(session) as port:
+    with websocket(session) as port:
         try:
-            yield port
-        finally:
-            faults.over.set()
-
-
-@contextmanager
-def _relay_posts(target: str, faults: Faults) -> Iterator[int]:
-    class Handler(listening.Posts):
-        """A connection, and its own connection to the server."""
-
-        def setup(self) -> None:
-            super().setup()
-            self.line = HTTPConnection(urlsplit(target).netloc)
-
-        def finish(self) -> None:
-            self.line.close()
-            super().finish()
-
-        def posted(self) -> None:
-            body = self.body()
-            try:
-                self.line.request("POST", self.path, body, {ROLLOUT: self.headers[ROLLOUT]})
-                reply = self.line.getresponse()
-                status, answer = reply.status, reply.read()
-            except (OSError, HTTPException):
-                status, answer, fault = 502, b"", "cut"
-            else:
-                fault = faults.next()
-            if fault == "drop":
-                faults.over.wait(2 * faults.seconds)
-            if fault in ("drop", "cut"):
-                self.close_connection = True
-                return
-            answer = {"garbage": GARBAGE, "huge": HUGE, "error": b'"error"'}.get(fault, answer)
-            with suppress(OSError):
-                self.answer(status, answer)
-
-    with listening.http(Handler) as server:
-        try:
-            yield server.server_port
+            yield f"{protocol}:ws://127.0.0.1:{port}?{query}"
         finally:
             faults.over.set()
 

@@ -14,8 +14,8 @@ from vla_eval import serve_background
 from vla_eval.model_servers.predict import PredictModelServer
 from vla_eval.specs import DimSpec
 from websockets.protocol import State
+from websockets.sync.server import serve
 
-from tests.policies.clients import listening
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.rollouts.policies import make_policy
@@ -155,6 +155,20 @@ class Answering(PredictModelServer):
         return {name: DimSpec(name, 0, kind) for name, kind in self._declared.get("observation", {}).items()}
 
 
+@contextmanager
+def websocket(session: Callable[[Any], None], **options: Any) -> Iterator[int]:
+    """The port of a server of WebSockets."""
+    options = {"compression": None, "max_size": None, "close_timeout": 1} | options
+    server = serve(session, "127.0.0.1", 0, **options)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield int(server.socket.getsockname()[1])
+    finally:
+        server.shutdown()
+        thread.join()
+
+
 HELLO = {"protocol_version": 1, "harness_version": "0", "model_server": "Scripted"}
 CLOSE, HANG = object(), object()
 
@@ -183,7 +197,7 @@ def scripted(*replies: Any, hello: Any = HELLO) -> Iterator[str]:
         else:
             connection.send(answer(number) if callable(answer) else answer)
 
-    with listening.websocket(session, max_queue=1) as port:
+    with websocket(session, max_queue=1) as port:
         yield f"vla-eval:ws://127.0.0.1:{port}"
 
 

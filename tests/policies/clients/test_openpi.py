@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.policies.clients import listening
-from tests.policies.clients.served import CLOSE, HANG, STATE, asked, failure
+from tests.policies.clients.served import CLOSE, HANG, STATE, asked, failure, websocket
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.rollouts.policies import make_policy
@@ -40,7 +39,7 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
             else:
                 connection.send(reply if isinstance(reply, bytes | str) else pack_openpi(reply))
 
-    with listening.websocket(session) as port:
+    with websocket(session) as port:
         yield f"openpi:ws://127.0.0.1:{port}", requests
 
 
@@ -92,10 +91,7 @@ class TestWrongAnswers:
             (b"\xc1garbage", "protocol", "not an openpi message: 8 bytes"),
             (b"\x01", "protocol", "no dictionary, but 1"),
             ({"action": STILL}, "bad_action", r"without actions, but \['action'\]"),
-            ({"actions": None}, "bad_action", "no numbers: None"),
-            ({"actions": STILL[0, :6]}, "bad_action", r"actions of shape \(1, 6\)"),
             ({"actions": np.zeros((10, 32))}, "bad_action", r"actions of shape \(10, 32\)"),
-            ({"actions": STILL * np.nan}, "bad_action", "not finite"),
             ({"actions": STILL, "x": bytes(5 << 20)}, "protocol", "more than 4 MiB"),
             ({"actions": OF_OBJECTS}, "protocol", "an array of object"),
             ({"actions": {b"__ndarray__": True, b"data": b"1"}}, "protocol", "KeyError"),

@@ -5,13 +5,13 @@ import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.policies.clients import listening
 from tests.policies.clients.served import black, failure, seen, start
 from vlafuzz.policies.clients.openvla import decode, encode, request
 from vlafuzz.rollouts.policies import make_policy
@@ -31,9 +31,15 @@ def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, thre
     """
     left, requests, over = list(replies), [], threading.Event()
 
-    class Handler(listening.Posts):
-        def posted(self) -> None:
-            requests.append((self.path, self.body(), self.headers.get("Vlafuzz-Rollout")))
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+        def do_POST(self) -> None:
+            body = self.rfile.read(int(self.headers["Content-Length"]))
+            requests.append((self.path, body, self.headers.get("Vlafuzz-Rollout")))
             reply = left.pop(0)
             if isinstance(reply, float):
                 over.wait(reply)
@@ -41,14 +47,20 @@ def scripted(*replies: Any, keep: bool = True) -> Iterator[tuple[str, list, thre
                 self.wfile.write(reply)
                 self.close_connection = True
             else:
-                self.answer(reply[0], reply[1].encode())
+                self.send_response(reply[0])
+                self.send_header("Content-Length", str(len(reply[1])))
+                self.end_headers()
+                self.wfile.write(reply[1].encode())
                 self.close_connection = not keep
 
-    with listening.http(Handler) as server:
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        server.daemon_threads, server.block_on_close = True, False
         shut, closed = server.shutdown_request, threading.Semaphore(0)
         server.shutdown_request = lambda request: shut(request) or closed.release()
+        threading.Thread(target=server.serve_forever, args=(0.02,)).start()
         yield f"http://127.0.0.1:{server.server_port}/act", requests, closed
         over.set()
+        server.shutdown()
 
 
 def answered(*replies: Any, options: str = "?camera=0", keep: bool = True) -> tuple[list, list]:

@@ -109,8 +109,6 @@ class TestOwn:
         [
             ("about: [", "not YAML: while parsing"),
             ("- a", "mine.yaml: input should be"),
-            ("about: a", "mine.yaml: source: field required"),
-            ("about: a\nsource: b\noptions: 3\nprotocols: {}", "options: input should be a"),
             ("about: a\nsource: b\noptions: {}\nprotocols: {http: {}}", "says nothing about openpi"),
             ("about: a\nsource: b\noptions: {camara: 1}\nprotocols: {openpi: {}}", "unknown option 'camara'"),
             ("about: a\nsource: b\noptions: {state: 7}\nprotocols: {openpi: {}}", "unknown state 7"),

@@ -1,6 +1,5 @@
 """Faults on the way to a model are the policy's errors, with their causes."""
 
-import re
 import time
 from collections.abc import Callable
 
@@ -14,7 +13,6 @@ from tests.policies.clients.served import (
     HELLO,
     Answering,
     Rounded,
-    asked,
     black,
     failure,
     message,
@@ -49,21 +47,11 @@ GOOD = says({"actions": STILL})
 class TestWrongAnswers:
     """Errors of a real server with a bad model, and of our own servers that break the protocol."""
 
-    @pytest.mark.parametrize(
-        ("answer", "says"),
-        [
-            ([0.0] * 6, r"actions of shape \(1, 6\)"),
-            (np.zeros((2, 3, 7)), r"actions of shape \(2, 3, 7\)"),
-            (np.zeros((0, 7)), r"actions of shape \(0, 7\)"),
-            ([np.nan, *STILL[1:]], "an action is not finite"),
-            ([[0.0, 1], [np.inf] * 2], r"actions of shape \(2, 2\)"),
-        ],
-    )
-    def test_of_a_model(self, answer, says):
-        with serving(Answering(lambda _: np.array(answer))) as name:
+    def test_of_a_model(self):
+        with serving(Answering(lambda _: np.zeros((2, 3, 7)))) as name:
             error = failure(f"{name}?camera=0")
         assert error.cause == "bad_action"
-        assert re.search(says, error.message)
+        assert "actions of shape (2, 3, 7)" in error.message
 
     def test_an_error_of_the_model_is_told(self):
         with serving(Answering(lambda message: message["nothing"])) as name:
@@ -92,9 +80,6 @@ class TestWrongAnswers:
             (says(HELLO, "hello"), "protocol", "expected the message 'action'"),
             (says({"error": "no\nmemory"}, "error"), "remote", ": no memory"),
             (says({}), "bad_action", "a reply without actions, but []"),
-            (says({"actions": None}), "bad_action", "no numbers: None"),
-            (says({"actions": ["up"] * 7}), "bad_action", "no numbers"),
-            (says({"actions": [[1], [1, 2]]}), "bad_action", "inhomogeneous"),
             (says({"actions": STILL, "more": bytes(5 << 20)}), "protocol", "more than 4 MiB"),
             (says({"actions": array("|O", b"")}), "protocol", "an array of object"),
             (says({"actions": array("<f8", bytes(48))}), "protocol", "reshape"),
@@ -114,10 +99,6 @@ class TestWrongAnswers:
         assert (error.cause, error.hint) == ("timeout", "the option timeout=… waits longer")
         assert error.message.endswith(": no reply within 0.2 s")
         assert time.monotonic() - began < 5
-
-    def test_a_slow_server_is_waited_for(self):
-        with serving(Answering(lambda _: time.sleep(0.3) or STILL)) as name:
-            assert asked(f"{name}?camera=0&timeout=20") == [STILL]
 
     def test_a_server_that_stops_reading_runs_out_of_time(self):
         with scripted(HANG) as name:

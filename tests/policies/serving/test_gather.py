@@ -98,17 +98,6 @@ def test_one_that_says_nothing_is_not_waited_for_long():
     assert policy.batches == [1]
 
 
-def test_requests_that_come_one_after_the_other_are_gathered_although_all_take_longer_than_one_may():
-    gathered = rolling(policy := Counter(), 5, wait=1.0)
-
-    def later(caller: int) -> None:
-        time.sleep(0.3 * caller)
-        gathered.ask(caller, act())
-
-    at_once(later, 5)
-    assert policy.batches == [5]
-
-
 def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():
     class Gone(Counter):
         def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:

@@ -179,7 +179,7 @@ class TestErrors:
     @pytest.mark.parametrize(
         ("query", "says"),
         [
-            ("&camera=0", "observation/image|0 pictures|the picture 'front' is NoneType"),
+            ("&camera=0", "no 'observation/image'|0 pictures|no 'image' in the observation"),
             ("&state=eef_pos3_axisangle3_gripper2", "proprioception of shape (8,), expected 7 numbers"),
         ],
     )

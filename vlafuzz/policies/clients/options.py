@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import UsageError, suggestion
@@ -188,13 +188,6 @@ class Profile(BaseModel, extra="forbid", frozen=True):
     options: Mapping[str, Any]
     protocols: Mapping[str, Mapping[str, Any]]
 
-    @field_validator("options")
-    @classmethod
-    def _names_no_other(cls, options: Mapping[str, Any]) -> Mapping[str, Any]:
-        if "profile" in options:
-            raise ValueError("a profile does not name another one")
-        return options
-
     def options_for(self, protocol: str) -> Mapping[str, Any] | None:
         """All options for a protocol; None when no server of that protocol serves such models."""
         return {**self.options, **self.protocols[protocol]} if protocol in self.protocols else None
@@ -223,4 +216,6 @@ def profile_options(name: str, protocol: str) -> Mapping[str, Any]:
     if options is None:
         message = f"the profile {name!r} says nothing about {protocol}"
         raise UsageError(message, hint=f"it covers {', '.join(profile.protocols)}")
+    if "profile" in options:
+        raise UsageError(f"the profile {name!r} names another one", hint="leave that out")
     return options

@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 from pydantic import ValidationError
 
+from vlafuzz.common.reading import first_problem
 from vlafuzz.errors import PrerequisiteError, UsageError, install, suggestion
 from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.clients.options import CommonOptions, profile_options
@@ -156,7 +157,4 @@ def _explained(name: str, kind: type[CommonOptions], error: ValidationError) -> 
     if first["type"] == "literal_error":
         known = re.findall(r"'([^']+)'", first["ctx"]["expected"])
         return UsageError(f"{name!r}: unknown {option} {value!r}", suggestion(str(value), known))
-    if first["type"] == "value_error":
-        return UsageError(f"{name!r}: {option}: {first['ctx']['error']}")
-    message = first["msg"].partition(",")[0]
-    return UsageError(f"{name!r}: {option}: {message[0].lower()}{message[1:]}, got {value!r}")
+    return UsageError(f"{name!r}: {first_problem(error)}")

@@ -125,7 +125,7 @@ class Mini:
     def _act(self, seen: Observation) -> ActionChunk:
         import torch
 
-        from vlafuzz.policies.mini.actions import HORIZON, LONG, decode, proprioception
+        from vlafuzz.policies.mini.model import HORIZON, LONG, decode, proprioception
 
         names = [camera.name for camera in self.spec.cameras]
         if not seen.images.keys() >= set(names) or seen.state is None:

@@ -86,4 +86,5 @@ class _Acting(BaseHTTPRequestHandler):
         if not isinstance(message, dict):
             raise ValueError(f"no observation, but {type(message).__name__}")
         keys = ActOptions()
-        return self._session.act_on({keys.image_key: message.get("full_image"), **message}, keys)
+        others = {keys.image_key: message["full_image"]} if "full_image" in message else {}  # OpenVLA-OFT's
+        return self._session.act_on(others | message, keys)

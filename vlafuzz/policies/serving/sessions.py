@@ -19,6 +19,7 @@ from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
 from vlafuzz.policies.clients.options import ProfiledOptions
+from vlafuzz.policies.clients.wire import short
 
 MAX_BYTES = 64 << 20  # of an observation
 # Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
@@ -128,14 +129,13 @@ class ClientSession:
         self.end()
         self._header = header
 
-    def needs(self, keys: ProfiledOptions) -> list[str]:
-        """The keys that an observation must have: pictures, and then the instruction."""
-        key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
-        return [*(key_of[camera.role] for camera in self._spec.cameras), keys.instruction_key]
-
     def act_on(self, message: Mapping[Any, Any], keys: ProfiledOptions) -> NDArray[np.float64]:
         """``act`` on an observation under such keys."""
-        *pictures, instruction = (message.get(key) for key in self.needs(keys))
+        key_of = {"third_person": keys.image_key, "wrist": keys.wrist_key}
+        needed = [*(key_of[camera.role] for camera in self._spec.cameras), keys.instruction_key]
+        if missing := [key for key in needed if key not in message]:
+            raise ValueError(f"no {missing[0]!r} in the observation, but {short(sorted(map(str, message)))}")
+        *pictures, instruction = (message[key] for key in needed)
         return self.act(instruction, pictures, message.get(keys.state_key))
 
     def act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
