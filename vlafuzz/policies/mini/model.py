@@ -1,4 +1,4 @@
-"""The network: a small convolutional net, conditioned on the instruction by FiLM, with soft keypoints; and its encodings.
+"""The network: a small convolutional net, conditioned on the instruction by FiLM, with soft keypoints; its encodings.
 
 A miniature of RT-1 (Brohan et al. 2022, <https://arxiv.org/abs/2212.06817>: FiLM, binned actions) with the spatial soft
 argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of tokens, and with action chunks.
