@@ -8,17 +8,21 @@ Needs scripts/setup-libero. Runs for minutes: LIBERO itself draws four to eight 
 """
 
 import argparse
+import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tests.worlds.similarity import similarity
 from vlafuzz.worlds.libero.env import SEED, LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet, versions
 from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.suites import SUITES, LiberoTask, find_task, find_tasks, initial_states
-from vlafuzz.worlds.similarity import similarity
 
 SIZE = 224
 Step = tuple[NDArray[np.float64], NDArray[np.float64], list[NDArray[np.uint8]]]  # state, (8,), pictures

@@ -24,6 +24,7 @@ os.environ.setdefault("LP_NUM_THREADS", "0")
 
 import argparse
 import json
+import sys
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -31,6 +32,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from itertools import count
 from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -40,12 +42,14 @@ import torch
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
 from numpy.typing import NDArray
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from tests.worlds.similarity import similarity
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.similarity import similarity
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 from vlafuzz.worlds.tabletop.sim import cameras as camera_module

@@ -125,7 +125,7 @@ class Toy:
     def __init__(self, tasks):
         self.tasks = tasks
 
-    def audit(self, name, scope):
+    def audit(self, name, states, watch):
         return AuditedSuite(name, "Toy 1.0", tuple(self.tasks))
 
 

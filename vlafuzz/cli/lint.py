@@ -14,7 +14,7 @@ from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
 from vlafuzz.errors import UsageError, check_number, sentence
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.worlds import known_worlds, world_with
-from vlafuzz.worlds.audit import CHECKS, AuditedSuite, Scope
+from vlafuzz.worlds.audit import CHECKS, AuditedSuite
 from vlafuzz.worlds.capabilities import Audited, FileVerdicts, Frame, SceneFormats
 
 FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
@@ -44,9 +44,6 @@ def lint(
     ] = None,
     pack: PackFlag = None,
     states: Annotated[int | None, option("Of a suite: the first initial states of each task.", "all")] = None,
-    pictures: Annotated[
-        Path | None, option("Of a suite: folder for a picture of each task's first state with each defect.")
-    ] = None,
     verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
     json: JsonFlag = False,
 ) -> None:
@@ -65,9 +62,9 @@ def lint(
     if suites:
         of_files = {"--static": static, "--frame": frame, "--min-distance": min_distance}
         refuse(of_files | {"--pack": pack}, "a suite's initial states are checked as they are")
-        _lint_suites(suites, states, pictures, json=json, verbose=verbose)
+        _lint_suites(suites, states, json=json, verbose=verbose)
         return
-    refuse({"--states": states, "--pictures": pictures}, "only suites have initial states")
+    refuse({"--states": states}, "only suites have initial states")
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     check_frame(frame, files)
@@ -105,19 +102,16 @@ def _world_of(suite: str) -> Audited | None:
     return world if isinstance(world, Audited) else None
 
 
-def _lint_suites(names: Sequence[str], states: int | None, pictures: Path | None, *, json: bool, verbose: bool) -> None:
+def _lint_suites(names: Sequence[str], states: int | None, *, json: bool, verbose: bool) -> None:
     """Print the verdicts on suites; the exit code is 1 when an initial state has a defect."""
     with Bar() as bar:
-        scope = Scope(states=states, pictures=pictures, watch=bar)
         worlds = [(name, _world_of(name)) for name in names]
-        suites = [world.audit(name.partition(":")[2], scope) for name, world in worlds if world]
+        suites = [world.audit(name.partition(":")[2], states, bar) for name, world in worlds if world]
     if json:
         print_json([_document(suite) for suite in suites])
     else:
         for suite in suites:
             _print_suite(suite, verbose=verbose)
-    if pictures:
-        stderr().print(f"pictures in {pictures}: both cameras at the start, after settling, after two seconds")
     if any(task.defects for suite in suites for task in suite.tasks):
         raise typer.Exit(1)
 

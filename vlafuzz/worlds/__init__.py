@@ -5,7 +5,7 @@ from __future__ import annotations
 import pkgutil
 from collections.abc import Callable
 from functools import cache
-from importlib import import_module, metadata
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from vlafuzz.worlds.base import World
 
 T = TypeVar("T")
-GROUP = "vlafuzz.worlds"  # of entry points: NAME = module:WORLD
 
 
 @cache
@@ -29,7 +28,7 @@ def known_worlds() -> dict[str, World]:
 
 
 def world_named(name: str) -> World:
-    """The world of that name: one that comes with vlafuzz, an installed one, or the user's own.
+    """The world of that name: one that comes with vlafuzz, or the user's own.
 
     Raises:
         UsageError: there is no such world, or a file names code that the user did not. PrerequisiteError: the user's
@@ -40,20 +39,11 @@ def world_named(name: str) -> World:
     if is_reference(name):
         check_trusted(name)
         return _made(name)
-    installed = {point.name: point for point in metadata.entry_points(group=GROUP)}
-    if name not in installed:
-        hint = f"{suggestion(name, [*known_worlds(), *installed])}; your own: {PREFIX}pkg.mod:factory"
-        raise UsageError(f"unknown world {name!r}", hint=hint)
-    return _loaded(installed[name])
+    hint = f"{suggestion(name, known_worlds())}; your own: {PREFIX}pkg.mod:factory"
+    raise UsageError(f"unknown world {name!r}", hint=hint)
 
 
 _made: Callable[[str], World] = cache(make_of)
-
-
-@cache
-def _loaded(point: metadata.EntryPoint) -> World:
-    world: World = point.load()
-    return world
 
 
 def world_of(task: str) -> World:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
-from pathlib import Path
-
-from vlafuzz.common.watch import Watch
+from dataclasses import dataclass
 
 # By name: what a defect of an initial state means.
 CHECKS = {
@@ -71,17 +68,3 @@ class AuditedSuite:
     suite: str
     surroundings: str
     tasks: tuple[AuditedTask, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Scope:
-    """What of a suite is audited.
-
-    Attributes:
-        states: the first initial states of each task; None for all.
-        pictures: a folder for pictures, one for each task and kind of defect.
-    """
-
-    states: int | None = None
-    pictures: Path | None = None
-    watch: Watch = field(default_factory=Watch)

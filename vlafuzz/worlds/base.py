@@ -42,7 +42,8 @@ class Demonstrator(TryingPolicy, Protocol):
     written: list[Written]
 
 
-class Robot(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Robot:
     """What acts in the scenes of a world.
 
     Attributes:
@@ -51,14 +52,9 @@ class Robot(Protocol):
         seconds: of simulated time, after which a rollout ends.
     """
 
-    @property
-    def robot(self) -> str: ...
-
-    @property
-    def control_hz(self) -> int | None: ...
-
-    @property
-    def seconds(self) -> int: ...
+    robot: str
+    control_hz: int | None = None
+    seconds: int = 16
 
 
 @dataclass(frozen=True, kw_only=True)

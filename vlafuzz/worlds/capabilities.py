@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 from vlafuzz.common.watch import Watch
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import SceneFile
-from vlafuzz.worlds.audit import AuditedSuite, Scope
+from vlafuzz.worlds.audit import AuditedSuite
 
 if TYPE_CHECKING:
     pass
@@ -22,8 +22,8 @@ Frame = Literal["fit", "keep", "original", "robot"]
 class Audited(Protocol):
     """A world with suites of its own initial states, which can be audited."""
 
-    def audit(self, suite: str, scope: Scope) -> AuditedSuite:
-        """What is wrong with a suite's initial states before any policy acts.
+    def audit(self, suite: str, states: int | None, watch: Watch) -> AuditedSuite:
+        """What is wrong with a suite's first ``states`` initial states of each task before any policy acts.
 
         Raises:
             UsageError: there is no such suite.

@@ -33,7 +33,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space, Values
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.policies.base import Observation, Policy
-from vlafuzz.worlds.base import TryingPolicy, Wanted, World
+from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 
@@ -74,14 +74,6 @@ class Parameter:
             return Gene(self.name, path, "category", Grid.choice(len(self.options)), options=self.options)
         return Gene(self.name, path, "real", Grid(self.low, self.high, self.step, self.nominal))
 
-    def ranges(self) -> str:
-        """The range in words."""
-        return " or ".join(self.options) if self.options else f"{self.low:g} to {self.high:g}"
-
-    def nominally(self) -> str:
-        """The nominal value in words."""
-        return self.options[0] if self.options else f"{self.nominal:g}"
-
 
 @dataclass(frozen=True)
 class Parameters:
@@ -112,7 +104,9 @@ class _Composer:
         self.genes = tuple(parameter.gene for parameter in world.parameters)
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        return self._world.scene(self._task, {gene.operator: _told(gene, values[gene.path]) for gene in self.genes})
+        given = ((gene, values[gene.path]) for gene in self.genes)
+        told = {gene.operator: gene.options[int(one)] if gene.options else float(one) for gene, one in given}
+        return self._world.scene(self._task, told)
 
     def values(self, scene: Scene) -> Values:
         known = dict(scene.values)
@@ -153,10 +147,6 @@ class ValuesSpace(Space):
                 moved = values[gene.path] + gene.grid.step * float(rng.uniform(-0.5, 0.5))
                 values[gene.path] = min(max(moved, gene.grid.low), gene.grid.high)
         return self.compose(values)
-
-
-def _told(gene: Gene, value: float) -> Value:
-    return gene.options[int(value)] if gene.options else float(value)
 
 
 def _number(gene: Gene, value: Value | None) -> float:
@@ -305,8 +295,8 @@ class ValuesWorld(World, Generic[State]):
             raise UsageError(f"no task {name!r}", hint=suggestion(name, self.tasks))
         return Task(name, 0, tuple(self.stages), self.stages[-1].holds)
 
-    def robot(self, name: str) -> _Steps:
-        return _Steps(control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))
+    def robot(self, name: str) -> Robot:
+        return Robot(robot=ROBOT, control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))
 
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
         return self._space(scene.task, self.named).conditions
@@ -343,12 +333,3 @@ class ValuesWorld(World, Generic[State]):
 
     def _space(self, task: str, vary: Collection[str]) -> ValuesSpace:
         return ValuesSpace(self, task, Parameters(self.named, frozenset(vary) & self.named.keys()))
-
-
-@dataclass(frozen=True)
-class _Steps:
-    """The length of a rollout, as a ``Robot``."""
-
-    control_hz: int
-    seconds: int
-    robot: str = ROBOT

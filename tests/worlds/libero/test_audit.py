@@ -3,7 +3,6 @@ from functools import partial
 import numpy as np
 import pytest
 
-from vlafuzz.worlds.audit import Scope
 from vlafuzz.worlds.libero.audit import audit, broken_premises, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import find_task
@@ -11,20 +10,19 @@ from vlafuzz.worlds.libero.suites import find_task
 pytestmark = pytest.mark.libero
 
 
-def test_the_bowl_that_cannot_stay_on_the_ramekin_is_found_with_a_picture(tmp_path):
-    audited = audit("libero_spatial/5", Scope(states=1, pictures=tmp_path))
+def test_the_bowl_that_cannot_stay_on_the_ramekin_is_found():
+    audited = audit("libero_spatial/5", 1)
     (task,) = audited.tasks
     found = {defect.check: defect.reason for defect in task.defects}
     assert found["slides"].startswith("akita_black_bowl_1 slides by ")
     assert found["falls"].startswith("akita_black_bowl_1 topples by ")
     assert found["premise"] == "akita_black_bowl_1 is not on glazed_rim_porcelain_ramekin_1"
     assert task.sound == 0
-    assert (tmp_path / "libero_spatial-5-slides-0.png").stat().st_size > 10_000
     assert "MuJoCo 3." in audited.surroundings
 
 
 def test_a_sound_task_has_no_defects():
-    (task,) = audit("libero_goal/8", Scope(states=2)).tasks
+    (task,) = audit("libero_goal/8", 2).tasks
     assert (task.states, task.sound, task.defects) == (2, 2, ())
 
 
@@ -47,7 +45,7 @@ def test_what_still_moves_is_watched_on(bowls):
 
 def test_a_task_that_the_package_cannot_build_is_a_defect():
     """It names the milk twice."""
-    (task,) = audit("libero_10_with_milk/3", Scope()).tasks
+    (task,) = audit("libero_10_with_milk/3").tasks
     (defect,) = task.defects
     assert (task.states, task.sound, defect.check) == (0, 0, "setup")
     assert "milk_1" in defect.reason

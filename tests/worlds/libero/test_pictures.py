@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.worlds.similarity import similarity
 from vlafuzz.model.scene import Camera, Light
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.libero.env import LiberoEnv
@@ -20,7 +21,6 @@ from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
 from vlafuzz.worlds.libero.world import WORLD
 from vlafuzz.worlds.place import here, in_words
-from vlafuzz.worlds.similarity import similarity
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"

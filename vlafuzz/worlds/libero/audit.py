@@ -9,15 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from vlafuzz.common.files import writing
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect, Scope
+from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
 from vlafuzz.worlds.libero.casts import kind_of
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.packages import versions
@@ -44,49 +42,31 @@ CLEAR = 0.6  # share of these bounds: what is so near fits the words, too, if no
 OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states reach
 
 
-def audit(name: str, scope: Scope) -> AuditedSuite:
-    """Audit all tasks of a suite, or the one that ``SUITE/NUMBER`` names.
+def audit(name: str, states: int | None = None, watch: Watch = SILENT) -> AuditedSuite:
+    """Audit the first ``states`` initial states of all tasks of a suite, or of the one that ``SUITE/NUMBER`` names.
 
     Raises:
-        UsageError: there is no such suite, or a picture cannot be written.
+        UsageError: there is no such suite.
         PrerequisiteError: LIBERO is not installed.
     """
     tasks, audited = [find_task(name)] if "/" in name else find_tasks(name), []
     for done, task in enumerate(tasks):
-        scope.watch.progress(name, done, len(tasks))
-        audited.append(_audited(task, scope))
+        watch.progress(name, done, len(tasks))
+        audited.append(_audited(task, states))
     return AuditedSuite(name, str(versions()), tuple(audited))
 
 
-def _audited(task: LiberoTask, scope: Scope) -> AuditedTask:
+def _audited(task: LiberoTask, states: int | None) -> AuditedTask:
     try:
         env = LiberoEnv(task)
     except UsageError as error:
         return AuditedTask(str(task), task.instruction, 0, (Defect(0, "setup", error.message, 0.0),))
-    known: list[Defect] = []
     try:
-        count = len(env.states) if scope.states is None else min(scope.states, len(env.states))
-        for number in range(count):
-            found = list(defects(env, number, partial(env.reset, number)))
-            if scope.pictures:
-                for check in sorted({one.check for one in found} - {one.check for one in known}):
-                    picture = f"{task.suite}-{task.number}-{check}-{number}.png"
-                    _write_sheet(env, number, scope.pictures / picture)
-            known += found
+        count = len(env.states[:states])
+        known = [one for number in range(count) for one in defects(env, number, partial(env.reset, number))]
     finally:
         env.close()
     return AuditedTask(str(task), task.instruction, count, tuple(known))
-
-
-def _write_sheet(env: LiberoEnv, number: int, place: Path) -> None:
-    """Write a PNG: both cameras (columns) at the start, after the settling steps, and at the end (rows)."""
-    env.reset(number)
-    rows = []
-    for steps in (0, SETTLING, STEPS - SETTLING):
-        env.settle(steps)
-        rows.append(np.hstack(list(env.observe().pictures.values())))
-    with writing(place):
-        Image.fromarray(np.vstack(rows)).save(place)
 
 
 def defects(env: LiberoEnv, number: int, begin: Callable[[], None], *, regions: bool = True) -> Iterator[Defect]:

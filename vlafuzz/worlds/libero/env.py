@@ -174,13 +174,6 @@ class LiberoEnv:
         """``(size, size, 3)`` of a camera, turned by 180°; ``size``: at most the environment's."""
         return self._pictures.take(self._seen(), camera, size)
 
-    def ray(self, eye: Array, way: Array, groups: Image, hit: NDArray[np.int32]) -> float:
-        """Metres from a point, in a direction of length 1, to the first geom of some groups.
-
-        Its number is written into ``hit``.
-        """
-        return float(self._mujoco.mj_ray(self.model, self.data, eye, way, groups, 1, -1, hit))
-
     def proprioception(self) -> Array:
         """``(8,)``: see ``LiberoObservation.state``."""
         robot, shown = self.robosuite.robots[0], self._seen()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from vlafuzz.worlds.audit import Defect
 from vlafuzz.worlds.libero.audit import defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
+from vlafuzz.worlds.libero.packages import load
 from vlafuzz.worlds.libero.room import REACH, room_of
 from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.space import nominal_scene
@@ -42,8 +43,8 @@ class Fairness:
 
     def __init__(self, of: Callable[[Scene], Setting]) -> None:
         self._of = of
-        self._own: dict[int, tuple[set[tuple[str, str]], list[float]]] = {}
-        self._known: dict[Scene, Rejection | None] = {}
+        self._judged = lru_cache(KEPT)(self._judge)
+        self._usual = cache(self._look_at)
 
     def check(self, scene: Scene) -> Rejection | None:
         """Why a scene is not fair; None if it is."""
@@ -53,25 +54,18 @@ class Fairness:
         # the rest of a scene decides nothing here
         judged = ("targets", "confounders", "start", "initial_pose", "camera")
         seen = replace(nominal, light=Light(), **{part: getattr(scene, part) for part in judged})
-        if seen not in self._known:
-            if len(self._known) >= KEPT:
-                self._known.clear()
-            self._known[seen] = self._judged(seen, replace(nominal, start=scene.start))
-        return self._known[seen]
+        return self._judged(seen, replace(nominal, start=scene.start))
 
-    def _judged(self, scene: Scene, own: Scene) -> Rejection | None:
+    def _judge(self, scene: Scene, own: Scene) -> Rejection | None:
         """What a scene has of defects that its initial state does not have."""
         try:
             setting = self._of(scene)
             setting.begin(scene)
-            if scene.start.state not in self._own:
-                usual = self._of(own)
-                self._own[scene.start.state] = ({defect.kind for defect in _defects(usual, own)}, _shown(usual, own))
+            known, before = self._usual(own)
         except SceneError as error:
             return Rejection("semantic", error.message)
         if scene == own:
             return None
-        known, before = self._own[scene.start.state]
         for thing, away in room_of(scene.task).out_of_reach(scene).items():
             name = scene.targets[thing].object
             return Rejection("geometry", f"{name} is {away:.2f} m from the robot, which reaches {REACH:g} m")
@@ -83,6 +77,11 @@ class Fairness:
                 reason = f"the camera shows {share:.0%} of {placed.object}, usually {usually:.0%}"
                 return Rejection("unseen", reason)
         return None
+
+    def _look_at(self, own: Scene) -> tuple[set[tuple[str, str]], list[float]]:
+        """The kinds of an initial state's own defects, and what the camera shows of its things."""
+        setting = self._of(own)
+        return {defect.kind for defect in _defects(setting, own)}, _shown(setting, own)
 
 
 def _unknown(nominal: Scene, scene: Scene) -> str | None:
@@ -121,5 +120,5 @@ def _share(env: LiberoEnv, root: int) -> float:
 def _first_hit(env: LiberoEnv, eye: Array, way: Array) -> int | None:
     """The first body in a direction, with all that hangs on it."""
     hit = np.zeros(1, dtype=np.int32)
-    env.ray(eye, way / np.linalg.norm(way), _PICTURED, hit)
+    load("mujoco").mj_ray(env.model, env.data, eye, way / np.linalg.norm(way), _PICTURED, 1, -1, hit)
     return int(env.model.body_rootid[env.model.geom_bodyid[hit[0]]]) if hit[0] >= 0 else None

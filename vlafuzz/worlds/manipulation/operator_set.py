@@ -17,7 +17,7 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
 from vlafuzz.model.conditions import Conditions, Setting
-from vlafuzz.worlds.manipulation.base import Operator, Strict, Visible
+from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
 
 DEFAULT = "tabletop"
@@ -201,6 +201,7 @@ def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -
 
 
 S = TypeVar("S", bound=BaseModel)
+_KEYS = {key for model in (_File, Visible, Box, Range, *OPERATORS.values()) for key in model.model_fields}
 
 
 def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
@@ -213,7 +214,7 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
         if misspelt["type"] == "extra_forbidden":
             *keys, last = map(str, misspelt["loc"])
             place = ".".join(filter(None, [where, *keys, last]))
-            hint = suggestion(last, _siblings(kind, keys))
+            hint = suggestion(last, _KEYS)
             raise CatalogueError(f"{path}: {place}: unknown key", hint=hint)
     says = first_problem(problem)
     if not problem.errors()[0]["loc"]:
@@ -224,16 +225,6 @@ def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
         f"{path}: {says}",
         hint="operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use",
     )
-
-
-def _siblings(kind: type[BaseModel], keys: list[str]) -> list[str]:
-    """The valid keys at the place of an unknown one."""
-    for key in keys:
-        inner = kind.model_fields[key].annotation if key in kind.model_fields else None
-        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
-            return list(_TaskPart.model_fields)  # the only model inside a mapping
-        kind = inner
-    return list(kind.model_fields)
 
 
 def operators_json(operators: OperatorSet) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from vlafuzz.errors import SceneError, suggestion
+from vlafuzz.worlds.base import Robot
 
 
 @dataclass(frozen=True)
@@ -111,7 +112,7 @@ class Hand:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rig:
+class Rig(Robot):
     """A robot at its table. The table top is z = 0; the robot's base frame is aligned with the world's.
 
     Attributes:
@@ -132,7 +133,6 @@ class Rig:
         initial_states: that a task has of its own; 0 where the operators say how it begins.
     """
 
-    robot: str
     base: tuple[float, float, float]
     reach: float
     opening: float
@@ -145,8 +145,6 @@ class Rig:
     neutral: float = -math.pi / 4
     hand: Hand = Hand()
     physics_hz: int = 100
-    control_hz: int | None = None
-    seconds: int = 16
     urdf: str | None = None
     surface: Workspace | None = None
     photos: Mapping[str, str] = field(default_factory=dict)
