@@ -201,7 +201,8 @@ def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -
 
 
 S = TypeVar("S", bound=BaseModel)
-_KEYS = {key for model in (_File, Visible, Box, Range, *OPERATORS.values()) for key in model.model_fields}
+_MODELS: tuple[type[BaseModel], ...] = (_File, Visible, Box, Range, *OPERATORS.values())
+_KEYS = {key for model in _MODELS for key in model.model_fields}
 
 
 def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
