@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
 from vlafuzz.campaign.options import OF_WORLDS
@@ -27,7 +27,7 @@ from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_a
 from vlafuzz.rollouts.setup import here
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.pool import InOrder, Pool, Selection
-from vlafuzz.search.registry import Factory, strategy_factory
+from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import default_task, provenance, world_of
 from vlafuzz.worlds.base import Wanted
@@ -70,39 +70,79 @@ def plan(
     PrerequisiteError if the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
-    scenes = read_scene_file(config.scenes, config.pool)
-    task = named_task(config, scenes)
-    world, robot = world_of(task.name), named_robot(config, scenes, task.name)
-    policy_name = config.policy or world.default_policy(robot)
-    strategy_name = named_strategy(config)
-    factory = None if config.scenes else strategy_factory(strategy_name)
+    named = filled(config)
+    task, scenes, world = named.task, named.scenes, world_of(named.task.name)
+    factory = None if config.scenes else strategy_factory(named.strategy)
     if policy is None:
-        check_policy_name(policy_name)
-    space = space or world.space(wanted_scenes(config, task.name, robot), operators)
+        check_policy_name(named.policy)
+    wanted = Wanted(task=task.name, robot=named.robot, operators=config.operators, vary=config.vary, packs=config.packs)
+    space = space or world.space(wanted, operators)
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
-    strategy = _strategy(factory, space, scenes, config.seed, budget // config.repeats)
-    place = _place(config, policy_name, min(config.batch or batch_of(strategy), budget))
-    policy = policy or policy_at(place, policy_name)
+    strategy: Strategy = InOrder(len(scenes))
+    if factory and scenes:
+        strategy = Selection(factory, space, scenes, config.seed, budget // config.repeats)
+    elif factory:
+        strategy = factory(space, config.seed, budget // config.repeats)
+    place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))
+    triage_place = place
+    if place.kind == "processes":  # no batch bounds the workers of triage
+        workers = default_workers(named.policy) if config.workers is None else config.workers
+        triage_place = replace(place, workers=workers)
+    policy = policy or policy_at(place, named.policy)
     if policy.spec.cameras and place.kind != "ray":
         world.check_pictures()
     batch = config.batch or max(batch_of(strategy), min(lanes_for(policy), OF_SERVER))
-    named = replace(config, policy=policy_name, strategy=strategy_name, budget=budget, batch=batch)
-    if config.label is None:
-        named = replace(named, label="" if names_its_model(policy_name) else config.alone)
+    label = ("" if names_its_model(named.policy) else config.alone) if config.label is None else config.label
+    config = replace(config, policy=named.policy, strategy=named.strategy, budget=budget, batch=batch, label=label)
     return Plan(
-        manifest=_manifest(
-            named, space, policy, _scene_file(config.scenes, config.pool, scenes), workers=place.kind != "local"
-        ),
+        manifest=_manifest(config, space, policy, scenes, workers=place.kind != "local"),
         task=task,
         space=Pool(scenes, space) if scenes else space,
         embed=space.embed,
         strategy=strategy,
         policy=policy,
-        store=config.store or default_store(task.name, policy_name, config.seed),
+        store=named.store,
         patience=None if scenes else PATIENCE,  # a file of scenes ends by itself, fair or not
         place=place,
-        triage_place=_triage_place(config.workers, policy_name, place),
+        triage_place=triage_place,
     )
+
+
+class Filled(NamedTuple):
+    """What a configuration names, with defaults where it names nothing; ``scenes`` are those of its file."""
+
+    task: Task
+    robot: str
+    policy: str
+    strategy: str
+    store: Path
+    scenes: Sequence[Scene]
+
+
+def filled(config: RunConfig) -> Filled:
+    """Look up what a configuration names.
+
+    Task and robot are by default those of the scenes of a file, which has a strategy of its own if all of them are run.
+    """
+    scenes = _read_scene_file(config)
+    wanted = config.task or (scenes[0].task if scenes else default_task())
+    _check_scenes(config, scenes, "task", wanted)
+    world = world_of(wanted)
+    task = world.task(wanted)
+    robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
+    if robot not in world.robots:
+        hint = world.former.get(robot) or suggestion(robot, world.robots)
+        raise UsageError(f"--robot {robot}: not for {wanted}", hint=hint)
+    _check_scenes(config, scenes, "robot", robot)
+    strategy = config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)
+    if config.scenes:
+        if config.strategy not in (None, POOL):
+            problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
+            raise UsageError(problem, hint="--config pool=FILE lets it choose from the file")
+        strategy = POOL
+    policy = config.policy or world.default_policy(robot)
+    store = config.store or default_store(task.name, policy, config.seed)
+    return Filled(task, robot, policy, strategy, store, scenes)
 
 
 def _place(config: RunConfig, policy: str, most: int) -> Place:
@@ -117,38 +157,21 @@ def _place(config: RunConfig, policy: str, most: int) -> Place:
     return place
 
 
-def _triage_place(wanted: int | None, policy: str, place: Place) -> Place:
-    """Choose where triage rolls out: where the run does, with all workers, as no batch bounds them."""
-    if place.kind != "processes":
-        return place
-    return replace(place, workers=default_workers(policy) if wanted is None else wanted)
-
-
 def default_store(task: str, policy: str, seed: int) -> Path:
     """The default path of a run's store, which all strategies share; unusual characters become dashes."""
     address = policy.partition("?")[0]
     return Path("runs") / (re.sub(r"[^\w.-]+", "-", f"{task}-{address}-{seed}") + ".db")
 
 
-def read_scene_file(scenes: Path | None, pool: Path | None) -> list[Scene]:
+def _read_scene_file(config: RunConfig) -> list[Scene]:
     """The scenes of a file, to run or to choose from; none where neither file is named."""
-    if scenes and pool:
+    if config.scenes and config.pool:
         raise UsageError("--scenes and pool: both name a file of scenes", hint="leave one of the two out")
-    path = scenes or pool
+    path = config.scenes or config.pool
     if path and path.is_file() and is_document(path):
         hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
         raise UsageError(f"{path}: not JSON lines", hint=hint)
     return load_scenes(path) if path else []
-
-
-def _scene_file(scenes: Path | None, pool: Path | None, read: Sequence[Scene]) -> str:
-    """The file as a manifest keeps it: purpose, path and digest of its scenes; empty without a file."""
-    path = scenes or pool
-    if path is None:
-        return ""
-    digest = hashlib.blake2b("\n".join(scene.digest for scene in read).encode(), digest_size=8).hexdigest()
-    flag = "scenes" if scenes else "pool"
-    return json.dumps({"flag": flag, "file": str(path.resolve()), "digest": digest})
 
 
 def _check_numbers(config: RunConfig) -> None:
@@ -163,24 +186,6 @@ def _check_numbers(config: RunConfig) -> None:
     check_choice("criteria", config.criteria, CRITERIA)
 
 
-def named_task(config: RunConfig, scenes: Sequence[Scene]) -> Task:
-    """The task that the user names, or that of the scenes of a file."""
-    wanted = config.task or (scenes[0].task if scenes else default_task())
-    _check_scenes(config, scenes, "task", wanted)
-    return world_of(wanted).task(wanted)
-
-
-def named_robot(config: RunConfig, scenes: Sequence[Scene], task: str) -> str:
-    """The robot that the user names, or that of the scenes of a file."""
-    world = world_of(task)
-    robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
-    if robot not in world.robots:
-        hint = world.former.get(robot) or suggestion(robot, world.robots)
-        raise UsageError(f"--robot {robot}: not for {task}", hint=hint)
-    _check_scenes(config, scenes, "robot", robot)
-    return robot
-
-
 def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted: str) -> None:
     """Raise a SceneError if one of a file's scenes is of another task or robot than the run."""
     for number, scene in enumerate(scenes, start=1):
@@ -190,33 +195,16 @@ def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted:
             raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
 
 
-def wanted_scenes(config: RunConfig, task: str, robot: str) -> Wanted:
-    """The scenes that the user wants."""
-    return Wanted(task=task, robot=robot, operators=config.operators, vary=config.vary, packs=config.packs)
-
-
-def named_strategy(config: RunConfig) -> str:
-    """The strategy that the user names, or the default; a file of scenes has one of its own."""
-    if config.scenes is None:
-        return config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)
-    if config.strategy not in (None, POOL):
-        problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
-        raise UsageError(problem, hint="--config pool=FILE lets it choose from the file")
-    return POOL
-
-
-def _strategy(factory: Factory | None, space: Space, scenes: Sequence[Scene], seed: int, budget: int) -> Strategy:
-    """The strategy: it proposes scenes of its own, scenes of a pool, or those of a file in order."""
-    if factory is None:
-        return InOrder(len(scenes))
-    return Selection(factory, space, scenes, seed, budget) if scenes else factory(space, seed, budget)
-
-
-def _manifest(config: RunConfig, space: Space, policy: Policy, scene_file: str, *, workers: bool) -> Manifest:
-    """The manifest of a run; ``config`` has policy, strategy, budget and batch filled in."""
+def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[Scene], *, workers: bool) -> Manifest:
+    """The manifest of a run; ``config`` leaves nothing open."""
     flags = {name: getattr(config, name) for name in Manifest.flags()}
     found = dict(space.conditions)
     found["world"] = dict(found.get("world", {})) | _settings(config, space.task.name)
+    scene_file = ""
+    if path := config.scenes or config.pool:
+        digest = hashlib.blake2b("\n".join(scene.digest for scene in scenes).encode(), digest_size=8).hexdigest()
+        flag = "scenes" if config.scenes else "pool"
+        scene_file = json.dumps({"flag": flag, "file": str(path.resolve()), "digest": digest})
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.robot},
         **here(str(config.policy), policy, space, workers=workers) | found,

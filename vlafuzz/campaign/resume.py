@@ -6,24 +6,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.campaign.config import (
-    Plan,
-    RunConfig,
-    default_store,
-    named_robot,
-    named_strategy,
-    named_task,
-    plan,
-    read_scene_file,
-    wanted_scenes,
-)
+from vlafuzz.campaign.config import Plan, RunConfig, filled, plan
 from vlafuzz.campaign.fuzz import AFRESH
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy, world_of
+from vlafuzz.worlds import world_of
+from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.place import elsewhere
 
 _ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command says them anew
@@ -35,11 +26,9 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     ``flags`` are the fields of a ``RunConfig`` that the user gives. UsageError if no stored run fits, or several.
     """
     asked = RunConfig(**flags)
-    scenes = read_scene_file(asked.scenes, asked.pool)
-    task, strategy = named_task(asked, scenes), named_strategy(asked)
-    policy = asked.policy or default_policy(task.name, named_robot(asked, scenes, task.name))
-    path = asked.store or default_store(task.name, policy, asked.seed)
-    wanted = dict(flags) | ({"strategy": strategy} if asked.scenes else {})
+    named = filled(asked)
+    path = named.store
+    wanted = dict(flags) | ({"strategy": named.strategy} if asked.scenes else {})
     with Store.open(path) as store:
         run = _unfinished(store, wanted)
         own = (trial for trial in store.trials(run.id) if not trial.duplicate)
@@ -48,11 +37,14 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}
     file = _scene_file(run.manifest)
-    if file and not scenes:
+    if file and not named.scenes:
         anew[file["flag"]] = Path(file["file"])
     space = stored_space(path, run.manifest)
     planned = plan(RunConfig(**stored, **anew, store=path), space=space)
-    _check_scene_file(path, run.id, file, planned.manifest)
+    now = _scene_file(planned.manifest)
+    if file and (file["flag"], file["digest"]) != (now.get("flag"), now.get("digest")):
+        problem = f"run {run.id} had other scenes than {now.get('file', 'there are now')} holds"
+        raise StoreError(f"{path}: {problem}", hint=f"give --{file['flag']} {file['file']} as it was then")
     check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
 
@@ -100,15 +92,6 @@ def check_version(path: object, run: Run, here: Manifest) -> None:
         raise StoreError(f"{path}: {problem}", hint=f"use the version that began it, or {AFRESH}")
 
 
-def _check_scene_file(path: object, run: int, before: Mapping[str, str], now: Manifest) -> None:
-    """Raise a StoreError if the file of scenes no longer holds those of the run."""
-    here = _scene_file(now)
-    if before and (before["flag"], before["digest"]) != (here.get("flag"), here.get("digest")):
-        problem = f"run {run} had other scenes than {here.get('file', 'there are now')} holds"
-        hint = f"give --{before['flag']} {before['file']} as it was then"
-        raise StoreError(f"{path}: {problem}", hint)
-
-
 def _scene_file(manifest: Manifest) -> dict[str, str]:
     """The flag that names a run's file of scenes, the file and its digest; empty for a run without one."""
     return dict(json.loads(manifest.scene_file or "{}"))
@@ -122,7 +105,7 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
     if not asked:
         return None
-    wanted = wanted_scenes(RunConfig(**asked), manifest.task, manifest.robot)
+    wanted = Wanted(task=manifest.task, robot=manifest.robot, **asked)
     now = world_of(manifest.task).space(wanted).conditions
     if "packs" in asked and manifest.differences(replace(manifest, packs=now["packs"])):
         return "other packs of objects"
