@@ -136,7 +136,7 @@ def test_no_positional_word_grants_trust():
         (["compare", "--strategies", "random, python:a:b"], ["random", "python:a:b"]),
         (["lab study", "rq1", "--out", "x", "--policy", OWN, "--policy", "mini"], [OWN, "mini"]),
         (["diff", "a.db", "b.db", "--policy-b", "a,python:x:y", "--trust"], ["a,python:x:y", EVERYTHING]),
-        (["replay", "a.db", "--trace", OWN], []),
+        (["replay", "a.db", "--picture", OWN], []),
         (["bisect", "corpus", "--checkpoints", OWN, OWN], []),
     ],
 )

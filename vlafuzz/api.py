@@ -134,7 +134,6 @@ def triage(
     policy: Policy | None = None,
     *,
     limit: int | None = None,
-    max_rollouts: int | None = None,
     rollouts: int | None = None,
     time: str | None = None,
     trust: bool = False,
@@ -145,7 +144,6 @@ def triage(
     Args:
         policy: the object that the store's runs are of; None for runs of named policies.
         limit: the most failures to triage.
-        max_rollouts: of the policy, to shrink and attribute one failure.
         rollouts: of the policy, after which no further failure is begun.
         time: wall clock that it takes at most, such as "30m".
         trust: load the code of a ``python:`` policy that the store names.
@@ -157,7 +155,6 @@ def triage(
             opened,
             partial(_runner, Path(store), policy),
             limit=limit,
-            max_rollouts=max_rollouts,
             allowance=Allowance(rollouts, deadline("time", time)),
             watch=watch,
         )

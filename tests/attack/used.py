@@ -71,7 +71,7 @@ def replay(rng: Rng, folder: Path) -> None:
     path = changed_store(rng, samples.untriaged(), folder)
     with _known():
         wanted = replaying.find(path)
-        json.dumps(replaying.replay(wanted).report(), allow_nan=False)
+        json.dumps(replaying.replay(wanted).report, allow_nan=False)
         unusual(path, wanted.scene, wanted.conditions)
 
 

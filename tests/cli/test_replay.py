@@ -1,6 +1,5 @@
 """vlafuzz replay."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,16 +49,6 @@ def test_a_replay_says_that_the_stored_trajectory_was_made_elsewhere(store, caps
 def test_another_policy_is_another_trajectory(store, capsys):
     report = told(capsys, ["replay", str(store), "--policy", "expert", "--json"])
     assert (report["verdict"], report["same trajectory as stored"]) == ("passed", None)
-
-
-def test_a_trace_holds_progress_and_actions_of_each_step(tmp_path, capsys):
-    scenes, trace = tmp_path / "s.jsonl", tmp_path / "t.json"
-    write_scenes(scenes, [nominal("pick-up")])
-    assert main(["replay", str(scenes), "--policy", "expert", "--trace", str(trace)]) == 0
-    written = json.loads(trace.read_text())
-    assert len(written["progress"]) == len(written["actions"]) > 10
-    assert written["progress"][-1] == 1.0
-    assert written["reached"] == ["grasp", "lift", "success"]
 
 
 def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
@@ -134,11 +123,11 @@ def test_a_label_says_whose_first_failure_is_shown_and_what_is_run(tmp_path, cap
 def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
     unknown = replace(nominal("pick-up"), targets=(Placement("nope", "standing", 0.0, 0.0),))
     write_scenes(tmp_path / "s.jsonl", [unknown])
-    trace = tmp_path / "t.json"
-    said = typed(capsys, ["replay", str(tmp_path / "s.jsonl"), "--policy", "frozen", "--trace", str(trace)], code=2)
+    seen = tmp_path / "seen.png"
+    said = typed(capsys, ["replay", str(tmp_path / "s.jsonl"), "--policy", "pinhole", "--seen", str(seen)], code=2)
     assert said.err.startswith(f"error: {unknown.digest[:12]} could not be run: ")
     assert "nope" in said.err
-    assert not trace.exists()
+    assert not seen.exists()
 
 
 def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):

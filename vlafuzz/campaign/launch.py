@@ -102,23 +102,24 @@ def do_missing(
         speed_of: the speed of a plan's policy, for a forecast.
     """
     missing = [run for run in wanted if run.missing]
-    if not missing:
-        return
-    alone = set[str]()
-    pace = _Pace(watch, missing, speed_of)
-    for _, group in groupby(missing, key=lambda run: run.group):
+    alone, foreseen = set[str](), set[str | None]()
+    total, before = sum(run.budget for run in missing), 0  # rollouts
+    for _, group in groupby(enumerate(missing, start=1), key=lambda numbered: numbered[1].group):
         with ExitStack() as stack:
             executor: Executor | None = None
-            for run in group:
-                pace.begin(run.name)
+            for number, run in group:
+                show = partial(watch.progress, f"run {number} of {len(missing)}: {run.name}", total=total)
+                show(before)
                 try:
                     plan = _plan(run, store, watch)
                     if plan.manifest.alone and plan.manifest.policy not in alone:
                         alone.add(plan.manifest.policy)
                         watch.note(stands_alone(plan.manifest.policy))
-                    pace.foresee(run, plan)
+                    if run.policy not in foreseen:
+                        foreseen.add(run.policy)
+                        _foresee(plan, [one for one in missing if one.policy == run.policy], watch, speed_of(plan))
                     executor = executor or stack.enter_context(closing(make_executor(plan)))
-                    summary = fuzz(plan, store, executor, pace, alone=True)
+                    summary = fuzz(plan, store, executor, partial(_report, show, before), alone=True)
                 except StoreError:
                     raise
                 except UsageError as error:
@@ -126,9 +127,24 @@ def do_missing(
                         raise
                     left_out(run, error)
                     continue
+                finally:
+                    before += run.budget
                 _check_judged(summary, may_be_empty=left_out is not None)
                 if summary.stopped:
                     watch.note(f"{run.name} stopped: {summary.stopped}")
+
+
+def _report(show: Callable[[int], None], before: int, tally: Tally) -> None:
+    show(before + tally.rollouts)
+
+
+def _foresee(plan: Plan, runs: Sequence[WantedRun], watch: Watch, speed: Speed | None) -> None:
+    """Say how long the runs of a policy will take, of which the plan is the first."""
+    if speed:
+        rollouts, triage = sum(one.budget for one in runs), sum(one.triage for one in runs)
+        seconds = Forecast(plan, speed, certify=False).rollout * (rollouts + triage)
+        both = f"{rollouts} rollouts" + (f" and up to {triage} of triage" if triage else "")
+        watch.note(f"{plural(len(runs), 'run')}, {both}: about {duration(seconds)}; {speed.words}")
 
 
 def stands_alone(policy: str) -> str:
@@ -171,36 +187,3 @@ def _check_judged(summary: Summary, *, may_be_empty: bool) -> None:
         raise UsageError(
             f"{summary.unjudged}{why}", hint="`vlafuzz doctor` checks this machine; then use another store"
         )
-
-
-class _Pace:
-    """Reports the progress over several runs, and how long all of them will take."""
-
-    def __init__(self, watch: Watch, runs: Sequence[WantedRun], speed_of: SpeedOf) -> None:
-        self._watch, self._runs, self._speed_of = watch, runs, speed_of
-        self._budgets, self._begun, self._description = [run.budget for run in runs], 0, ""
-        self._foreseen = set[str | None]()
-
-    def foresee(self, run: WantedRun, plan: Plan) -> None:
-        """Say how long the runs of a policy will take, before the first of them."""
-        if run.policy in self._foreseen:
-            return
-        self._foreseen.add(run.policy)
-        if speed := self._speed_of(plan):
-            runs = [one for one in self._runs if one.policy == run.policy]
-            rollouts, triage = sum(one.budget for one in runs), sum(one.triage for one in runs)
-            seconds = Forecast(plan, speed, certify=False).rollout * (rollouts + triage)
-            both = f"{rollouts} rollouts" + (f" and up to {triage} of triage" if triage else "")
-            self._watch.note(f"{plural(len(runs), 'run')}, {both}: about {duration(seconds)}; {speed.words}")
-
-    def begin(self, name: str) -> None:
-        self._begun += 1
-        self._description = f"run {self._begun} of {len(self._budgets)}: {name}"
-        self._report(0)
-
-    def __call__(self, tally: Tally) -> None:
-        self._report(tally.rollouts)
-
-    def _report(self, rollouts: int) -> None:
-        done = sum(self._budgets[: self._begun - 1]) + rollouts
-        self._watch.progress(self._description, done, sum(self._budgets))

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.failures.causes import first_shown
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.label import Model
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_store, load_scenes
 from vlafuzz.rollouts.policies import make_policy
@@ -35,59 +34,12 @@ class Replayable:
     states_hash: str | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class Replayed:
-    """The outcome of a replay.
+class Replayed(NamedTuple):
+    """The outcome of a replay, also by name as JSON; ``hz`` is the control rate of its rollout."""
 
-    Attributes:
-        hz: control rate of the rollout.
-        same: whether the trajectory is the stored one; None where no trajectory of this policy is stored.
-        elsewhere: where that one was made, in words; empty if it was made here, or there is none.
-    """
-
-    scene: Scene
-    policy: str
     outcome: Outcome
     hz: int
-    same: bool | None
-    elsewhere: str = ""
-
-    @property
-    def rollout(self) -> Rollout | None:
-        """None for an invalid scene."""
-        return next(iter(self.outcome.rollouts), None)
-
-    def report(self) -> dict[str, Any]:
-        """The outcome by name, as JSON."""
-        outcome, rollout = self.outcome, self.rollout
-        return {
-            "scene": self.scene.digest,
-            "task": self.scene.task,
-            "instruction": " / ".join(self.scene.instructions),
-            "policy": self.policy,
-            "verdict": outcome.verdict.name.lower(),
-            "lost stage": outcome.lost_stage,
-            "reached": list(rollout.reached) if rollout else [],
-            "progress": round(outcome.progress, 4),
-            "steps": rollout.steps if rollout else 0,
-            "success at end": rollout.success_at_end if rollout else None,
-            "same trajectory as stored": self.same,
-            "stored trajectory made": self.elsewhere or None,
-            "detail": outcome.detail,
-        }
-
-    def trace(self) -> dict[str, Any] | None:
-        """Scene, progress and actions per step, as JSON; None without a rollout."""
-        rollout = self.rollout
-        if rollout is None:
-            return None
-        return {
-            "scene": json.loads(self.scene.to_json()),
-            "progress": [round(float(value), 5) for value in rollout.trace],
-            "actions": [[round(float(value), 6) for value in action] for action in rollout.actions],
-            "reached": list(rollout.reached),
-            "states_hash": rollout.states_hash,
-        }
+    report: dict[str, Any]
 
 
 def find(source: Path, digest: str | None = None, policy: str | None = None, label: str | None = None) -> Replayable:
@@ -139,20 +91,29 @@ def replay(
         outcome = evaluator.evaluate([scene])[0]
     if outcome.verdict is Verdict.ERROR:
         raise VlafuzzError(f"{scene.digest[:12]} could not be run: {outcome.detail}")
+    rollout = next(iter(outcome.rollouts), None)  # none in an invalid scene
     same, elsewhere = None, ""
     stored = name == wanted.conditions.policy and label in (None, wanted.conditions.named)
-    if wanted.states_hash is not None and outcome.rollouts and stored:
-        same = outcome.rollouts[0].states_hash == wanted.states_hash
+    if wanted.states_hash is not None and rollout and stored:
+        same = rollout.states_hash == wanted.states_hash
         now = place.here(name, made.spec, world_of(scene.task).renderer)
         elsewhere = place.elsewhere(wanted.conditions.place, now)
-    return Replayed(
-        scene=scene,
-        policy=str(Model(name, label or "")),
-        outcome=outcome,
-        hz=world_of(scene.task).robot(scene.robot).control_hz or made.spec.action.hz,
-        same=same,
-        elsewhere=elsewhere,
-    )
+    report = {
+        "scene": scene.digest,
+        "task": scene.task,
+        "instruction": " / ".join(scene.instructions),
+        "policy": str(Model(name, label or "")),
+        "verdict": outcome.verdict.name.lower(),
+        "lost stage": outcome.lost_stage,
+        "reached": list(rollout.reached) if rollout else [],
+        "progress": round(outcome.progress, 4),
+        "steps": rollout.steps if rollout else 0,
+        "success at end": rollout.success_at_end if rollout else None,
+        "same trajectory as stored": same,
+        "stored trajectory made": elsewhere or None,
+        "detail": outcome.detail,
+    }
+    return Replayed(outcome, world_of(scene.task).robot(scene.robot).control_hz or made.spec.action.hz, report)
 
 
 def _find_in_store(store: Store, digest: str | None, policy: str | None, label: str | None) -> Replayable:

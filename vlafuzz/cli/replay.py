@@ -1,6 +1,5 @@
 """``vlafuzz replay``."""
 
-import json as json_format
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +7,6 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened, option
 from vlafuzz.cli.output import print_json, print_rows, stderr
-from vlafuzz.common.files import write_whole, writing
 
 
 def command(
@@ -23,7 +21,6 @@ def command(
     video: Annotated[Path | None, option("Write an MP4.")] = None,
     picture: Annotated[Path | None, option("Write a PNG: four moments of the rollout.")] = None,
     seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
-    trace: Annotated[Path | None, option("Write JSON: progress and actions, step by step.")] = None,
     film: Annotated[
         bool | None,
         option(
@@ -44,7 +41,7 @@ def command(
 
     wanted = find(source, digest, policy, label)
     if film is None:
-        film = not (json or video or picture or seen or trace) and not no_pictures(wanted.scene.task)
+        film = not (json or video or picture or seen) and not no_pictures(wanted.scene.task)
     if film and video is None:
         video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
     filmed = video is not None or picture is not None
@@ -60,12 +57,9 @@ def command(
         write_picture(picture, recording.contact_strip())
     if seen:
         write_picture(seen, recording.seen())
-    if trace and (document := replayed.trace()):
-        with writing(trace):
-            write_whole(trace, json_format.dumps(document) + "\n")
-    for path in filter(None, (video, picture, seen, trace)):
+    for path in filter(None, (video, picture, seen)):
         stderr().print(f"written: {path}")
-    report = replayed.report() | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
+    report = replayed.report | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
     if json:
         print_json(report)
         return

@@ -22,7 +22,6 @@ from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
     from vlafuzz.failures.described import DescribedFailure
-    from vlafuzz.failures.listed import Listing
     from vlafuzz.report.view import View
 
 TABLES = (".csv", ".md")  # endings of files
@@ -98,12 +97,17 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     """
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import forecast
+    from vlafuzz.failures.described import BUCKETS
     from vlafuzz.failures.listed import listing_of
     from vlafuzz.store.store import Store
 
     found = listing_of(_checked(source))
     if json:
-        _print_rows(source, found)
+        from vlafuzz.stored import StoredResults, finding_of
+
+        rows = StoredResults(source).findings() if source.is_file() else map(finding_of, found.failures)
+        evidence = list(BUCKETS)
+        print_json([asdict(row) for row in sorted(rows, key=lambda row: evidence.index(row.evidence))])
         return
     listed = found.failures
     shown = listed[: limit or None]
@@ -142,22 +146,6 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
         one.scene.digest[:12],
     )
     return [*(values or [one.title]), " · ".join(filter(None, parts))]
-
-
-def _print_rows(source: Path, found: Listing) -> None:
-    """Print the failures as ``StoredFinding``, one each, in the order of the list that counts them."""
-    from vlafuzz.stored import StoredResults, finding_of
-
-    if source.is_file():
-        ranks = {
-            (digest, one.run.policy, one.run.named): rank
-            for rank, one in enumerate(found.failures)
-            for digest in (*one.found, *one.alike)
-        }
-        rows = sorted(StoredResults(source).findings(), key=lambda row: ranks[row.found, row.policy, row.label])
-    else:
-        rows = [finding_of(one) for one in found.failures]
-    print_json([asdict(row) for row in rows])
 
 
 def _write_table(source: Path, out: Path) -> None:

@@ -22,17 +22,6 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.place import by_place, in_words
 
-# Results of triage with their meaning, as shares of the triaged findings.
-SHARES: Mapping[str, str] = {
-    "confirmed": "mostly fails in its neighbourhood",
-    "witnessed": "the expert solves it",
-    "by sight": "of these, the seeing expert solves it, too",
-    "minimal": "of these, every remaining operator matters",
-    "base": "fails even with all operators nominal, and no scene near it is known to pass",
-    "unproven": "the expert fails, too",
-    "edge": "fails exactly as it is, but not in scenes that hardly differ",
-    "flaky": "passes in most repeats, or in about half",
-}
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 _SEVERAL = (
     "The runs are of several models or tasks, and the shares above are of all of them together; "
@@ -61,12 +50,6 @@ def view_of_store(store: Store) -> View:
         if run.status == "running"
     ]
     notes += [_TOY] * any(run.policy == "mini" for run in listing.runs) + [_SEVERAL] * bool(several)
-    charts = list(charts_of(counts))
-    if summary.triaged:
-        counted = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
-        numbers = summary.buckets | counted
-        shares = {name: Share.of_counts(numbers[name], summary.triaged) for name in SHARES}
-        charts.append(_evidence(shares, f"Of the {summary.triaged} triaged findings."))
     return View(
         title=listing.title,
         source=str(store.path),
@@ -75,7 +58,7 @@ def view_of_store(store: Store) -> View:
         todo=listing.todo,
         runs=listing.runs,
         run_table=run_table(store),
-        charts=tuple(charts),
+        charts=charts_of(counts),
         tables=(*several, *map(cause_table, listing.causes), *_effects(store, runs)),
         cards=tuple(map(Card, listing.failures)),
         notes=tuple(notes),
@@ -118,30 +101,14 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     if unfinished := sum(run.seconds is None for run in runs):
         searched = "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
     spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds) if summary.triaged else ""
-    medians = ""
-    if summary.deviating_before is not None:
-        medians = f"{summary.deviating_before:g} before shrinking, {summary.deviating_after:g} after"
-    policy, *others = _of_runs(manifests)
     facts = (
-        policy,
         ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
-        *others,
         ("Search", f"{plural(counts.rollouts.total(), 'rollout')}, {searched}"),
         ("Triage", spent),
         ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
         _places({run.id: run.manifest for run in runs}),
-        ("Operators not nominal, median", medians),
     )
     return tuple((name, value) for name, value in facts if value)
-
-
-def _of_runs(runs: Sequence[Manifest]) -> list[tuple[str, str]]:
-    return [
-        ("Policy", named(str(run.tested) for run in runs)),
-        ("Task", named(run.task for run in runs)),
-        ("Strategy", named(run.strategy for run in runs)),
-        ("Budget", f"{sum(run.budget for run in runs)} rollouts in {plural(len(runs), 'run')}"),
-    ]
 
 
 def _places(runs: Mapping[int, Manifest]) -> tuple[str, str]:
@@ -156,11 +123,6 @@ def _spent(policy: int, expert: int, seconds: float) -> str:
     return f"{policy} rollouts of the policy, {expert} of the expert, {duration(seconds)}"
 
 
-def _evidence(shares: Mapping[str, Share], says: str) -> Chart:
-    measures = (Measure(name, share, SHARES.get(name, "")) for name, share in shares.items())
-    return Chart("Evidence", says, tuple(measures))
-
-
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     """The cases, and the evidence from triage."""
     cases, evidence, listing = corpus.cases, corpus.evidence, listing_of_corpus(folder, corpus)
@@ -172,7 +134,6 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
     facts = (
         ("Name", corpus.name),
-        *_of_runs(corpus.runs),
         ("Search", plural(evidence.search_rollouts, "rollout")),
         ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
         _places(dict(enumerate(corpus.runs, start=1))),
@@ -187,9 +148,6 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         facts=tuple((name, value) for name, value in facts if value),
         runs=listing.runs,
         run_table=Table("Runs", [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]),
-        charts=(
-            _evidence(evidence.shares, "Of the triaged findings of the store."),
-            Chart("Lost stage", "The stage that the policy does not reach; of all cases.", measures),
-        ),
+        charts=(Chart("Lost stage", "The stage that the policy does not reach; of all cases.", measures),),
         cards=tuple(map(Card, listing.failures)),
     )
