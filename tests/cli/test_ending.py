@@ -100,22 +100,6 @@ def test_an_interruption_during_the_start_has_its_sentence_and_exit_code(where: 
     assert (process.returncode, stderr) == (130, "error: interrupted\n")
 
 
-def test_an_import_that_swallows_an_interruption_does_not_keep_it_from_the_command():
-    code = FINDER.replace("{signal}", "SIGINT").replace("exec(self.code, globals())", "attempt()")
-    code += """
-import time
-def attempt():
-    try:
-        raised()
-    except BaseException:
-        time.sleep(60)
-sys.meta_path.insert(0, Finder('vlafuzz.cli.lists'))
-"""
-    with started(code, "list", "operators") as process:
-        _, stderr = process.communicate()
-    assert (process.returncode, stderr) == (130, "error: interrupted\n")
-
-
 def test_an_interruption_that_is_swallowed_ends_the_command_all_the_same():
     swallowing = """
 import time

@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.doubles import Raising, scene
+from tests.doubles import Raising
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.resume import resume
 from vlafuzz.cli import main
 from vlafuzz.common.plugins import EVERYTHING, trusting
-from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.store.store import Store
 
@@ -98,19 +97,6 @@ def test_operators_come_from_the_store_though_their_file_is_gone(monkeypatch, fo
     (folder / "mine.yaml").unlink()
     assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
     assert proposed("a.db") == proposed("whole.db")
-
-
-def test_a_file_of_scenes_is_found_again_and_another_is_refused(monkeypatch, capsys, folder: Path):
-    write_scenes(folder / "pool.jsonl", [scene(x=-0.01 * number) for number in range(9)])
-    cut(monkeypatch, "--scenes", "pool.jsonl", "--store", "a.db")
-    write_scenes(folder / "other.jsonl", [scene(y=-0.01 * number) for number in range(1, 10)])
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db", "--scenes", "other.jsonl")
-    assert f"run 1 had other scenes than {folder / 'other.jsonl'} holds" in message
-    assert f"give --scenes {folder / 'pool.jsonl'} as it was then" in message
-    (folder / "pool.jsonl").rename(folder / "moved.jsonl")
-    assert "pool.jsonl" in complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
-    assert main(["run", "--resume", "--trust", "--store", "a.db", "--scenes", "moved.jsonl"]) == 0
-    assert len(proposed("a.db")) == 9
 
 
 def test_of_equal_runs_the_newest_is_gone_on_with(monkeypatch):

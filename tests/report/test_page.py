@@ -9,7 +9,7 @@ import pytest
 from tests.doubles import scene
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
-from vlafuzz.errors import SceneError, StoreError, UsageError
+from vlafuzz.errors import SceneError, StoreError
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import check_place, render, write_page
@@ -106,13 +106,6 @@ def test_a_page_replaces_the_one_before_and_leaves_nothing_beside_it(tmp_path: P
         write_page(out, text)
     assert [path.name for path in out.parent.iterdir()] == ["page.html"]
     assert out.read_text() == "two"
-
-
-def test_a_place_that_cannot_be_written_is_named(tmp_path: Path):
-    (tmp_path / "file").write_text("")
-    for place, reason in ((tmp_path, "is a folder"), (tmp_path / "file" / "page.html", "cannot be written: ")):
-        with pytest.raises(UsageError, match=f"^{re.escape(str(place))}: {reason}"):
-            check_place(place)
 
 
 def test_a_witness_is_explained_only_where_one_is_filmed(tmp_path: Path):

@@ -1,6 +1,5 @@
 import json
 import re
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,6 @@ from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.failures.triage.summary import summarise
 from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
-from vlafuzz.report.counts import standings_of
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
@@ -32,16 +30,6 @@ from vlafuzz.store.store import Store
 @pytest.fixture(scope="module")
 def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
     return view(store(tmp_path_factory.mktemp("store") / "a.db"))
-
-
-def test_triage_of_a_finding_that_is_no_more_is_of_no_policy(tmp_path: Path):
-    path = store(tmp_path / "a.db")
-    with sqlite3.connect(path) as raw:
-        raw.execute("UPDATE triage SET policy_key = 'changed'")
-    raw.close()
-    with Store.open(path) as changed:
-        (standing,) = standings_of(changed)
-    assert standing.triage_rollouts == 0
 
 
 def counts(chart: Chart) -> dict[str, tuple[int, int]]:

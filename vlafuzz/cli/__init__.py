@@ -12,7 +12,7 @@ import typer
 from typer.core import TyperCommand
 
 from vlafuzz import __version__
-from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard, is_late
+from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
 from vlafuzz.cli.help import epilog
 from vlafuzz.cli.names import check_names, named
 from vlafuzz.common.plugins import trust, trusting
@@ -104,8 +104,7 @@ def _run(arguments: Sequence[str] | None) -> int:
             return _complain(f"{error.filename}: {error.strerror}", "check the path, and the disk", 2)
         traceback.print_exc()
         return BUG
-    silent = ended == INTERRUPTED or is_late()  # typer exits without a word
-    if heard() and silent:
+    if heard() and ended == INTERRUPTED:  # typer exits without a word
         return _complain("interrupted", None, INTERRUPTED)
     return ended if isinstance(ended, int) else 0
 

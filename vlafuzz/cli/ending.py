@@ -6,7 +6,6 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType
 from typing import Any, NoReturn, TextIO
 
 from vlafuzz.common.files import reason
@@ -14,7 +13,6 @@ from vlafuzz.common.files import reason
 CLOSED = 141  # exit code of a program whose reader is gone, as shells have it
 INTERRUPTED = 130
 GRACE = 4.0  # seconds in which an interruption is heard
-SOON = 0.05  # seconds until it is tried again
 _waiting: list[threading.Timer] = []
 
 
@@ -22,7 +20,8 @@ _waiting: list[threading.Timer] = []
 def ending_in_order() -> Iterator[None]:
     """SIGTERM ends the command as Ctrl-C does, in order; a second one of either ends it at once.
 
-    So does the first one if nothing has ``heard`` it after ``GRACE`` seconds: compiled code may swallow it.
+    So does the first one if nothing has ``heard`` it after ``GRACE`` seconds: compiled code may swallow it, and so does
+    scipy's for an import.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # where signals cannot be handled
@@ -37,37 +36,19 @@ def ending_in_order() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _interrupt(_: int, frame: FrameType | None) -> None:
+def _interrupt(*_: object) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, _end_at_once)
     timer = threading.Timer(GRACE, _end_at_once)
     timer.daemon = True
     _waiting.append(timer)
     timer.start()
-    signal.signal(signal.SIGALRM, _raise)
-    _raise(0, frame)
-
-
-def _raise(_: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, but within no import, as scipy's for one swallows it: soon afterwards."""
-    while frame is not None:
-        if "importlib._bootstrap" in frame.f_code.co_filename:
-            signal.setitimer(signal.ITIMER_REAL, SOON)
-            return
-        frame = frame.f_back
     raise KeyboardInterrupt
-
-
-def is_late() -> bool:
-    """Whether an interruption waits for the end of an import."""
-    return bool(_waiting) and signal.getitimer(signal.ITIMER_REAL)[0] > 0
 
 
 def heard() -> bool:
     """The command ends in order, and may take its time; whether nobody had heard an interruption before."""
     unheard = bool(_waiting)
-    if unheard:
-        signal.setitimer(signal.ITIMER_REAL, 0)
     while _waiting:
         _waiting.pop().cancel()
     return unheard

@@ -123,7 +123,7 @@ class Standing:
         rate: how often it fails in random scenes, by the newest run that tells; None if none does.
         causes: that the newest run found whose strategy looks for causes, of which ``certified`` are certified; None
             without such a run.
-        rollouts: of all runs, without those of triage, which are ``triage_rollouts``.
+        rollouts: of all runs, without those of triage.
     """
 
     policy: str
@@ -132,7 +132,6 @@ class Standing:
     causes: int | None
     certified: int | None
     rollouts: int
-    triage_rollouts: int
 
     def row(self) -> dict[str, object]:
         """The columns of a table for people."""
@@ -144,20 +143,14 @@ class Standing:
             "causes": "–" if self.causes is None else self.causes,
             "certified": "–" if self.certified is None else self.certified,
             "rollouts": self.rollouts,
-            "to certify": self.triage_rollouts,
         }
 
     def document(self) -> dict[str, object]:
         """The columns for programs: the rate with its 95 % interval, as ``rate``, ``low`` and ``high``."""
-        rate, rest = self.rate, ("causes", "certified", "rollouts", "triage_rollouts")
-        return {
-            "policy": self.policy,
-            "task": self.task,
-            "rate": rate.value if rate else None,
-            "low": rate.low if rate else None,
-            "high": rate.high if rate else None,
-            **{name: getattr(self, name) for name in rest},
-        }
+        rate = self.rate._asdict() if self.rate else dict.fromkeys(Probability._fields)
+        rates = {"rate": rate.pop("value"), **rate}
+        known = {"causes": self.causes, "certified": self.certified, "rollouts": self.rollouts}
+        return {"policy": self.policy, "task": self.task, **rates, **known}
 
 
 def standings_of(
@@ -168,17 +161,11 @@ def standings_of(
     Args:
         counts, lists: of the same store, if they are there already.
     """
-    runs, counts = store.runs(), counts or count(store)
+    counts = counts or count(store)
     by_run = {one.run: one for one in (all_causes(store) if lists is None else lists)}
     groups = defaultdict[tuple[str, str], list[Run]](list)
-    for run in runs:
+    for run in store.runs():
         groups[run.manifest.model, run.manifest.task].append(run)
-    manifests = {run.id: run.manifest for run in runs}
-    found_by = {finding.key: manifests[finding.run] for finding in store.findings()}
-    spent = Counter[tuple[str, str]]()
-    for row in store.triaged():
-        if row.key in found_by:  # always, unless somebody changed the store
-            spent[found_by[row.key].model, row.scene.task] += row.policy_rollouts
     standings = []
     for (policy, task), several in groups.items():
         newest = several[::-1]
@@ -192,7 +179,6 @@ def standings_of(
                 causes=found.found if found else None,
                 certified=found.certified if found else None,
                 rollouts=counts.begun[task, policy],
-                triage_rollouts=spent[policy, task],
             )
         )
     return tuple(standings)
