@@ -97,11 +97,6 @@ def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys):
     assert checks["follows"].endswith(': raise FileNotFoundError("weights.pt")')
 
 
-def test_a_run_of_code_that_raises_is_refused_in_a_sentence(tmp_path: Path, capsys):
-    assert run(tmp_path, f"{HERE}:broken") == 3
-    assert f"error: {HERE}:broken: FileNotFoundError: weights.pt\n" in capsys.readouterr().err
-
-
 def test_code_whose_import_raises_is_refused_in_a_sentence(tmp_path: Path, monkeypatch, capsys):
     (tmp_path / "lacks_a_package.py").write_text("import unheard_of\n")
     monkeypatch.syspath_prepend(tmp_path)

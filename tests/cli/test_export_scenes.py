@@ -53,12 +53,6 @@ def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):
     assert one < everything
 
 
-def test_exported_scenes_can_be_run_again(store: str, capsys):
-    main(["export", store, "--out", "out.jsonl"])
-    capsys.readouterr()
-    assert told(capsys, ["run", *IDLE, "--scenes", "out.jsonl", "--store", "b.db", "--json"])["verdicts"]["passed"] == 0
-
-
 def test_running_exported_failures_again_says_how_many_pass_now(store: str, capsys, monkeypatch):
     main(["export", store, "--out", "out.jsonl"])
     exported = len(load_scenes(Path("out.jsonl")))

@@ -12,7 +12,7 @@ import pytest
 from tests.report.stores import MadeUpFilms, store, view
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render, render_sheet
-from vlafuzz.report.view import Picture, Sheet, Table
+from vlafuzz.report.view import Picture, Table, View
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")
@@ -104,11 +104,10 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(browser: "sync.B
     picture = io.BytesIO()
     imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
     rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]
-    sheet = Sheet(
+    sheet = View(
         title="a",
         source="a.db",
         headline="b",
-        conclusions=(),
         pictures=(Picture("c", picture.getvalue(), "d"),),
         tables=(Table("e", rows),),
     )

@@ -1,12 +1,12 @@
 from tests.report.test_page import Page
 from vlafuzz.report.page import render_sheet
-from vlafuzz.report.view import Picture, Sheet, Table
+from vlafuzz.report.view import Picture, Table, View
 
 ROWS = ({"strategy": "random", "cells": "7 (6–8)", "shown": "more"}, {"strategy": "mine", "cells": "–", "shown": ""})
 
 
 def sheet(title: str = "Compared", rows: tuple[dict[str, str], ...] = ROWS) -> Page:
-    page = Sheet(
+    page = View(
         title=title,
         source="a.db",
         headline="All of it.",

@@ -29,8 +29,8 @@ class Speed:
     """How fast a policy is, and the simulator with it.
 
     Attributes:
-        answer: seconds for the answer to one observation; ``batched``: for ``batch`` observations at once. simulator:
-        seconds between two answers of a rollout.
+        answer: seconds for the answer to one observation; ``batched``: for ``batch`` observations at once.
+        simulator: seconds between two answers of a rollout.
         actions: control steps that are executed of an answer.
         words: what it rests on, as a part of a sentence.
     """

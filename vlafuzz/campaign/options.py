@@ -48,8 +48,8 @@ class RunConfig:
     Attributes:
         alone: a label that no other configuration has, except for copies of this one. It is the label where the
             policy's name leaves open which model it is, so that the run shares no outcomes with others.
-        packs: of objects, opened; they replace the built-in ones unless ``operators`` names those. command: what the
-        user typed.
+        packs: of objects, opened; they replace the built-in ones unless ``operators`` names those.
+        command: what the user typed.
     """
 
     task: str | None = _option(

@@ -191,16 +191,15 @@ def markdown(reading: Reading) -> str:
 def page(reading: Reading) -> str:
     """The tables, with all tasks, and sentences as one HTML page without external resources."""
     from vlafuzz.report.page import render_sheet
-    from vlafuzz.report.view import Sheet, Table
+    from vlafuzz.report.view import Table, View
 
     rate = reading.rates[0]
     errors = f", and {plural(rate.errors, 'more')} ended in an error" if rate.errors else ""
-    sheet = Sheet(
+    sheet = View(
         title=reading.name,
         source=reading.name,
         headline=f"{rate.success.count} of {rate.success.of} episodes succeed: {rate.success}{errors}.",
         conclusions=tuple(sentences(reading)),
-        pictures=(),
         tables=tuple(Table(title, rows) for title, rows in tables(reading, None).items()),
     )
     return render_sheet(sheet)

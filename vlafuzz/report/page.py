@@ -13,7 +13,7 @@ from vlafuzz.common.files import is_stream, write_whole, writing
 from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.failures.described import BUCKETS
-from vlafuzz.report.view import SOLVERS, Sheet, View
+from vlafuzz.report.view import SOLVERS, View
 from vlafuzz.worlds.evaluator import FILM_SPEED
 
 
@@ -29,7 +29,7 @@ def render(view: View, *, refresh: int | None = None) -> str:
     )
 
 
-def render_sheet(sheet: Sheet) -> str:
+def render_sheet(sheet: View) -> str:
     """A sheet as one HTML page without external resources."""
     return _environment().get_template("sheet.html.j2").render(sheet=sheet, version=__version__)
 

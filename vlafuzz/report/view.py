@@ -1,4 +1,4 @@
-"""Pages as values, without HTML: the report, and sheets of plots, tables and sentences."""
+"""Pages as values, without HTML."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -88,11 +88,21 @@ class Card:
         return f"without it {counts} ({interval(rate.low, rate.high)})"
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A PNG; ``says`` is the alternative text."""
+
+    title: str
+    png: bytes
+    says: str
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """The page.
+    """A page: a report, or a sheet of conclusions, pictures and tables, as of a comparison.
 
     Attributes:
+        source: the store or folder.
         headline: the result in a sentence.
         todo: next steps, each a sentence and the command.
         notes: caveats, in sentences.
@@ -109,6 +119,8 @@ class View:
     cards: tuple[Card, ...] = ()
     tables: tuple[Table, ...] = ()
     notes: tuple[str, ...] = ()
+    conclusions: tuple[str, ...] = ()
+    pictures: tuple[Picture, ...] = ()
 
     @property
     def filmed(self) -> bool:
@@ -129,32 +141,3 @@ class View:
             ("operator", "Operator"): sorted({name for one in shown for name in one.operators}),
             ("evidence", "Evidence"): sorted({one.bucket for one in shown}),
         }
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A PNG; ``says`` is the alternative text."""
-
-    title: str
-    png: bytes
-    says: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class Sheet:
-    """A page of pictures and tables, as of a comparison.
-
-    Attributes:
-        source: the store or folder.
-        headline: the subject, in a sentence.
-        conclusions: in sentences.
-        todo: next steps, each a sentence and the command.
-    """
-
-    title: str
-    source: str
-    headline: str
-    conclusions: tuple[str, ...]
-    pictures: tuple[Picture, ...]
-    tables: tuple[Table, ...]
-    todo: tuple[tuple[str, str], ...] = ()

@@ -13,7 +13,7 @@ from vlafuzz.lab.compare.comparison import SPREAD, Comparison, Spread, Standing
 from vlafuzz.lab.compare.plots import plot
 from vlafuzz.lab.compare.verdicts import ALPHA, MEASURES, Pair
 from vlafuzz.report.page import render_sheet, write_page
-from vlafuzz.report.view import Picture, Sheet, Table
+from vlafuzz.report.view import Picture, Table, View
 
 _JUDGED = {
     "causes": "causes",
@@ -224,7 +224,7 @@ def _page(compared: Comparison, plots: Mapping[str, bytes]) -> str:
     tests = [_tested(pair) for pair in compared.against]
     first, *others = tables(compared)
     against = Table(f"Against {compared.reference}", tests, _TESTS.format(tests=len(tests)))
-    sheet = Sheet(
+    sheet = View(
         title=f"{compared.policy} on {compared.task}: strategies compared",
         source=compared.store,
         headline=f"{names}: {runs}, with the same seeds.",
