@@ -11,7 +11,6 @@ from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
 
 MODULE = "python:tests.worlds.reacher"
@@ -101,8 +100,3 @@ def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
 def test_a_policy_whose_actions_have_another_width_is_refused(capsys):
     assert main(["run", "--world", NARROW, "--policy", POLICY, "--budget", "2"]) == 2
     assert "policy 'downhill' acts by 7 numbers" in capsys.readouterr().err
-
-
-def test_worlds_that_come_with_vlafuzz_are_found_by_their_folders():
-    assert world_of("pick-up").usual
-    assert not world_of("libero_goal/8").usual

@@ -10,6 +10,7 @@ from vlafuzz.worlds.base import Wanted
 def test_a_tasks_name_says_which_world_it_is_of():
     assert world_of("pick-up") is known_worlds()["tabletop"]
     assert world_of("libero_object/0") is known_worlds()["libero"]
+    assert [world.usual for world in known_worlds().values()] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -48,6 +49,5 @@ def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
         world_of("pick-up").space(wanted)
 
 
-def test_every_world_has_robots_and_its_default_one_a_rig():
-    assert next(iter(known_worlds()["tabletop"].robots)) == "panda"
-    assert next(iter(known_worlds()["libero"].robots)) == "libero"
+def test_the_first_robot_of_a_world_is_its_default_one():
+    assert [next(iter(world.robots)) for world in known_worlds().values()] == ["panda", "libero"]
