@@ -75,7 +75,7 @@ def _here(task: LiberoTask, numbers: range, actions: int, pictures: int) -> Iter
             if done:
                 env.step(_actions(number, actions)[done - 1])
             seconds = time.process_time() - begun
-            taken = list(env.observe().pictures.values()) if done < pictures else []
+            taken = list(env.pictures().values()) if done < pictures else []
             yield (env.state(), env.proprioception(), taken), seconds
     env.close()
 
@@ -148,12 +148,12 @@ def _cheaper(
     """Seconds of processor time of a step with pictures, and their similarity ``(steps, 2)`` to LIBERO's."""
     env = LiberoEnv(task, size=SIZE, quality=quality)
     env.reset()
-    env.observe()
+    env.pictures()
     spent, alike = [], []
     for action, pair in zip(actions, expected, strict=True):
         begun = time.process_time()
         env.step(action)
-        seen = env.observe().pictures
+        seen = env.pictures()
         spent.append(time.process_time() - begun)
         alike.append([similarity(seen[name], own) for name, own in zip(CAMERAS, pair, strict=True)])
     env.close()

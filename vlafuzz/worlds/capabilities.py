@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 from vlafuzz.common.watch import Watch
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.scene_lines import SceneFile
 from vlafuzz.worlds.audit import AuditedSuite
 
 if TYPE_CHECKING:
@@ -164,9 +163,6 @@ class SceneFormats(Protocol):
 
     def import_scenes(self, path: Path, frame: Frame) -> Imported:
         """The scenes of a file in the other format; a SceneError if it is none."""
-
-    def read_scene_file(self, path: Path, frame: Frame) -> SceneFile:
-        """The scenes of a file, ours or in the other format."""
 
     def linter(self, packs: Sequence[Any]) -> Linter:
         """What judges files of scenes with objects of the catalogue and of packs."""

@@ -35,11 +35,11 @@ def test_states_observations_and_pictures_are_those_of_libero_bit_by_bit(bowls):
         expected.append(theirs.get_sim_state().tolist())
     theirs.close()
     assert rolled(bowls, 3) == expected
-    observation = bowls.observe()
-    assert observation.state[:3].tolist() == seen[-1]["robot0_eef_pos"].tolist()
-    assert observation.state[6:].tolist() == seen[-1]["robot0_gripper_qpos"].tolist()
+    state, pictures = bowls.proprioception(), bowls.pictures()
+    assert state[:3].tolist() == seen[-1]["robot0_eef_pos"].tolist()
+    assert state[6:].tolist() == seen[-1]["robot0_gripper_qpos"].tolist()
     for camera in CAMERAS:
-        assert np.array_equal(observation.pictures[camera], seen[-1][f"{camera}_image"][::-1, ::-1])
+        assert np.array_equal(pictures[camera], seen[-1][f"{camera}_image"][::-1, ::-1])
 
 
 def test_stages_follow_one_another_and_the_goal_implies_them(bowls):

@@ -50,7 +50,7 @@ def reached(env: LiberoEnv, steps: int) -> None:
 
 
 def digest(env: LiberoEnv) -> str:
-    pictures = env.observe().pictures
+    pictures = env.pictures()
     return hashlib.sha256(b"".join(pictures[name].tobytes() for name in CAMERAS)).hexdigest()
 
 
@@ -59,7 +59,7 @@ def test_pictures_are_similar_to_liberos_own_also_where_the_arm_is_over_the_tabl
     for env in (own, coarse):
         reached(env, steps)
     assert np.array_equal(own.state(), coarse.state())
-    expected, cheaper = own.observe().pictures, coarse.observe().pictures
+    expected, cheaper = own.pictures(), coarse.pictures()
     for camera in CAMERAS:
         assert 0.95 <= similarity(expected[camera], cheaper[camera]) < 1.0
 
@@ -72,7 +72,7 @@ def test_a_scene_with_other_light_and_camera_is_drawn_anew_and_leaves_nothing_be
     before = digest(coarse)
     for _, setting in settings:
         setting.begin(other)
-    expected, cheaper = (env.observe().pictures["agentview"] for env, _ in settings)
+    expected, cheaper = (env.pictures()["agentview"] for env, _ in settings)
     assert similarity(expected, cheaper) >= 0.95
     for _, setting in settings:
         setting.begin(nominal)

@@ -24,7 +24,7 @@ from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import pool
-from vlafuzz.worlds.libero.env import LiberoEnv, LiberoObservation
+from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.evaluator import Workplace
 from vlafuzz.worlds.libero.expert import LiberoExpert
 from vlafuzz.worlds.libero.room import room_of
@@ -91,14 +91,14 @@ class Unasked:
 
 
 @pytest.fixture(scope="module")
-def shown() -> LiberoObservation:
-    """What LIBERO itself shows of initial state 0 when a policy begins."""
+def shown() -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Pictures and state that LIBERO itself gives of initial state 0 when a policy begins."""
     stock = LiberoEnv(find_task(TASK), size=256)
     stock.reset(0)
     stock.settle(SETTLING)
-    observation = stock.observe()
+    pictures, state = stock.pictures(), stock.proprioception()
     stock.close()
-    return observation
+    return pictures, state
 
 
 def first_seen(space: LiberoSpace, spec: PolicySpec) -> Observation:
@@ -251,14 +251,15 @@ class TestEvaluator:
 
     def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: LiberoSpace, shown):
         """Keys, sizes and numbers of openpi's example for LIBERO: 256 pixels made 224, fingers apart."""
+        pictures, state = shown
         address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
         model = Model("openpi", address.options)
         message = model.message(first_seen(space, model.spec))
         assert message.keys() == {"observation/image", "observation/wrist_image", "observation/state", "prompt"}
         for key, camera in (("image", "agentview"), ("wrist_image", "robot0_eye_in_hand")):
-            smaller = Image.fromarray(shown.pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
+            smaller = Image.fromarray(pictures[camera]).resize((224, 224), Image.Resampling.BILINEAR)
             assert np.array_equal(message[f"observation/{key}"], np.asarray(smaller))
-        assert message["observation/state"] == pytest.approx(shown.state, abs=1e-6)
+        assert message["observation/state"] == pytest.approx(state, abs=1e-6)
         assert message["prompt"] == "put the bowl on the plate"
 
     def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space: LiberoSpace, shown):
@@ -266,18 +267,19 @@ class TestEvaluator:
 
         It sends rotation vectors of at most half a turn, and in this state robosuite's is longer.
         """
+        pictures, state = shown
         options = parse("vla-eval:ws://localhost:1?profile=libero", VlaEval).options
         asked = Hello(protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True))
         model = DeclaredModel("vla-eval", asked, options)
         message = model.message(first_seen(space, model.spec))
         assert list(message["images"]) == ["agentview", "wrist"]
         for key, camera in (("agentview", "agentview"), ("wrist", "robot0_eye_in_hand")):
-            assert np.array_equal(message["images"][key], shown.pictures[camera])
-        turn = shown.state[3:6]
+            assert np.array_equal(message["images"][key], pictures[camera])
+        turn = state[3:6]
         angle = np.linalg.norm(turn)
         assert angle > np.pi
         short = turn * (1 - 2 * np.pi / angle)
-        expected = [*shown.state[:3], *short, *shown.state[6:]]
+        expected = [*state[:3], *short, *state[6:]]
         assert message["states"] == pytest.approx(expected, abs=1e-6)
         assert message["task_description"] == "put the bowl on the plate"
 

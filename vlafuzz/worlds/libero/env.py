@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,20 +33,6 @@ APART = 0.5  # metres between them
 NOBODY = 1 << 30  # a kind of shape that no other one collides with
 HIDDEN = 5  # a group of shapes that neither pictures nor rays show
 STIFF = 1e6  # damping that keeps a thing from falling: micrometres in a rollout
-
-
-@dataclass(frozen=True, eq=False)
-class LiberoObservation:
-    """What LIBERO's models see.
-
-    Attributes:
-        pictures: ``(size, size, 3)`` by the names of ``CAMERAS``, turned by 180° as their training data are. state:
-        ``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians.
-    """
-
-    pictures: dict[str, Image]
-    state: Array
-    instruction: str
 
 
 class LiberoEnv:
@@ -164,18 +149,16 @@ class LiberoEnv:
     def solved(self) -> bool:
         return all(self.holds(atom) for atom in self.task.goal)
 
-    def observe(self) -> LiberoObservation:
-        """Two pictures and the state, as LIBERO's evaluations give them to models."""
-        shown = self._seen()
-        pictures = {camera: self._pictures.take(shown, camera) for camera in CAMERAS}
-        return LiberoObservation(pictures, self.proprioception(), self.task.instruction)
+    def pictures(self) -> dict[str, Image]:
+        """By the names of ``CAMERAS``, see ``picture``."""
+        return {camera: self.picture(camera, self.size) for camera in CAMERAS}
 
     def picture(self, camera: str, size: int) -> Image:
-        """``(size, size, 3)`` of a camera, turned by 180°; ``size``: at most the environment's."""
+        """``(size, size, 3)`` of a camera, turned by 180° as training data are; ``size``: at most the environment's."""
         return self._pictures.take(self._seen(), camera, size)
 
     def proprioception(self) -> Array:
-        """``(8,)``: see ``LiberoObservation.state``."""
+        """``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians."""
         robot, shown = self.robosuite.robots[0], self._seen()
         rotation = _rotation_vector(shown.body(robot.robot_model.eef_name).xquat)
         return np.concatenate([shown.site_xpos[robot.eef_site_id], rotation, self._control.seen_fingers])

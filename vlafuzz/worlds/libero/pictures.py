@@ -48,9 +48,8 @@ class Pictures:
         self._context: Any = None
         self._artist: Artist | None = None
 
-    def take(self, data: Any, camera: str, size: int | None = None) -> Image:
+    def take(self, data: Any, camera: str, size: int) -> Image:
         """``(size, size, 3)`` of a camera, turned by 180° as LIBERO's models expect it."""
-        size = size or self._size
         if self._context is None:
             self._start()
         mujoco = self._mujoco

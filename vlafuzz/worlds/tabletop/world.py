@@ -14,7 +14,6 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.scene_lines import SceneFile
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
@@ -40,7 +39,7 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface
@@ -183,9 +182,6 @@ class Tabletop(TableWorld):
 
     def import_scenes(self, path: Path, frame: Frame) -> Imported:
         return read_vlatest(path, load_catalogue(), frame=frame)
-
-    def read_scene_file(self, path: Path, frame: Frame) -> SceneFile:
-        return read_scene_file(path, load_catalogue(), frame)
 
     def linter(self, packs: Sequence[Pack]) -> TableLinter:
         return TableLinter(load_catalogue(packs=packs))
