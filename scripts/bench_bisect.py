@@ -168,8 +168,8 @@ def draws() -> Iterator[tuple[str, str, Draw]]:
 
 def record() -> None:
     """Roll out disturbed copies of `mini` in all controls; takes half an hour on one core."""
-    from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
     from vlafuzz.policies.mini.policy import Mini
+    from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 
     corpus = read_corpus(CORPUS)
     scenes = [probe for probe in probes(corpus) if probe.group == "control"]

@@ -24,8 +24,8 @@ from pathlib import Path
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.worlds.manipulation.jitter import jittered
 
 ARITHMETICS = {

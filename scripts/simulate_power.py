@@ -12,9 +12,8 @@ that lost 10 points, in seven nights.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import product
 from math import ceil
 from typing import cast
@@ -31,10 +30,10 @@ from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import compare
 from vlafuzz.failures.corpus.sides import Recorded, Rerun
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 
 RATES, NUMBERS = (0.05, 0.3, 0.5, 0.8, 0.95), (40, 200)
@@ -83,13 +82,11 @@ def simulate(template: Corpus, kind: str, rate: float, number: int, seed: int, n
     probes = [Probe(control.scene, "control", "random", 0, control.passed) for control in recorded]
 
     def alarm(passing: float, number: int, within: int = 1) -> bool:
-        def make(run: Manifest, night: int) -> Policy:
-            return Policy(kind, passing, [seed, number], night)
+        def make_at(night: int) -> Callable[[Manifest], SceneRunner]:
+            return lambda run: cast(SceneRunner, Policy(kind, passing, [seed, number], night))
 
         return any(
-            compare(
-                probes, Rerun("new", template.runs, partial(make, night=night)), Recorded("old"), alpha=ALPHA / nights
-            ).alarm
+            compare(probes, Rerun("new", template.runs, make_at(night)), Recorded("old"), alpha=ALPHA / nights).alarm
             for night in range(within)
         )
 

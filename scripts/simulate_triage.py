@@ -104,8 +104,6 @@ class Simulated:
         rng = np.random.default_rng([self.seed, int(scene.digest, 16), number])
         return _failed() if rng.random() < self.rate(scene) else _passed()
 
-    def renew(self) -> None: ...
-
     def solve(self, scene: Scene, attempt: int, solver: str = "expert") -> Outcome:
         return _passed()
 

@@ -95,7 +95,7 @@ def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monke
     bright = {"old": 0.0, "new": 0.0, "newer": 9.0}  # light from which they pass
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(bright, object))
     monkeypatch.setattr(
-        "vlafuzz.failures.triage.scene_runner.SimulatorSceneRunner",
+        "vlafuzz.rollouts.scene_runner.SimulatorSceneRunner",
         lambda _, run, name: RuleRunner(lambda shown: shown.light.intensity >= max(bright[name], 0.5), run),
     )
     write_corpus(make_corpus(controls=40), tmp_path / "dark")

@@ -16,7 +16,7 @@ from vlafuzz.cli.names import named
 from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage.scene_runner import runner_of_run
+from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.report.films import RunFilms
 from vlafuzz.store.store import Store
 

@@ -36,10 +36,10 @@ from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policie
 from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
 from vlafuzz.model.label import Model
 from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.search.base import looks_for_causes
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store

@@ -18,7 +18,7 @@ from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.launch import WantedRun, do_missing, stored_run
 from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.triage.scene_runner import runner_of_run
+from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.lab.compare.certified import certify, uncertified
 from vlafuzz.lab.compare.comparison import Comparison, compare_runs
 from vlafuzz.lab.compare.figures import CountedRun, count_run, with_causes

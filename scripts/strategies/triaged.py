@@ -39,8 +39,6 @@ class Runner:
         ]
         return outcomes
 
-    def renew(self) -> None: ...
-
     def solve(self, scene: Scene, attempt: int, solver: str = "expert") -> Outcome:
         return self._passed
 

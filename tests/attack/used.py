@@ -20,7 +20,7 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.policies import built_in
 
-PLACES = ("campaign.launch", "campaign.replay", "failures.triage.scene_runner")
+PLACES = ("campaign.launch", "campaign.replay", "rollouts.scene_runner")
 RUN = {
     "task": "pick-up", "strategy": "random", "vary": ["light", "camera-position"], "batch": 2, "repeats": 1,
     "time": "1m", "label": "a", "operators": "tabletop", "criteria": "strict", "robot": "panda",

@@ -10,7 +10,7 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.rollouts import scene_runner as runner
 
 OPENED: list[str] = []
 

@@ -7,10 +7,10 @@ import pytest
 
 from tests.cli.typed import told, typed
 from tests.failures.triage.planted import CONDITIONS
-from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
+from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner, interrupted
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.failures.triage import scene_runner
+from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.store import Store
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
@@ -96,21 +96,12 @@ def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys):
     assert "failure probability" not in shown
 
 
-def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(capsys, monkeypatch):
-    class Interrupted(PlantedRunner):
-        def renew(self) -> None:
-            super().renew()
-            if self.renewed == 2:
-                raise KeyboardInterrupt
-
-    planted = scene_runner.SimulatorSceneRunner
-    faults = [lambda scene: DARK(scene) or TILTED(scene)]
-    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda *_, **__: Interrupted(faults))
-    printed = typed(capsys, [*CAUSES], code=130)
+def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(capsys):
+    with interrupted():
+        printed = typed(capsys, [*CAUSES], code=130)
     assert printed.out.count("· certified: ") == 1 <= printed.out.count("· not certified")
     assert "interrupted: all finished causes are stored" in printed.err
     assert printed.err.splitlines()[-1] == "hint: continue with `vlafuzz triage a.db --limit 1 --trust`"
-    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", planted)
     assert typed(capsys, ["triage", "a.db", "--limit", "1"]).out.count("· certified: ") == 2
 
 

@@ -12,12 +12,12 @@ from typing import Any
 import pytest
 
 from tests.doubles import ClosedForm, Gone, Raising
-from tests.failures.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 
 IDLE = ("--policy", "python:tests.doubles:make_idle")
@@ -286,20 +286,10 @@ def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     assert all(run["triage_rollouts"] <= 50 for run in json.loads(capsys.readouterr().out)["runs"])
 
 
-class Interrupted(PlantedRunner):
-    """Ctrl-C in its second finding."""
-
-    def renew(self) -> None:
-        super().renew()
-        if self.renewed == 2:
-            raise KeyboardInterrupt
-
-
-def test_triage_goes_on_after_an_interruption(monkeypatch, capsys):
+def test_triage_goes_on_after_an_interruption(capsys):
     compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
     whole = json.loads(capsys.readouterr().out)
-    with monkeypatch.context() as patched:
-        patched.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Interrupted([dark]))
+    with interrupted():
         compare("--triage-rollouts", "200", code=130)
     assert "hint: the same command continues" in capsys.readouterr().err
     compare("--triage-rollouts", "200", "--json")

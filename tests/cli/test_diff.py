@@ -18,8 +18,8 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.diff import diff as compare_causes
 from vlafuzz.failures.corpus.diff import known
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]

@@ -10,9 +10,9 @@ from tests.failures.triage.planted import CONDITIONS, Planted
 from vlafuzz.cli import main
 from vlafuzz.exports.selection import Which, failures_of_store
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]

@@ -16,9 +16,9 @@ from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus import policies
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import load_operators
 

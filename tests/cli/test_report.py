@@ -10,7 +10,7 @@ from tests.report.stores import MANIFEST, MadeUpFilms, store
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage import scene_runner as runner
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.renderer import Renderer

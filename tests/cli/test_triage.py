@@ -7,11 +7,11 @@ import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class tha
 from tests.cli.typed import told, typed
 from tests.doubles import ended, failed, manifest
 from tests.failures.triage.planted import CONDITIONS, Planted
-from tests.failures.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.cli import main
-from vlafuzz.failures.triage import scene_runner as runner
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene_lines import write_scenes
+from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 
 TILTED = CONDITIONS["camera-orientation"][0]
@@ -82,15 +82,9 @@ def test_with_a_time_it_says_how_many_findings_that_is(monkeypatch, capsys):
     assert "; --time ends it after " in said
 
 
-def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(monkeypatch, capsys, store: Path):
-    class Interrupted(PlantedRunner):
-        def renew(self) -> None:
-            super().renew()
-            if self.renewed == 2:
-                raise KeyboardInterrupt
-
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: Interrupted([TILTED]))
-    assert "hint: continue with `vlafuzz triage a.db`" in typed(capsys, ["triage", "a.db"], code=130).err
+def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(capsys, store: Path):
+    with interrupted():
+        assert "hint: continue with `vlafuzz triage a.db`" in typed(capsys, ["triage", "a.db"], code=130).err
     with Store.open(store) as opened:
         assert len(opened.triaged()) == 1
 

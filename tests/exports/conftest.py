@@ -9,14 +9,14 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two scenes that the expert solves; the witness of the first is its solution."""
-    from tests.failures.triage.test_scene_runner import run
+    from tests.rollouts.test_scene_runner import run
 
     with trusting(EVERYTHING):
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))

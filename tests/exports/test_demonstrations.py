@@ -10,7 +10,7 @@ from PIL import Image
 
 from tests.doubles import failed, trial
 from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
-from tests.failures.triage.test_scene_runner import run
+from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.exports.demonstrations import Demonstrations, _key

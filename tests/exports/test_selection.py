@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import scene
-from tests.failures.triage.test_scene_runner import run
+from tests.rollouts.test_scene_runner import run
 from vlafuzz.errors import UsageError
 from vlafuzz.exports.selection import Failure, around, at_random, split
 

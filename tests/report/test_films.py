@@ -7,7 +7,7 @@ import pytest
 
 from tests.report.stores import MANIFEST
 from tests.worlds.tabletop.sim.scenes import nominal
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 
 

@@ -86,12 +86,12 @@ def test_scenes_of_one_batch_are_spread_over_the_lanes(executor, counter):
 
 
 def test_no_scenes_have_no_outcomes(executor):
-    assert executor.evaluate([], []) == []
+    assert dict(executor.run([(0, [])])) == {0: []}
     assert list(executor.run([(3, [])])) == [(3, [])]
 
 
 def test_each_scene_has_its_seed_and_outcomes_are_in_order(executor):
-    outcomes = executor.evaluate([LONG, SHORT, SHORT, SHORT], [1, 2, 3, 4])
+    ((_, outcomes),) = executor.run([(0, [(LONG, 1), (SHORT, 2), (SHORT, 3), (SHORT, 4)])])
     assert [outcome.progress for outcome in outcomes] == pytest.approx([0.41, 0.22, 0.23, 0.24])
 
 

@@ -208,7 +208,7 @@ def _export_corpus(
     from vlafuzz.failures.corpus.export import export as export_corpus
     from vlafuzz.failures.corpus.export import tasks_of
     from vlafuzz.failures.corpus.folder import check_new, write_corpus
-    from vlafuzz.failures.triage.scene_runner import runner_of_run
+    from vlafuzz.failures.triage.jobs import runner_of_run
     from vlafuzz.store.store import Store
 
     check_new(out)

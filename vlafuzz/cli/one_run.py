@@ -27,9 +27,8 @@ from vlafuzz.common.text import duration, interval, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.described import Spaces
-from vlafuzz.failures.triage.jobs import Allowance
+from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
-from vlafuzz.failures.triage.scene_runner import runner_of_run
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.effects import effects_of
 from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes

@@ -62,9 +62,8 @@ def command(
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.failures.causes import all_causes
-    from vlafuzz.failures.triage.jobs import Allowance
+    from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
     from vlafuzz.failures.triage.pipeline import hours, triage, usual_workers
-    from vlafuzz.failures.triage.scene_runner import runner_of_run
     from vlafuzz.failures.triage.summary import summarise
     from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.rollouts.registry import place_of

@@ -5,29 +5,29 @@ from __future__ import annotations
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.exports.expert_runner import UNFAIR, ExpertRunner
+from vlafuzz.errors import UsageError
+from vlafuzz.exports.expert_runner import BROKEN, UNFAIR, ExpertRunner
 from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.exports.selection import Wanted
 from vlafuzz.model.conditions import Role
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.policies.clients.interface import interface_of
-from vlafuzz.rollouts.calls import process_pool
+from vlafuzz.rollouts.executor import Executor
+from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import place, provenance, world_of
 
 UNSOLVED = "the expert does not solve it"
 UNPLAYED = "a replay of the expert's actions does not solve it"
-IN_FLIGHT = 4  # scenes for each worker, so that what is recorded does not pile up
 Answer = Solution | str  # or why there is none
-Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,9 +59,9 @@ class Demonstrations:
     def solved(self, wanted: Iterator[Wanted], number: int, most: int) -> list[Solved]:
         """The first ``number`` scenes that the expert solves, of ``most`` that it tries, in order."""
         tried, solved = islice(wanted, most), list[Solved]()
-        with _crew(self.workers) as each:
+        with closing(self._executor()) as executor:
             while missing := list(islice(tried, number - len(solved))):
-                answers = self._answers(missing, each)
+                answers = self._answers(missing, executor)
                 solved += filter(None, map(self._judged, missing, answers))
         return solved
 
@@ -73,10 +73,10 @@ class Demonstrations:
         """
         early: dict[int, Packed | None] = {}
         following = 0
-        with _crew(self.workers) as each:
-            for done, (index, shown) in enumerate(each(_show, solved), start=1):
+        with closing(self._executor()) as executor:
+            for done, (index, shown) in enumerate(_results(executor, solved), start=1):
                 self.watch.progress("demonstrations recorded", done, len(solved))
-                early[index] = shown
+                early[index] = shown if isinstance(shown, Packed) else None
                 while following in early:
                     shown = early.pop(following)
                     following += 1
@@ -85,7 +85,10 @@ class Demonstrations:
                     else:
                         yield shown
 
-    def _answers(self, wanted: Sequence[Wanted], each: Each) -> list[Answer]:
+    def _executor(self) -> Executor:
+        return workers_at(Place(self.workers), _Teacher)
+
+    def _answers(self, wanted: Sequence[Wanted], executor: Executor) -> list[Answer]:
         """The expert's answer to every scene; what the store does not know is kept there."""
         keys = [_key(one.run) for one in wanted]
         known = {key: self.store.solutions(key) if self.store else {} for key in set(keys)}
@@ -94,8 +97,8 @@ class Demonstrations:
         ]
         open_ = [index for index, answer in enumerate(answers) if answer is None]
         self.known += len(answers) - len(open_)
-        for done, (number, answer) in enumerate(each(_solve, [wanted[index] for index in open_]), start=1):
-            index = open_[number]
+        for done, (number, result) in enumerate(_results(executor, [wanted[index] for index in open_]), start=1):
+            index, answer = open_[number], BROKEN if isinstance(result, Outcome) else result
             answers[index] = answer
             if self.store and isinstance(answer, Solution):
                 self.store.keep_solution(keys[index], wanted[index].scene, answer)
@@ -129,50 +132,41 @@ def _key(run: Manifest) -> str:
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()
 
 
-@contextmanager
-def _crew(workers: int) -> Iterator[Each]:
-    """What calls a function for several items, and numbers the results as they are done."""
-    if workers > 1:
-        with process_pool(workers) as pool:
-            yield lambda function, items: _spread(pool, workers, function, items)
-        return
-    try:
-        yield lambda function, items: enumerate(map(function, items))
-    finally:
-        for runner in _runners.values():
+def _results(executor: Executor, items: Sequence[Wanted | Solved]) -> Iterator[tuple[int, Any]]:
+    """What ``_Teacher`` says of each, numbered, as it is done; an ERROR where a worker was lost twice."""
+    for number, (result,) in executor.run((number, [item]) for number, item in enumerate(items)):
+        if isinstance(result, UsageError):
+            raise result
+        yield number, result
+
+
+class _Teacher:
+    """The evaluator of what is wanted, or of what is solved and to be shown, for runs of any conditions."""
+
+    def __init__(self) -> None:
+        self._runners: dict[str, ExpertRunner] = {}  # by the task and conditions of their runs
+
+    def evaluate(self, items: Sequence[Wanted | Solved]) -> list[Any]:
+        """The answer to what is wanted; what is solved as a policy would see it, None if it is not."""
+        try:
+            return [self._show(item) if isinstance(item, Solved) else self._solve(item) for item in items]
+        except UsageError as error:
+            return [error] * len(items)
+
+    def close(self) -> None:
+        for runner in self._runners.values():
             runner.close()
-        _runners.clear()
 
+    def _solve(self, wanted: Wanted) -> Answer:
+        return self._runner(wanted.run).solve(wanted.scene, wanted.attempt)
 
-def _spread(
-    pool: Executor, workers: int, function: Callable[[Any], Any], items: Sequence[Any]
-) -> Iterator[tuple[int, Any]]:
-    running: dict[Future[Any], int] = {}
-    todo = iter(enumerate(items))
-    while True:
-        for index, item in islice(todo, IN_FLIGHT * workers - len(running)):
-            running[pool.submit(function, item)] = index
-        if not running:
-            return
-        for future in wait(running, return_when=FIRST_COMPLETED).done:
-            yield running.pop(future), future.result()
+    def _show(self, solved: Solved) -> Packed | None:
+        wanted = solved.wanted
+        shown = self._runner(wanted.run).record(wanted.scene, solved.solution.actions, wanted.finding)
+        return packed(shown) if shown is not None else None
 
-
-_runners: dict[str, ExpertRunner] = {}  # of this process, by the task and conditions of their runs
-
-
-def _runner(run: Manifest) -> ExpertRunner:
-    key = f"{run.task}:{run.key(seeded=False)}"
-    if key not in _runners:
-        _runners[key] = ExpertRunner(run)
-    return _runners[key]
-
-
-def _solve(wanted: Wanted) -> Answer:
-    return _runner(wanted.run).solve(wanted.scene, wanted.attempt)
-
-
-def _show(solved: Solved) -> Packed | None:
-    wanted = solved.wanted
-    shown = _runner(wanted.run).record(wanted.scene, solved.solution.actions, wanted.finding)
-    return packed(shown) if shown is not None else None
+    def _runner(self, run: Manifest) -> ExpertRunner:
+        key = f"{run.task}:{run.key(seeded=False)}"
+        if key not in self._runners:
+            self._runners[key] = ExpertRunner(run)
+        return self._runners[key]

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.failures.triage.witness import Player
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Latency, Scene
-from vlafuzz.policies.base import ActionChunk, Observation
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.interface import Interface, Written, interface_of
-from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest, Solution
@@ -33,8 +31,8 @@ class Demonstration:
     """A solution from the start to success, with one item per control step.
 
     Attributes:
-        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action. states: float32
-        ``(steps, m)``, in the policy's layout.
+        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action.
+        states: float32 ``(steps, m)``, in the policy's layout.
         actions: ``(steps, n)``, as it writes them.
         finding: digest of the failing scene that it is for; empty for a random scene.
     """
@@ -54,7 +52,7 @@ class ExpertRunner:
         self.interface: Interface = interface_of(run.policy, run.spec)
         self._demonstrator = world_of(run.task).demonstrator(self.interface)
         self._solving: SceneEvaluator | None = None
-        self._playing: dict[bool, SceneEvaluator] = {}  # by whether there are pictures
+        self._playing: dict[bool, tuple[SceneEvaluator, _Player]] = {}  # by whether there are pictures
 
     def solve(self, scene: Scene, first: int = 0) -> Solution | str:
         """The expert's solution, beginning with its ``first`` attempt; or why there is nothing to be solved.
@@ -95,42 +93,55 @@ class ExpertRunner:
         )
 
     def close(self) -> None:
-        for evaluator in (self._solving, *self._playing.values()):
+        for evaluator in (self._solving, *(evaluator for evaluator, _ in self._playing.values())):
             if evaluator is not None:
                 evaluator.close()
         self._solving, self._playing = None, {}
 
     def _played(self, scene: Scene, actions: Actions, *, pictures: bool) -> list[tuple[Observation, Written]] | None:
         """Observations with the actions that follow them, up to success; None without it."""
-        episode = self._player(pictures=pictures).begin(scene, int(scene.digest[:6], 16))
-        harness = Harness(Player(self.interface.spec), episode.start)
-        steps: list[tuple[Observation, Written]] = []
-        for number in range(len(actions) + scene.latency.delay):
-            if episode.over:
-                break
-            seen = episode.observe()
-            hand = _hand(seen)
-            written = actions[number] if number < len(actions) else self._still(hand, actions[-1])
-            steps.append((seen, written))
-            harness.accept(ActionChunk(self.interface.answer(written, hand)[None]))
-            episode.advance(harness.next_action())
-        return steps if episode.success else None
-
-    def _still(self, hand: Written, last: Written) -> Written:
-        """An action that only waits for late ones to arrive, with the gripper of the last one."""
-        still = self.interface.written(np.zeros(7), hand)
-        still[-1] = last[-1]
-        return still
-
-    def _player(self, *, pictures: bool) -> SceneEvaluator:
         if pictures not in self._playing:
-            player, spec = Player(self.interface.spec), self.interface.spec
-            cameras = spec.cameras if pictures else ()
-            player.spec = replace(spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
-            self._playing[pictures] = make_evaluator(self._run, player, checked=False)
-        return self._playing[pictures]
+            player = _Player(self.interface, pictures=pictures)
+            self._playing[pictures] = make_evaluator(self._run, player, checked=False), player
+        evaluator, player = self._playing[pictures]
+        player.actions, evaluator.seed = actions, int(scene.digest[:6], 16)
+        (outcome,) = evaluate_safely(evaluator, [scene])
+        in_time = len(player.steps) <= len(actions) + scene.latency.delay
+        return player.steps if outcome.verdict is Verdict.PASSED and in_time else None
 
 
-def _hand(seen: Observation) -> Written:
-    assert seen.state is not None, "the spec asks for it"
-    return seen.state
+class _Player:
+    """A policy that executes actions as they are written, waits for late ones, and keeps what it sees.
+
+    Attributes:
+        actions: ``(steps, n)``, to be set before a rollout.
+        steps: observations with the actions that followed.
+    """
+
+    def __init__(self, interface: Interface, *, pictures: bool) -> None:
+        cameras = interface.spec.cameras if pictures else ()
+        self.spec = replace(interface.spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
+        self.actions: Actions = np.zeros((0, interface.spec.action.width), np.float32)
+        self.steps: list[tuple[Observation, Written]] = []
+        self._interface = interface
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        self.steps = []
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        chunks = []
+        for seen in observations:
+            hand, number = seen.state, len(self.steps)
+            assert hand is not None, "the spec asks for it"
+            written: Written = self.actions[number] if number < len(self.actions) else self._still(hand)
+            self.steps.append((seen, written))
+            chunks.append(ActionChunk(self._interface.answer(written, hand)[None]))
+        return chunks
+
+    def close(self) -> None: ...
+
+    def _still(self, hand: Written) -> Written:
+        """An action that moves nothing, with the gripper of the last one."""
+        still = self._interface.written(np.zeros(7), hand)
+        still[-1] = self.actions[-1, -1]
+        return still

@@ -1,10 +1,13 @@
-"""Control policies, whose results are known in advance: a measurement that contradicts them is wrong."""
+"""Policies that do not look: controls, whose results are known in advance, and one that executes given actions."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.harness import WIDTH
 
 
 class Frozen:
@@ -41,3 +44,31 @@ class Random:
 
     def close(self) -> None:
         self._rngs.clear()
+
+
+class Player:
+    """A policy that executes a sequence of actions whatever it sees, and then holds still.
+
+    Attributes:
+        actions: ``(steps, 7)`` or of the width that the spec says, to be set before a rollout.
+    """
+
+    def __init__(self, like: PolicySpec) -> None:
+        self.spec = PolicySpec("witness", action=like.action)
+        self.actions: NDArray[np.floating[Any]] = np.zeros((0, like.action.width), dtype=np.float32)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Observations have the number of their step."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
+
+    def close(self) -> None: ...
+
+    def _at(self, step: int) -> NDArray[np.float64]:
+        if step < len(self.actions):
+            return np.array(self.actions[step], dtype=np.float64)
+        still = np.zeros(self.spec.action.width)
+        if len(still) == WIDTH:
+            still[-1] = self.actions[-1, -1] if len(self.actions) else 1.0  # the gripper
+        return still

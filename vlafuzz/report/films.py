@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from vlafuzz.common.text import plural
-from vlafuzz.failures.triage import scene_runner
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import View
+from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import Film
 

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.evaluator import Evaluator
 
-Batches = Iterable[tuple[int, Sequence[Scene]] | None]  # tagged; None: to be pulled again later
+Batches = Iterable[tuple[int, Sequence[Any]] | None]
+"""Tagged batches of scenes, or of what else an evaluator takes; None: to be pulled again later."""
 
 
 class Executor(Protocol):
@@ -41,7 +41,7 @@ class LocalExecutor:
         self._evaluator.close()
 
 
-def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outcome]:
+def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Any]) -> list[Outcome]:
     """One outcome per scene, even from an evaluator that breaks its contract."""
     try:
         outcomes = evaluator.evaluate(scenes)
@@ -52,7 +52,7 @@ def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Scene]) -> list[Outco
     if len(outcomes) != len(scenes):
         message = f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes"
         return [Outcome.error(message)] * len(scenes)
-    return list(map(checked, outcomes))
+    return [checked(outcome) if isinstance(outcome, Outcome) else outcome for outcome in outcomes]
 
 
 def broken(error: Exception) -> Outcome:

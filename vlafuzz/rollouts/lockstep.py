@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -17,8 +17,7 @@ from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import Batches, broken, checked
 from vlafuzz.worlds.evaluator import Evaluation, SceneEvaluator, proceed
 
-Results = Generator[tuple[int, list[Outcome]], None, None]
-Seeded = tuple[int, Sequence[Scene], Sequence[int]]  # a tagged batch of scenes, with the seed of each
+Seeded = Scene | tuple[Scene, int]  # a scene, perhaps with the seed of its rollout; else that of the conditions
 
 
 def lanes_for(policy: Policy) -> int:
@@ -37,26 +36,19 @@ class LockstepExecutor:
         make: creates a lane's evaluator from a stand-in for the policy.
         policy: closed with the executor.
         lanes: the largest number of them; they are created when they are needed.
+        eager: after None, batches are pulled again before every call of the policy.
     """
 
-    def __init__(self, make: Callable[[Policy], SceneEvaluator], policy: Policy, lanes: int) -> None:
-        self._make, self._policy, self._count = make, policy, lanes
+    def __init__(
+        self, make: Callable[[Policy], SceneEvaluator], policy: Policy, lanes: int, *, eager: bool = False
+    ) -> None:
+        self._make, self._policy, self._count, self._eager = make, policy, lanes, eager
         self._batching = BatchingPolicy(policy)
         self._lanes: list[_Lane] = []
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        return self._run(_Queue(batch and _Batch(*batch) for batch in batches))
-
-    def evaluate(self, scenes: Sequence[Scene], seeds: Sequence[int]) -> list[Outcome]:
-        """The outcome of each scene, whose rollouts begin with its seed."""
-        ((_, outcomes),) = self.run_seeded([(0, scenes, seeds)])
-        return outcomes
-
-    def run_seeded(self, batches: Iterable[Seeded | None]) -> Results:
-        """As ``run``; after None, batches are pulled again before every call of the policy."""
-        return self._run(_Queue((batch and _Batch(*batch) for batch in batches), eager=True))
-
-    def _run(self, queue: _Queue) -> Results:
+    def run(self, batches: Batches) -> Generator[tuple[int, list[Outcome]], None, None]:
+        """See ``Executor``; a scene may have a seed, see ``Seeded``."""
+        queue = _Queue(batches)
         try:
             while True:
                 busy = [lane for lane in self._lanes if lane.job]
@@ -64,7 +56,7 @@ class LockstepExecutor:
                     self._idle().begin(job)
                 elif busy:
                     self._tick(busy)
-                    queue.ticked()
+                    queue.paused = queue.paused and not self._eager
                 elif not queue.open and queue.exhausted:
                     return
                 elif not queue.open:
@@ -133,14 +125,10 @@ class _LanePolicy(StandIn):
 
 @dataclass(eq=False)
 class _Batch:
-    """A batch of scenes with the outcomes so far, by the scenes' indices.
-
-    ``seeds``: of the scenes' rollouts; None for those of the conditions.
-    """
+    """A batch of scenes with the outcomes so far, by the scenes' indices."""
 
     tag: int
-    scenes: Sequence[Scene]
-    seeds: Sequence[int] | None = None
+    scenes: Sequence[Seeded]
     outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
@@ -152,8 +140,8 @@ class _Job:
     index: int
 
     def evaluation(self, evaluator: SceneEvaluator) -> Evaluation:
-        seeds = self.batch.seeds
-        return evaluator.evaluation(self.batch.scenes[self.index], seeds[self.index] if seeds else None)
+        scene = self.batch.scenes[self.index]
+        return evaluator.evaluation(*scene) if isinstance(scene, tuple) else evaluator.evaluation(scene)
 
 
 @dataclass(eq=False)
@@ -200,26 +188,21 @@ class _Lane:
 class _Queue:
     """Hands out the scenes of batches one by one, and collects the batches whose scenes are all evaluated."""
 
-    def __init__(self, batches: Iterable[_Batch | None], *, eager: bool = False) -> None:
+    def __init__(self, batches: Batches) -> None:
         self._source, self._jobs = iter(batches), deque[_Job]()
         self.open: list[_Batch] = []  # those whose outcomes have not been yielded
-        self.exhausted = self._paused = False
-        self._eager = eager
+        self.exhausted = self.paused = False
 
     def next(self) -> _Job | None:
         """The next scene; None where there is none for now, or at all."""
-        while not self._jobs and not self.exhausted and not self._paused:
+        while not self._jobs and not self.exhausted and not self.paused:
             self._pull()
         return self._jobs.popleft() if self._jobs else None
-
-    def ticked(self) -> None:
-        """The policy has answered."""
-        self._paused = self._paused and not self._eager
 
     def finished(self) -> Iterator[tuple[int, list[Outcome]]]:
         for batch in [batch for batch in self.open if len(batch.outcomes) == len(batch.scenes)]:
             self.open.remove(batch)
-            self._paused = False
+            self.paused = False
             yield batch.tag, [batch.outcomes[index] for index in range(len(batch.scenes))]
 
     def _pull(self) -> None:
@@ -229,7 +212,8 @@ class _Queue:
             self.exhausted = True
             return
         if pulled is None:
-            self._paused = True  # until the next outcome
+            self.paused = True  # until the next outcome
             return
-        self.open.append(pulled)
-        self._jobs += [_Job(pulled, index) for index in range(len(pulled.scenes))]
+        batch = _Batch(*pulled)
+        self.open.append(batch)
+        self._jobs += [_Job(batch, index) for index in range(len(batch.scenes))]

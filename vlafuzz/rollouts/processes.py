@@ -12,7 +12,6 @@ from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, VlafuzzError
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import forks
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
@@ -32,7 +31,7 @@ class ProcessExecutor(WorkerPool):
         make: creates a worker's evaluator, in the worker; picklable.
         timeout: seconds per scene before its worker is killed; the first one includes the simulator's start. memory:
         bytes that a worker may use; None for an equal share.
-        after: see ``WorkerPool``.
+        after, look: see ``WorkerPool``.
     """
 
     def __init__(
@@ -43,9 +42,10 @@ class ProcessExecutor(WorkerPool):
         timeout: float = TIMEOUT,
         memory: int | None = None,
         after: Callable[[], None] = lambda: None,
+        look: float = LOOK,
     ) -> None:
         limit = memory or share(workers)
-        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, after)
+        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, after, look)
 
 
 def share(workers: int) -> int:
@@ -83,7 +83,7 @@ class _Process:
     def ready(self) -> bool:
         return True
 
-    def begin(self, scenes: Sequence[Scene]) -> None:
+    def begin(self, scenes: Sequence[Any]) -> None:
         self._began, self._scenes = time.monotonic(), len(scenes)
         self._send(list(scenes))
 
@@ -126,8 +126,8 @@ class _Process:
             raise Lost(f"was stopped for {STOPPED:g} s")
 
 
-def _wait(workers: Sequence[Any]) -> None:
-    connection.wait([worker.pipe for worker in workers], timeout=LOOK)
+def _wait(workers: Sequence[Any], seconds: float) -> None:
+    connection.wait([worker.pipe for worker in workers], seconds)
 
 
 def _serve(pipe: Any) -> None:

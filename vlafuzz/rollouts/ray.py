@@ -5,8 +5,6 @@ import os
 import socket
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
 from functools import partial
 from typing import Any
 
@@ -15,10 +13,8 @@ from ray._private import services
 from ray._private import worker as driver
 from ray.exceptions import RayActorError, RayError
 
-from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError, VlafuzzError
+from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts.calls import process_pool
 from vlafuzz.rollouts.processes import ProcessExecutor, share
 from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, TRIES, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator
@@ -40,7 +36,7 @@ class RayExecutor(WorkerPool):
         actors, each taking one CPU of the cluster.
         address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection that this
             process already has is used and left open.
-        timeout, memory, after: see ``ProcessExecutor``.
+        timeout, memory, after, look: see ``ProcessExecutor``.
     """
 
     def __init__(
@@ -52,10 +48,15 @@ class RayExecutor(WorkerPool):
         timeout: float = TIMEOUT,
         memory: int | None = None,
         after: Callable[[], None] = lambda: None,
+        look: float = LOOK,
     ) -> None:
         self._ours = _connect(address, workers)
-        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, after)
-        _check_room(workers, self.close)
+        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, after, look)
+        room = int(ray.cluster_resources().get("CPU", 0))
+        if room < workers:
+            self.close()
+            message = f"--workers {workers}: the ray cluster has {room} CPUs, and every worker takes one"
+            raise UsageError(message, f"give --workers {room} or fewer, or add machines with `ray start`")
 
     def close(self) -> None:
         """End all actors, and the connection if this object opened it."""
@@ -78,7 +79,7 @@ class _Actor:
     def ready(self) -> bool:
         return bool(ray.wait([self.pending], timeout=0)[0])
 
-    def begin(self, scenes: Sequence[Scene]) -> None:
+    def begin(self, scenes: Sequence[Any]) -> None:
         self.pending = self._actor.evaluate.remote(list(scenes))
         self._allowed = TRIES * (TIMEOUT + self._timeout * max(len(scenes), 1))  # more than its process has
         self._began = time.monotonic()
@@ -106,14 +107,15 @@ class _RemoteWorker:
     """The class of the actors, which runs on the worker's machine and keeps the process that evaluates."""
 
     def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int) -> None:
-        _allow_gpu()
+        if os.environ.get("CUDA_VISIBLE_DEVICES") == "":
+            del os.environ["CUDA_VISIBLE_DEVICES"]  # older ray hides GPUs from actors that request none
         neighbours = min(workers, os.cpu_count() or 1)  # so many workers may share this machine
         self._executor = ProcessExecutor(make, 1, timeout=timeout, memory=memory or share(neighbours))
 
     def greet(self) -> None:
         """Return as soon as the actor exists."""
 
-    def evaluate(self, scenes: list[Scene]) -> list[Outcome] | BaseException:
+    def evaluate(self, scenes: list[Any]) -> list[Outcome] | BaseException:
         """Outcomes, or the error to raise: ray would wrap an exception that is raised here."""
         try:
             ((_, outcomes),) = self._executor.run([(0, scenes)])
@@ -122,96 +124,14 @@ class _RemoteWorker:
         return outcomes
 
 
-class RayPool(ThreadPoolExecutor):
-    """Calls functions in actors, each with one CPU and one process, as many at a time as there are workers.
-
-    A call whose actor or process dies is made once more by another one; after that it is a SimulatorError.
-    VlafuzzError: see ``RayExecutor``.
-    """
-
-    def __init__(self, workers: int, address: str | None = None) -> None:
-        self._ours, self._closed = _connect(address, workers), False
-        super().__init__(workers)
-        self._class: Any = ray.remote(num_cpus=1)(_Caller)
-        self._actors: set[Any] = set()
-        self._idle: list[Any] = []
-        _check_room(workers, self.shutdown)
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:  # type: ignore[override]
-        return super().submit(self._call, function, arguments)
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:  # noqa: FBT001, FBT002 - its base says so
-        if self._closed:
-            return
-        self._closed = True
-        for actor in list(self._actors):
-            ray.kill(actor)
-        super().shutdown(wait, cancel_futures=cancel_futures)
-        if self._ours:
-            ray.shutdown()
-
-    def _call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Runs in a thread of this pool, of which there are as many as actors."""
-        for _ in range(TRIES):
-            if self._closed:
-                break
-            try:
-                actor = self._idle.pop()
-            except IndexError:  # no look before, as other threads take, too
-                actor = self._class.remote()
-                self._actors.add(actor)
-            try:
-                result = ray.get(actor.call.remote(function, arguments))
-            except RayError:
-                self._actors.discard(actor)
-                ray.kill(actor)
-                continue
-            self._idle.append(actor)
-            if isinstance(result, BaseException):
-                raise result
-            return result
-        raise SimulatorError("a worker died; finished findings are stored", hint="repeat the command to continue")
-
-
-class _Caller:
-    """The class of a pool's actors, which keeps the process that is called."""
-
-    def __init__(self) -> None:
-        _allow_gpu()
-        self._open = ExitStack()  # kept, as it ends the process
-        self._pool = self._open.enter_context(process_pool(1))
-
-    def call(self, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """The result, or the error to raise: ray would wrap an exception that is raised here."""
-        try:
-            return self._pool.submit(function, *arguments).result()
-        except (VlafuzzError, KeyboardInterrupt) as error:
-            return error
-
-
-def _allow_gpu() -> None:
-    """Older ray hides GPUs from actors that request none, but rendering uses one."""
-    if os.environ.get("CUDA_VISIBLE_DEVICES") == "":
-        del os.environ["CUDA_VISIBLE_DEVICES"]
-
-
-def _check_room(workers: int, close: Callable[[], None]) -> None:
-    """Raise UsageError, after closing, where the cluster is too small."""
-    room = int(ray.cluster_resources().get("CPU", 0))
-    if room < workers:
-        close()
-        message = f"--workers {workers}: the ray cluster has {room} CPUs, and every worker takes one"
-        raise UsageError(message, f"give --workers {room} or fewer, or add machines with `ray start`")
-
-
 def _unmade(error: RayActorError) -> str:
     """Why the actor could not be created, for instance a missing package on its machine."""
     lines = str(error).strip().splitlines()
     return f": {lines[-1]}" if "creation task" in lines[0] else ""
 
 
-def _wait(workers: Sequence[Any]) -> None:
-    ray.wait([worker.pending for worker in workers], timeout=LOOK)
+def _wait(workers: Sequence[Any], seconds: float) -> None:
+    ray.wait([worker.pending for worker in workers], timeout=seconds)
 
 
 def _connect(address: str | None, workers: int) -> bool:

@@ -3,8 +3,6 @@
 import importlib.util
 import re
 from collections.abc import Callable
-from concurrent.futures import Executor as Pool
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -12,7 +10,6 @@ from typing import Any
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install, suggestion
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.harness import release
-from vlafuzz.rollouts.calls import process_pool
 from vlafuzz.rollouts.capacity import most_workers
 from vlafuzz.rollouts.executor import Executor, LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
@@ -101,24 +98,22 @@ def executor_at(place: Place, make: Callable[..., SceneEvaluator], policy: Polic
     if place.kind == "local":
         lanes = lanes_at(place, policy)
         return LockstepExecutor(make, policy, lanes) if lanes > 1 else LocalExecutor(make(policy))
-    options: dict[str, Any] = {}
     if isinstance(policy, SharedPolicy):
+        return workers_at(place, make, policy)
+    release(policy)  # each worker creates its own
+    return workers_at(place, make)
+
+
+def workers_at(place: Place, make: Callable[..., Any], policy: SharedPolicy | None = None, **options: Any) -> Executor:
+    """The workers of a place, each with an evaluator of its own; ``policy`` is what they share, if anything."""
+    if place.kind == "local":
+        return LocalExecutor(make())
+    if policy is not None:
         make = partial(make, policy)
         # Workers may wait for each other at every step.
-        options = {"timeout": TIMEOUT * place.workers, "after": policy.close}
-    else:
-        release(policy)  # each worker creates its own
+        options |= {"timeout": TIMEOUT * place.workers, "after": policy.close}
     if place.kind == "processes":
         return ProcessExecutor(make, place.workers, **options)
     from vlafuzz.rollouts.ray import RayExecutor  # loads ray
 
     return RayExecutor(make, place.workers, address=place.address, **options)
-
-
-def pool_at(place: Place) -> AbstractContextManager[Pool]:
-    """Start as many single-threaded processes as the place has workers; SimulatorError when one dies."""
-    if place.kind != "ray":
-        return process_pool(place.workers)
-    from vlafuzz.rollouts.ray import RayPool  # loads ray
-
-    return RayPool(place.workers, place.address)

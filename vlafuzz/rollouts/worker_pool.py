@@ -9,13 +9,12 @@ from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import Batches
 
 TRIES = 2  # attempts at a batch, by different workers, before its scenes are ERROR
 TIMEOUT = 300.0  # seconds per scene
 LOOK = 0.5  # seconds between two checks of silent workers
-_END: tuple[int, Sequence[Scene]] = (-1, ())  # after the last batch
+_END: tuple[int, Sequence[Any]] = (-1, ())  # after the last batch
 
 
 class Lost(BaseException):
@@ -31,7 +30,7 @@ class Worker(Protocol):
     def ready(self) -> bool:
         """Whether it accepts a batch: a process does at once, an actor when its cluster has room."""
 
-    def begin(self, scenes: Sequence[Scene]) -> None:
+    def begin(self, scenes: Sequence[Any]) -> None:
         """Start on a batch. Raises nothing: ``answer`` reports errors."""
 
     def answer(self) -> list[Outcome] | None:
@@ -49,7 +48,7 @@ class Worker(Protocol):
 @dataclass(eq=False)
 class _Batch:
     tag: int
-    scenes: Sequence[Scene]
+    scenes: Sequence[Any]
     tries: int = 0
 
 
@@ -65,18 +64,20 @@ class WorkerPool:
     The batch of a lost worker is tried once more by another one; after that, its scenes are ERROR.
 
     Args:
-        wait: blocks for a short time, or until one of the given workers may have an answer.
+        wait: blocks until one of the given workers may have an answer, or for so many seconds.
         after: called at the end, when the workers are gone.
+        look: seconds after which batches are pulled again.
     """
 
     def __init__(
         self,
         start: Callable[[], Worker],
-        wait: Callable[[Sequence[Any]], None],
+        wait: Callable[[Sequence[Any], float], None],
         workers: int,
         after: Callable[[], None],
+        look: float,
     ) -> None:
-        self._start, self._wait, self._count, self._after = start, wait, workers, after
+        self._start, self._wait, self._count, self._after, self._look = start, wait, workers, after, look
         self._slots: list[_Slot] = []
         self._retries: deque[_Batch] = deque()
 
@@ -97,7 +98,7 @@ class WorkerPool:
                     return
                 elif time.monotonic() - last_busy > TIMEOUT:
                     raise PrerequisiteError(f"no worker is ready within {TIMEOUT:.0f} s", hint="`ray status`")
-                self._wait([slot.worker for slot in busy or self._slots])
+                self._wait([slot.worker for slot in busy or self._slots], self._look)
                 for slot in busy:
                     yield from self._collect(slot)
         except BaseException:
@@ -113,7 +114,7 @@ class WorkerPool:
             slot.worker.kill()
         self._slots = []
 
-    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Scene]] | None]) -> bool:
+    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Any]] | None]) -> bool:
         """Give batches to idle workers that are ready; whether the batches are exhausted."""
         for slot in self._slots:
             if slot.batch is None and slot.worker.ready():

@@ -1,13 +1,18 @@
 """A desk without a simulator: a planted policy, and an expert that solves all but some scenes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import count
+from unittest import mock
 
 import numpy as np
 
 from tests.doubles import ClosedForm, failed, passed
 from tests.failures.triage.planted import SPACE, STAGES, Condition, Planted
+from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.store.records import Finding, Triaged
 
 
 class PlantedRunner:
@@ -27,10 +32,7 @@ class PlantedRunner:
         self._planted, self._rate, self._solvable = Planted(conditions), rate, solvable
         self._rng = np.random.default_rng(0)
         self.deterministic = rate is None
-        self.renewed = self.policy_rollouts = self.expert_rollouts = self.closed = 0
-
-    def renew(self) -> None:
-        self.renewed += 1
+        self.policy_rollouts = self.expert_rollouts = self.closed = 0
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         return [self._outcome(scene) for scene in scenes]
@@ -53,6 +55,20 @@ class PlantedRunner:
         if self._rate is not None:
             fails = self._rng.random() < (self._rate if fails else 0.05)
         return failed() if fails else passed()
+
+
+@contextmanager
+def interrupted(number: int = 2) -> Iterator[None]:
+    """Ctrl-C when triage begins its n-th finding."""
+    begun, triage = count(1), Triager.triage
+
+    def counted(self: Triager, finding: Finding) -> Triaged | Unjudged:
+        if next(begun) == number:
+            raise KeyboardInterrupt
+        return triage(self, finding)
+
+    with mock.patch.object(Triager, "triage", counted):
+        yield
 
 
 class PlantedEvaluator(ClosedForm):

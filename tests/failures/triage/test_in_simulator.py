@@ -15,12 +15,12 @@ from vlafuzz.failures.triage.certify import certify
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
-from vlafuzz.failures.triage.witness import Player
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionChunk
+from vlafuzz.policies.controls import Player
 from vlafuzz.store.records import Judged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.manipulation.jitter import jittered

@@ -134,17 +134,12 @@ def test_workers_on_ray_come_to_what_one_process_does(tmp_path: Path):
     assert len(made[0]) == 4
 
 
-@pytest.mark.xdist_group("ray")
-def test_a_worker_on_ray_that_dies_is_one_sentence_too(store):
-    pytest.importorskip("ray")
+@pytest.mark.parametrize("executor", [None, pytest.param("ray", marks=pytest.mark.xdist_group("ray"))])
+def test_workers_that_die_are_one_sentence_and_nothing_is_lost(store, executor):
+    if executor:
+        pytest.importorskip(executor)
     opened = store(scenes([TILTED], 2))
-    with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
-        triage(opened, dying, place=Place(2, "ray"))
-
-
-def test_a_worker_that_dies_is_one_sentence_and_nothing_is_lost(store):
-    opened = store(scenes([TILTED], 2))
-    with pytest.raises(SimulatorError, match="a worker died; finished findings are stored"):
-        triage(opened, dying, place=Place(2))
+    with pytest.raises(SimulatorError, match="a worker ended with exit code 9, 2 times: finished findings are stored"):
+        triage(opened, dying, place=Place(2, executor))
     assert triage(opened, tilted) == {}
     assert len(opened.triaged()) == 2

@@ -5,11 +5,12 @@ import pytest
 
 from tests.doubles import STAGES, failed, passed, rollout, scene
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
-from vlafuzz.failures.triage.witness import SEEING_TRIES, TRIES, Player, find_witness, prove
+from vlafuzz.failures.triage.witness import SEEING_TRIES, TRIES, find_witness, prove
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Latency
 from vlafuzz.policies.base import Observation
+from vlafuzz.policies.controls import Player
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 

@@ -13,13 +13,13 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.triage.oracle import MOST, Answer
 from vlafuzz.failures.triage.outward import outward
 from vlafuzz.failures.triage.path import nominal
-from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.failures.triage.triager import repeat
 from vlafuzz.failures.triage.witness import prove
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Triaged
 
 ROLLOUTS = 20  # exactly in a scene and around it, of which a share has to hold
@@ -50,7 +50,6 @@ def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None
         run: number of the finding's run in the corpus.
         share: see ``firm``; None where the scene as it was found has to fail in most rollouts only.
     """
-    runner.renew()
     if share is not None:
         found = firm(triaged, runner, share, EXPORT + MOST)
         if isinstance(found, str):

@@ -8,10 +8,10 @@ import numpy as np
 from vlafuzz.common.statistics import newcombe
 from vlafuzz.common.watch import Watch
 from vlafuzz.failures.corpus.corpus import Control
-from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
+from vlafuzz.rollouts.scene_runner import SceneRunner
 
 CONTROLS = 200
 # Passing controls, of which there are as many at least: a fifth of what is asked for, and twice what an alarm

@@ -1,12 +1,12 @@
 """export: the minimal findings of a store as a corpus, with controls. Each finding is checked once more."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count, groupby
 from operator import itemgetter
+from typing import cast
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, plural
@@ -17,11 +17,10 @@ from vlafuzz.failures.corpus.controls import CONTROLS, record, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.pipeline import SOON, pace
-from vlafuzz.failures.triage.pool import pooled_runner
 from vlafuzz.failures.triage.summary import summarise
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.rollouts.calls import process_pool, side_by_side
+from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
@@ -29,13 +28,11 @@ from vlafuzz.worlds import provenance
 
 PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about; more with --firm
 SAME = "its scene is that of another finding"
-Check = Callable[[Triaged], Case | str]
-Each = Callable[[Check, Sequence[Triaged]], Iterable[tuple[int, Case | str]]]
 
 
 def export(
     store: Store,
-    runner: Callable[[Run], PictureRunner],
+    runner: Make,
     *,
     name: str,
     run: int | None = None,
@@ -80,13 +77,15 @@ def export(
     for number, group in groupby(chosen, itemgetter(0)):
         findings = [triaged for _, triaged in group]
         results: dict[int, Case | str] = {}
-        with _checker(runner, runs[number], workers) as (checker, each):
+        manifest = runs[number].manifest
+        with crew_at(Place(workers), partial(runner, runs[number]), manifest.policy) as crew:
+            checker = cast(PictureRunner, crew.runner)
             if number == numbers[0]:
                 renderer = checker.renderer
-                recorded = record(checker, runs[number].manifest.seed, controls, watch)
+                ((_, recorded),) = crew.each(partial(record, checker, manifest.seed, watch=watch), [controls])
                 _check_power(checker.space, recorded, watch)
             one = partial(check, run=numbers.index(number), runner=checker, share=firm)
-            for index, result in each(one, findings):
+            for index, result in crew.each(one, findings):
                 results[index] = result
                 checked(next(done))
         for _, case in sorted(results.items()):
@@ -125,17 +124,6 @@ def forecast(store: Store, findings: int, controls: int, workers: int) -> str:
     """How long an export takes, in brackets; empty where it is soon done."""
     seconds = (controls + PER_CASE * findings) * pace(store, workers)
     return f" (about {duration(seconds)}; fewer --controls take less)" if seconds > SOON else ""
-
-
-@contextmanager
-def _checker(make: Callable[[Run], PictureRunner], run: Run, workers: int) -> Iterator[tuple[PictureRunner, Each]]:
-    """A scene runner, and what calls a function for each finding and numbers the results."""
-    if workers == 1:
-        with closing(make(run)) as runner:
-            yield runner, lambda function, findings: enumerate(map(function, findings))
-    else:
-        with process_pool(workers) as pool, pooled_runner(pool, make, run, Place(workers)) as runner:
-            yield runner, partial(side_by_side, pool, workers)
 
 
 def tasks_of(store: Store, run: int | None) -> list[str]:

@@ -21,8 +21,8 @@ from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import Comparison, rollouts_of
 from vlafuzz.failures.corpus.sides import Answers, Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.failures.triage import scene_runner
 from vlafuzz.model.label import Model
+from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import no_pictures

@@ -13,9 +13,9 @@ from vlafuzz.common.reading import parse_json, read_text, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Answer, Probe
-from vlafuzz.failures.triage.runner import PolicyRunner
 from vlafuzz.model.label import Model, not_served
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 
 _HINT = "give --answers the file of an earlier `vlafuzz bisect` or `diff`, or a new one"
@@ -52,7 +52,7 @@ class Rerun:
         make: makes the runner for the conditions of a run; called with the run's manifest at seed 0.
     """
 
-    def __init__(self, name: str, runs: Sequence[Manifest], make: Callable[[Manifest], PolicyRunner]) -> None:
+    def __init__(self, name: str, runs: Sequence[Manifest], make: Callable[[Manifest], SceneRunner]) -> None:
         self.name, self._runs = name, runs
         distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
         self._runners = {key: make(run) for key, run in distinct.items()}

@@ -1,27 +1,24 @@
-"""Job: findings of a run that are to be triaged, here or in several processes, within an allowance."""
+"""Job: findings of a run that are to be triaged, wherever that is, within an allowance."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.common.deadline import Deadline
+from vlafuzz.common.watch import Watch
 from vlafuzz.failures.triage.known import certified
-from vlafuzz.failures.triage.pool import Make, pooled_runner
-from vlafuzz.failures.triage.runner import SceneRunner
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
-from vlafuzz.failures.triage.shared_runner import SharedRunner
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts.calls import side_by_side
-from vlafuzz.rollouts.registry import Place, pool_at
+from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts import scene_runner
+from vlafuzz.rollouts.crew import Crew, Make, crew_at
+from vlafuzz.rollouts.registry import Place
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Repeats, Run, Triaged
 
 WAVE = 4  # findings that do not know each other's causes
-
-Work = Callable[[Callable[[Finding], Triaged | Unjudged], Sequence[Finding]], Iterable[Triaged | Unjudged]]
-"""Calls a function for findings, several at a time or one by one."""
 
 
 @dataclass
@@ -79,47 +76,24 @@ class Job(NamedTuple):
         return Triager(*about, repeats=self.repeats, lessen=self.lessen, deadline=until)
 
 
-def work_here(make: Make, jobs: Sequence[Job], allowance: Allowance) -> Iterator[Triaged | Unjudged]:
-    """Triage in this process, run by run; behind a server, as many findings at a time as it takes scenes."""
+def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
+    """Triage run by run, as many findings at a time as the place has room for; results as they are done."""
     for job in jobs:
-        with closing(make(job.run)) as runner:
-            if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:
-                shared = SharedRunner(runner)
-                yield from _in_waves(shared.side_by_side, job, shared, allowance)
-            else:
-                yield from _in_waves(map, job, runner, allowance)
+        with crew_at(place, partial(make, job.run), job.run.manifest.policy) as crew:
+            yield from _in_waves(job, crew, allowance)
 
 
-def work_in_processes(
-    make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance
-) -> Iterator[Triaged | Unjudged]:
-    """Triage as many findings at a time as there are workers, whose rollouts all workers share.
-
-    Results come in the order in which they are done.
-    """
-
-    def work(
-        function: Callable[[Finding], Triaged | Unjudged], findings: Sequence[Finding]
-    ) -> Iterator[Triaged | Unjudged]:
-        return (triaged for _, triaged in side_by_side(pool, place.workers, function, findings))
-
-    with pool_at(place) as pool:
-        for job in jobs:
-            with pooled_runner(pool, make, job.run, place) as runner:
-                yield from _in_waves(work, job, runner, allowance)
-
-
-def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
+def _in_waves(job: Job, crew: Crew, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
     """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
 
     So results do not depend on how many findings are worked on at a time.
     """
-    triager, known = job.triager(runner, allowance.deadline), job.known
+    triager, known = job.triager(crew.runner, allowance.deadline), job.known
     left = job.findings
     while left and not allowance.used_up:
         wave, left = left[:WAVE], left[WAVE:]
         results = list[Triaged]()
-        for triaged in work(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
+        for _, triaged in crew.each(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
             yield triaged
             results += [triaged] if isinstance(triaged, Triaged) else []
         if known is not None:
@@ -129,3 +103,15 @@ def _in_waves(work: Work, job: Job, runner: SceneRunner, allowance: Allowance) -
 
 def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | Unjudged:
     return Unjudged.LATE if allowance.used_up else triager.triage(finding)
+
+
+def runner_of_run(
+    store: Path, run: Run, policy: Policy | None = None, *, note: Callable[[str], None] = Watch.note
+) -> SceneRunner:
+    """A scene runner for the findings of a run; notes when it differs from what found them."""
+    runner = scene_runner.SimulatorSceneRunner(store, run.manifest, policy=policy)
+    verb = "differs" if len(runner.changed) == 1 else "differ"
+    version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
+    if how := " and ".join(filter(None, (version, runner.elsewhere))):
+        note(f"note: run {run.id} was made {how}; what no longer fails will count as flaky")
+    return runner

@@ -7,11 +7,11 @@ from itertools import chain, count, groupby, islice
 from typing import NamedTuple
 
 from vlafuzz.common.text import duration
-from vlafuzz.failures.triage.jobs import Allowance, Job, work_here, work_in_processes
+from vlafuzz.failures.triage.jobs import Allowance, Job, work
 from vlafuzz.failures.triage.known import certified
-from vlafuzz.failures.triage.pool import Make
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
@@ -111,7 +111,7 @@ def triage(
         left as they are, and tried again by the next call.
 
     Raises:
-        SimulatorError: a worker died.
+        SimulatorError: no worker stays alive.
     """
     done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
     runs = {run.id: run for run in store.runs()}
@@ -140,12 +140,8 @@ def triage(
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))
-    if place.kind == "local":
-        results = work_here(runner, jobs, allowance)
-    else:
-        results = work_in_processes(runner, jobs, place, allowance)
     try:
-        for triaged in results:
+        for triaged in work(runner, jobs, place, allowance):
             if isinstance(triaged, Triaged):
                 allowance.charge(triaged)
                 store.settle(triaged)

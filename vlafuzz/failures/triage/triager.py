@@ -26,13 +26,13 @@ from vlafuzz.failures.triage.oracle import (
 from vlafuzz.failures.triage.outward import outward
 from vlafuzz.failures.triage.path import deviating
 from vlafuzz.failures.triage.reference import find_reference
-from vlafuzz.failures.triage.runner import SceneRunner
 from vlafuzz.failures.triage.shrink import shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import signature
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 
 # Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
@@ -89,7 +89,6 @@ class Triager:
     def triage(self, finding: Finding) -> Triaged | Unjudged:
         """The finding after triage, or why it could not be judged."""
         began = time.monotonic()
-        self.runner.renew()
         alone = replace(self, rolled={})
         try:
             triaged = alone._triage(finding)

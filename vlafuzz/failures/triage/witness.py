@@ -1,17 +1,12 @@
 """Witness: proof that a scene can be solved: actions of an expert that solve it when replayed open loop."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Protocol
 
 from vlafuzz.model.evidence import Actions, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Latency, Scene
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.harness import WIDTH
 
 TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
 SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
@@ -73,31 +68,3 @@ def find_witness(scene: Scene, solve: Solve, play: Play, tries: int = TRIES, sol
         if played.verdict is Verdict.PASSED:
             return Search(Witness(actions, played.rollouts[0].states_hash, attempt, solver), rollouts)
     return Search(None, rollouts, broken)
-
-
-class Player:
-    """A policy that executes a sequence of actions whatever it sees, and then holds still.
-
-    Attributes:
-        actions: ``(steps, 7)`` or of the width that the spec says, to be set before a rollout.
-    """
-
-    def __init__(self, like: PolicySpec) -> None:
-        self.spec = PolicySpec("witness", action=like.action)
-        self.actions: NDArray[np.floating[Any]] = np.zeros((0, like.action.width), dtype=np.float32)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Observations have the number of their step."""
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
-
-    def close(self) -> None: ...
-
-    def _at(self, step: int) -> NDArray[np.float64]:
-        if step < len(self.actions):
-            return np.array(self.actions[step], dtype=np.float64)
-        still = np.zeros(self.spec.action.width)
-        if len(still) == WIDTH:
-            still[-1] = self.actions[-1, -1] if len(self.actions) else 1.0  # the gripper
-        return still

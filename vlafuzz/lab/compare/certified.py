@@ -1,16 +1,14 @@
 """The causes of a run: its findings are triaged within a limit of rollouts, and what is certified counts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from functools import partial
 
 from vlafuzz.failures.triage.jobs import Job
 from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
-from vlafuzz.failures.triage.pool import Make, pooled_runner
-from vlafuzz.failures.triage.runner import SceneRunner
-from vlafuzz.rollouts.calls import side_by_side
-from vlafuzz.rollouts.registry import Place, pool_at
+from vlafuzz.rollouts.crew import Make, crew_at
+from vlafuzz.rollouts.registry import Place
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Run, Triaged
 from vlafuzz.store.store import Store
 
@@ -80,20 +78,18 @@ def certify(
         The number of findings that could not be judged: see ``pipeline.triage``.
     """
     results = known_results(store)
-    with pool_at(place) if place.kind != "local" else nullcontext() as pool:
-        for index, run in enumerate(runs):
-            findings = findings_in_order(store, run.id)
-            job = job_of(store, run, findings)
-            watch(index, 0)
-            with pooled_runner(pool, make, run, place) if pool else closing(make(run)) as runner:
-                triage = partial(_triaged, job, runner)
-                while batch := _missing(findings, results, limit)[: place.workers]:
-                    here = enumerate(map(triage, batch))
-                    for number, triaged in side_by_side(pool, len(batch), triage, batch) if pool else here:
-                        results[batch[number].key] = triaged
-                        if triaged:
-                            store.settle(triaged)
-                    watch(index, certified(findings, results, limit).rollouts)
+    for index, run in enumerate(runs):
+        findings = findings_in_order(store, run.id)
+        job = job_of(store, run, findings)
+        watch(index, 0)
+        with crew_at(place, partial(make, run), run.manifest.policy) as crew:
+            triage = partial(_triaged, job, crew.runner)
+            while batch := _missing(findings, results, limit)[: place.workers]:
+                for number, triaged in crew.each(triage, batch):
+                    results[batch[number].key] = triaged
+                    if triaged:
+                        store.settle(triaged)
+                watch(index, certified(findings, results, limit).rollouts)
     return sum(result is None for result in results.values())
 
 

@@ -14,7 +14,7 @@ from vlafuzz.common.files import make_folder
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.triage import scene_runner
+from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.lab.compare.certified import certify, uncertified
 from vlafuzz.lab.compare.comparison import Comparison, compare_runs
 from vlafuzz.lab.compare.figures import count_run, with_causes
@@ -145,7 +145,7 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch:
         name = Job(left[index].manifest.strategy, left[index].manifest.seed)
         watch.progress(f"triage {index + 1} of {len(left)}: {name}", index * limit + spent, most)
 
-    make = partial(scene_runner.runner_of_run, store.path, note=watch.note)
+    make = partial(runner_of_run, store.path, note=watch.note)
     if unjudged := certify(store, make, left, limit, place, progress):
         watch.note(
             f"{plural(unjudged, 'failure')} could not be judged: the policy broke, or it is no longer fair\n"

@@ -5,11 +5,11 @@ import pytest
 from tests.doubles import manifest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
-from vlafuzz.failures.triage.scene_runner import SimulatorSceneRunner
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -57,9 +57,7 @@ def make_frozen(**_):
 
 def run(factory: str, **changes: object) -> Manifest:
     operators = operators_json(load_operators())
-    return manifest(
-        policy=f"python:tests.failures.triage.test_scene_runner:{factory}", seed=7, operators=operators, **changes
-    )
+    return manifest(policy=f"python:tests.rollouts.test_scene_runner:{factory}", seed=7, operators=operators, **changes)
 
 
 @pytest.fixture(autouse=True)
@@ -92,10 +90,9 @@ def test_behind_a_server_scenes_are_rolled_out_at_the_same_time_each_with_its_se
     assert (SEEDS, set(BATCHES)) == ([8, 9, 10, 11, 14], {4, 1})
 
 
-def test_the_expert_solves_a_scene_and_its_actions_do_it_again_after_a_renewal():
+def test_the_expert_solves_a_scene_and_its_actions_do_it_again():
     runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
     solved = runner.solve(nominal(), 0)
-    runner.renew()
     played = [runner.play(nominal(), solved.rollouts[0].actions) for _ in range(2)]
     runner.close()
     assert [each.verdict for each in (solved, *played)] == [Verdict.PASSED] * 3

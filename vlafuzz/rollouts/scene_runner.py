@@ -1,25 +1,25 @@
-"""SimulatorSceneRunner: policy, expert and simulator under the conditions of a run, for work after it."""
+"""Scene runners: policy, expert and simulator under the conditions of a run, for work after it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from vlafuzz.common.plugins import check_trusted
-from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.failures.triage.witness import Player
+from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Actions, Solver
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
 from vlafuzz.policies.base import Policy
-from vlafuzz.rollouts.executor import evaluate_safely
-from vlafuzz.rollouts.lockstep import LockstepExecutor, Results, Seeded, lanes_for
+from vlafuzz.policies.controls import Player
+from vlafuzz.rollouts.executor import Batches, evaluate_safely
+from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator, stored_space
-from vlafuzz.store.records import Manifest, Run
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film
 from vlafuzz.worlds.place import elsewhere
@@ -29,11 +29,38 @@ if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
 
 
+class SceneRunner(Protocol):
+    """Runs policy and expert in scenes under the conditions of one run. Nothing raises for what a scene does.
+
+    Attributes:
+        stages: the names of the task's stages.
+    """
+
+    stages: tuple[str, ...]
+    deterministic: bool
+
+    @property
+    def space(self) -> Space:
+        """The search space with the operators of the run."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        """One rollout in each scene, with the runner's seed plus the scene's number."""
+
+    def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
+        """One rollout of the expert or the seeing expert, in its n-th attempt."""
+
+    def play(self, scene: Scene, actions: Actions) -> Outcome:
+        """The outcome when the robot executes these actions."""
+
+    def close(self) -> None:
+        """Release simulator and policies."""
+
+
 class SimulatorSceneRunner:
     """A ``SceneRunner`` with a simulator, which takes seconds to make.
 
     Args:
-        source: store or corpus that the manifest is from, for messages.
+        source: store or corpus that the conditions are from, for messages.
         policy: another policy than the run's, by name, or the run's own where that is an object.
 
     Raises:
@@ -41,35 +68,35 @@ class SimulatorSceneRunner:
 
     Attributes:
         lanes: scenes that are rolled out at a time.
-        changed: names of the conditions that come with the installation and are not as they were in the run. elsewhere:
-        where the run was made, in words; empty if it was made here.
+        changed: names of the conditions that come with the installation and are not as they were in the run.
+        elsewhere: where the run was made, in words; empty if it was made here.
     """
 
-    def __init__(self, source: Path, manifest: Manifest, policy: Policy | str | None = None) -> None:
+    def __init__(self, source: Path, conditions: Conditions, policy: Policy | str | None = None) -> None:
         if policy is None:
-            check_trusted(manifest.policy)
-        self.space = stored_space(source, manifest)
+            check_trusted(conditions.policy)
+        self.space = stored_space(source, conditions)
         self.stages = self.space.task.stage_names
-        name = policy if isinstance(policy, str) else manifest.policy
+        name = policy if isinstance(policy, str) else conditions.policy
         self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy
-        self._manifest = manifest
-        self._world = world_of(manifest.task)
+        self._conditions = conditions
+        self._world = world_of(conditions.task)
         self._solvers = self._world.solvers()
         self._player = Player(self._solvers["expert"].spec)
         spec = self._policy.spec
-        self.deterministic = spec.deterministic and manifest.repeats == 1
+        self.deterministic = spec.deterministic and conditions.repeats == 1
         # Of a stochastic policy the run's own seeds are left out: with them it fails, that is known.
-        self._seed = manifest.seed + (0 if self.deterministic else manifest.repeats)
+        self._seed = conditions.seed + (0 if self.deterministic else conditions.repeats)
         self.renderer = self._world.renderer() if spec.cameras else None
-        now = replace(manifest, **here(name, self._policy, self.space))
-        self.changed = tuple(name for name in manifest.differences(now) if name != "place")
-        self.elsewhere = elsewhere(manifest.place, now.place)
+        now = replace(conditions, **here(name, self._policy, self.space))
+        self.changed = tuple(name for name in conditions.differences(now) if name != "place")
+        self.elsewhere = elsewhere(conditions.place, now.place)
         self._stills: SceneEvaluator | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
         self.lanes = lanes_for(self._policy)
-        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
+        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes, eager=True)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
         self._experts = {name: self._evaluator(solver, unseen=True) for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
@@ -77,27 +104,28 @@ class SimulatorSceneRunner:
     def _evaluator(
         self, of: Policy, *, checked: bool = True, recording: Recording | None = None, unseen: bool = False
     ) -> SceneEvaluator:
-        once = replace(self._manifest, repeats=1)
+        once = replace(self._conditions, repeats=1)
         if unseen:
             once = once.without("visible")
         return make_evaluator(once, of, space=self.space, checked=checked, recording=recording)
 
-    def renew(self) -> None:
-        self._policies.renew()
-
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         if self.lanes > 1:
-            return self._lockstep.evaluate(scenes, [self._seed + number for number in numbers])
+            ((_, together),) = self.run([(0, list(zip(scenes, numbers, strict=True)))])
+            return together
         outcomes: list[Outcome] = []
         for scene, number in zip(scenes, numbers, strict=True):
             self._policies.seed = self._seed + number
             outcomes += evaluate_safely(self._policies, [scene])
         return outcomes
 
-    def rollouts(self, batches: Iterable[Seeded | None]) -> Results:
-        """The outcomes of tagged batches of scenes and numbers; see ``LockstepExecutor.run_seeded``."""
-        seeded = (batch and (batch[0], batch[1], [self._seed + number for number in batch[2]]) for batch in batches)
-        return self._lockstep.run_seeded(seeded)
+    def run(self, batches: Batches) -> Generator[tuple[int, list[Outcome]], None, None]:
+        """See ``Executor``; of scenes with the numbers of their rollouts, as many at a time as there are lanes."""
+
+        def seeded(items: Sequence[tuple[Scene, int]]) -> list[tuple[Scene, int]]:
+            return [(scene, self._seed + number) for scene, number in items]
+
+        return self._lockstep.run(batch and (batch[0], seeded(batch[1])) for batch in batches)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
         if solver not in self._solvers:
@@ -146,15 +174,3 @@ class SimulatorSceneRunner:
             evaluator.renew()  # policy and player are closed below
         for evaluator in (self._policies, *self._experts.values(), self._players):
             evaluator.close()
-
-
-def runner_of_run(
-    store: Path, run: Run, policy: Policy | None = None, *, note: Callable[[str], None] = Watch.note
-) -> SimulatorSceneRunner:
-    """A scene runner for the findings of a run; notes when it differs from what found them."""
-    runner = SimulatorSceneRunner(store, run.manifest, policy=policy)
-    verb = "differs" if len(runner.changed) == 1 else "differ"
-    version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
-    if how := " and ".join(filter(None, (version, runner.elsewhere))):
-        note(f"note: run {run.id} was made {how}; what no longer fails will count as flaky")
-    return runner
