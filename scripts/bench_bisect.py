@@ -33,9 +33,9 @@ from vlafuzz.common.assets import corpus_dir
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.bisect import Bisection, bisect, most_comparisons
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.corpus.pairs import Answer, Probe, probes
+from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.sides import Recorded, Rerun
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"
 OUTCOMES = Path(__file__).parent / "results" / "bisect-mini.json"
@@ -65,8 +65,8 @@ class Given:
     name: str
     passes: Booleans
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        return Answer(Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
+        return Outcome(verdict=Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
 
 
 def made_up(

@@ -18,8 +18,8 @@ from vlafuzz.common.assets import corpus_dir
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.diff import Known, diff
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.corpus.pairs import Answer, Probe
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.failures.corpus.pairs import Probe
+from vlafuzz.model.outcome import Outcome, Verdict
 
 FRESH = 20_000  # smaller seeds were used while the test was made
 RATES, SCENES = (0.5, 0.7, 0.9, 1.0), (1, 2, 4)
@@ -32,8 +32,8 @@ class Chance:
     def __init__(self, name: str, rate: float, rng: np.random.Generator) -> None:
         self.name, self._rate, self._rng = name, rate, rng
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
-        return Answer(Verdict.FAILED if self._rng.random() < self._rate else Verdict.PASSED)
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
+        return Outcome(verdict=Verdict.FAILED if self._rng.random() < self._rate else Verdict.PASSED)
 
 
 def standings(known: Known, rate: float, other: float, seeds: range) -> Counter[str]:

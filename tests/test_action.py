@@ -102,7 +102,6 @@ def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
     results = tmp_path / "vlafuzz-results"
     assert json.loads((results / "regress.json").read_text())["alarm"]
     assert Xml.parse(results / "junit.xml").getroot().attrib["failures"] == "1"
-    assert json.loads((results / "regress.sarif").read_text())["runs"][0]["results"][0]["level"] == "error"
 
 
 @pytest.mark.slow

@@ -51,7 +51,6 @@ def regress(
     time: TimeFlag = None,
     junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
     summary: Annotated[Path | None, option("Write Markdown, and beside it a picture of a broken scene.")] = None,
-    sarif: Annotated[Path | None, option("Write SARIF.")] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -61,7 +60,7 @@ def regress(
     and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run, jittered, to show
     what is fixed and what is broken. They raise no alarm: they were selected by what the corpus's own policy does.
     """
-    places = {"--junit": junit, "--summary": summary, "--sarif": sarif}
+    places = {"--junit": junit, "--summary": summary}
     for flag, path in places.items():
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
             message = f"{flag}: {path}: no place for a file"
@@ -71,7 +70,7 @@ def regress(
     check_number("--nights", nights, 1)
     check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
-    from vlafuzz.failures.corpus.ci import write_junit, write_sarif, write_summary
+    from vlafuzz.failures.corpus.ci import write_junit, write_summary
     from vlafuzz.failures.corpus.folder import read_corpus
     from vlafuzz.failures.corpus.policies import compare_policies, still
     from vlafuzz.failures.corpus.tables import difference, document, tables
@@ -104,8 +103,6 @@ def regress(
         write_junit(compared, junit)
     if summary:
         write_summary(compared, exported, summary, still(corpus, exported, compared, policy))
-    if sarif:
-        write_sarif(compared, exported, corpus, sarif)
     for path in filter(None, places.values()):
         Bar.note(f"written: {path}")
     if compared.alarm:

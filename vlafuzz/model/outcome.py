@@ -68,6 +68,15 @@ class Outcome:
     check: str = ""
     unanswered: bool = False
 
+    @property
+    def judged(self) -> bool:
+        """Whether it passed or failed."""
+        return self.verdict >= Verdict.PASSED
+
+    @property
+    def passed(self) -> bool:
+        return self.verdict is Verdict.PASSED
+
     @staticmethod
     def invalid(check: str, detail: str) -> Outcome:
         return Outcome(verdict=Verdict.INVALID, detail=detail, check=check)

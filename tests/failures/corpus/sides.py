@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from tests.doubles import failed, passed, scene
-from vlafuzz.failures.corpus.pairs import Answer, Group, Probe
+from vlafuzz.failures.corpus.pairs import Group, Probe
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest
@@ -13,9 +13,6 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 NO_VERDICT = {Verdict.ERROR: Outcome.error("policy: connect"), Verdict.INVALID: Outcome.invalid("x", "unfair")}
-
-
-PASSED, FAILED = Answer.of(passed()), Answer.of(failed())
 
 
 def probes(controls: int = 60, selected: int = 0) -> list[Probe]:
@@ -44,13 +41,13 @@ class Planned:
         self.name, self._rule = name, rule
         self.calls: list[tuple[int, int]] = []
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
         number = round(probe.scene.targets[0].x * 1000)
         self.calls.append((number, repeat))
         result = self._rule(number, repeat)
         if isinstance(result, Verdict):
-            return Answer.of(NO_VERDICT[result])
-        return PASSED if result else FAILED
+            return NO_VERDICT[result]
+        return passed() if result else failed()
 
 
 def flaky(rate: float, rng: np.random.Generator, name: str = "flaky") -> Planned:

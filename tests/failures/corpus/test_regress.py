@@ -150,12 +150,6 @@ def test_a_verdict_needs_the_controls_that_could_have_made_an_alarm(errors: int,
     assert (result.verdict == f"cannot tell: {said}") is not tells
 
 
-def test_an_outcome_that_is_not_recorded_cannot_be_judged():
-    unknown = [replace(probe, passed=None) for probe in probes()]
-    result = compare(unknown, Planned(as_recorded), RECORDED)
-    assert (result.stopped, result.compared[1].detail) == ("unjudged", "no outcome is recorded")
-
-
 def test_policies_of_equal_skill_hardly_raise_an_alarm_and_a_much_worse_one_does():
     """Exactly, in test_sign_test.py; here of policies that are both rolled out."""
     rng, runs = np.random.default_rng(0), 400

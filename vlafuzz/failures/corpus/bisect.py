@@ -207,8 +207,8 @@ class _Search:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
         self._deadline = deadline
         self._baseline = Answers().of(baseline, Model(baseline.name))
-        recorded = [probe.passed if isinstance(baseline, Recorded) else None for probe in probes]
-        self._of_baseline = np.array([np.nan if passed is None else float(passed) for passed in recorded])
+        recorded = isinstance(baseline, Recorded)
+        self._of_baseline = np.array([float(probe.passed) if recorded else np.nan for probe in probes])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)
         self.ran = [0] * len(checkpoints)  # rollouts
         self.steps: list[Step] = []

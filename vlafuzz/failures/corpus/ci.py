@@ -1,23 +1,14 @@
-"""A comparison as files that continuous integration shows: JUnit XML, Markdown and SARIF.
+"""A comparison as files that continuous integration shows: JUnit XML and Markdown."""
 
-SARIF 2.1.0: <https://docs.oasis-open.org/sarif/sarif/v2.1.0/sarif-v2.1.0.html>.
-"""
-
-import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
-from urllib.parse import quote
 from xml.etree import ElementTree as Xml
 
-from vlafuzz import __version__
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import markdown_table, markdown_text
-from vlafuzz.errors import printable
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.corpus.folder import CONTROLS, COUNTERPARTS, MANIFEST, SCENES
-from vlafuzz.failures.corpus.pairs import GROUPS, Compared, Group
+from vlafuzz.failures.corpus.pairs import GROUPS, Compared
 from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.corpus.tables import difference, tables
 
@@ -26,10 +17,6 @@ _UNPRINTABLE = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff
 _ELEMENTS = {"error": "error", **dict.fromkeys(("invalid", "fails", "worse", "not run"), "skipped")}
 _COUNTS = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 SHOWN = 20  # rows of a Markdown table
-RULES = {
-    "worse-policy": "The policy fails more often than the baseline.",
-    "broken-scene": "The baseline passes in this scene, and the policy fails. One such scene is no evidence.",
-}
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
@@ -130,54 +117,3 @@ def write_summary(comparison: Comparison, corpus: Corpus, path: Path, still: byt
         if still is not None:
             write_whole(picture, still)
         write_whole(path, "\n\n".join(filter(None, parts)) + "\n")
-
-
-def write_sarif(comparison: Comparison, corpus: Corpus, folder: Path, path: Path) -> None:
-    """Write atomically: an alarm is an error, a broken scene a note at its line in the corpus.
-
-    Args:
-        folder: of the corpus, as the code host knows it.
-
-    Raises:
-        UsageError: the system refuses to write it.
-    """
-    rules = [{"id": name, "shortDescription": {"text": text}} for name, text in RULES.items()]
-    driver = {"name": "vlafuzz", "version": __version__, "rules": rules}
-    log = {
-        "$schema": "https://json.schemastore.org/sarif-2.1.0.json",
-        "version": "2.1.0",
-        "runs": [{"tool": {"driver": driver}, "results": list(_results(comparison, corpus, folder))}],
-    }
-    with writing(path, hint="give --sarif another place"):
-        write_whole(path, json.dumps(log, indent=1) + "\n")
-
-
-def _results(comparison: Comparison, corpus: Corpus, folder: Path) -> Iterator[dict[str, Any]]:
-    if comparison.alarm:
-        yield _result("worse-policy", "error", comparison.verdict, folder / MANIFEST, 1, comparison.policy)
-    lines: dict[Group, tuple[str, list[str]]] = {
-        "control": (CONTROLS, [control.scene.digest for control in corpus.controls]),
-        "failing": (SCENES, [case.scene.digest for case in corpus.cases]),
-    }
-    for scene in comparison.compared:
-        if scene.standing != "worse":
-            continue
-        probe, digest = scene.probe, scene.probe.scene.digest
-        file, known = lines.get(probe.group, (COUNTERPARTS, []))
-        line = known.index(digest) + 1 if digest in known else 1
-        detail = f": the policy {scene.detail}" if scene.detail else ""
-        text = f"{probe.scene.instruction} ({probe.group}, {probe.what}){detail}"
-        yield _result("broken-scene", "note", text, folder / file, line, digest)
-
-
-def _result(rule: str, level: str, text: str, file: Path, line: int, same: str) -> dict[str, Any]:
-    place = {"artifactLocation": {"uri": quote(file.as_posix())}, "region": {"startLine": line}}
-    # Without links or placeholders, see 3.11.5 and 3.11.6 of the standard.
-    plain = re.sub(r"[\\\[\]]", r"\\\g<0>", printable(text)).replace("{", "{{").replace("}", "}}")
-    return {
-        "ruleId": rule,
-        "level": level,
-        "message": {"text": plain},
-        "locations": [{"physicalLocation": place}],
-        "partialFingerprints": {"vlafuzz/v1": same},
-    }

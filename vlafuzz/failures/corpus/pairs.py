@@ -29,14 +29,14 @@ class Probe:
             reset; or its ``nominal`` scene.
         what: the case, in a few words.
         run: index of the run whose conditions apply, in ``Corpus.runs``.
-        passed: whether the corpus's own policy passed, as recorded; None where that was not recorded.
+        passed: whether the corpus's own policy passed, as recorded.
     """
 
     scene: Scene
     group: Group
     what: str
     run: int
-    passed: bool | None
+    passed: bool
 
 
 def probes(corpus: Corpus) -> list[Probe]:
@@ -61,35 +61,11 @@ def probes(corpus: Corpus) -> list[Probe]:
     return list(by_scene.values())
 
 
-class Answer(NamedTuple):
-    """The result of one rollout. ``seconds``: wall time; ``detail``: the stage lost, or the error."""
-
-    verdict: Verdict
-    seconds: float = 0.0
-    detail: str = ""
-
-    @staticmethod
-    def of(outcome: Outcome) -> Answer:
-        """From the outcome of a scene that was rolled out once, or could not be."""
-        seconds = sum(rollout.seconds for rollout in outcome.rollouts)
-        lost = f"does not reach {outcome.lost_stage}" if outcome.lost_stage else ""
-        return Answer(outcome.verdict, seconds, outcome.detail or lost)
-
-    @property
-    def judged(self) -> bool:
-        """Whether it passed or failed."""
-        return self.verdict >= Verdict.PASSED
-
-    @property
-    def passed(self) -> bool:
-        return self.verdict is Verdict.PASSED
-
-
 class Pair(NamedTuple):
-    """The answers of baseline and policy in one scene."""
+    """The outcomes of baseline and policy in one scene that was rolled out once, or could not be."""
 
-    baseline: Answer
-    policy: Answer
+    baseline: Outcome
+    policy: Outcome
 
     @property
     def judged(self) -> bool:
@@ -147,8 +123,8 @@ class Compared:
         if not self.pairs:
             return "not run"
         if not self.judged:
-            answers = [answer.verdict for pair in self.pairs for answer in pair]
-            return "error" if Verdict.ERROR in answers else "invalid"
+            verdicts = [outcome.verdict for pair in self.pairs for outcome in pair]
+            return "error" if Verdict.ERROR in verdicts else "invalid"
         if self.passes is (2 * self.baseline_passed > len(self.judged)):
             return "passes" if self.passes else "fails"
         return "better" if self.passes else "worse"
@@ -156,13 +132,17 @@ class Compared:
     @property
     def detail(self) -> str:
         """The first reason for a failure or error, the policy's before the baseline's; or empty."""
-        details = [pair.policy.detail for pair in self.pairs] + [pair.baseline.detail for pair in self.pairs]
-        return next(filter(None, details), "")
+        outcomes = [pair.policy for pair in self.pairs] + [pair.baseline for pair in self.pairs]
+        return next(filter(None, map(_reason, outcomes)), "")
 
     @property
     def seconds(self) -> float:
         """Wall time of the policy's rollouts."""
-        return sum(pair.policy.seconds for pair in self.pairs)
+        return sum(rollout.seconds for pair in self.pairs for rollout in pair.policy.rollouts)
+
+
+def _reason(outcome: Outcome) -> str:
+    return outcome.detail or (f"does not reach {outcome.lost_stage}" if outcome.lost_stage else "")
 
 
 @dataclass(frozen=True)
@@ -244,7 +224,7 @@ def _selected(probe: Probe, *, failing: bool) -> bool:
     """Whether the corpus's own policy fails in a scene, or passes beside one where it does."""
     if failing:
         return probe.group == "failing"
-    return probe.group in ("counterpart", "nominal") and bool(probe.passed)
+    return probe.group in ("counterpart", "nominal") and probe.passed
 
 
 def _tail(least: int, probabilities: Sequence[float]) -> float:

@@ -14,7 +14,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus import bisect, diff, regress
 from vlafuzz.failures.corpus.bisect import Bisection
-from vlafuzz.failures.corpus.controls import CONTROLS, draw, suggest_ranges
+from vlafuzz.failures.corpus.controls import suggest_ranges
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import Difference, Known
 from vlafuzz.failures.corpus.pairs import Probe, probes
@@ -47,8 +47,7 @@ def compare_policies(
 ) -> Comparison:
     """Compare a policy with a baseline, scene by scene; see ``regress.compare``.
 
-    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy. For a corpus without controls
-    some are drawn, and that policy is rolled out, too.
+    Without a ``baseline``, these are the recorded outcomes of the corpus's own policy.
 
     Args:
         folder: of the corpus, for messages.
@@ -56,7 +55,7 @@ def compare_policies(
         alpha: bound on the probability of a false alarm in as many ``nights``, each of which has a comparison in the
             controls of this corpus.
     """
-    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    scenes = _probes(folder, corpus)
     model, alpha = Model(policy, label), alpha / nights
     _check_baseline(baseline, model)
     _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
@@ -177,10 +176,9 @@ def bisect_checkpoints(
     models = {checkpoint.short: checkpoint for checkpoint in checkpoints}
     bisect.check_checkpoints([checkpoint.short for checkpoint in checkpoints])
     absent = _absent(checkpoints, label, answers)
-    scenes, baseline = _scenes(folder, corpus, baseline, watch)
+    controls = [probe for probe in _probes(folder, corpus) if probe.group == "control"]
     for checkpoint in checkpoints:
         _check_baseline(baseline, checkpoint)
-    controls = [probe for probe in scenes if probe.group == "control"]
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
     _check_power(folder, corpus, controls, baseline, alpha, watch)
     step = _pace(watch.note, most * len(controls))
@@ -254,37 +252,24 @@ def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> by
     return film.still if film else None
 
 
-def _scenes(folder: Path, corpus: Corpus, baseline: str | None, watch: Watch) -> tuple[list[Probe], str | None]:
-    """The scenes, controls first, and the name of the baseline; None where its outcomes are recorded."""
-    scenes = probes(corpus)
-    if corpus.controls:
-        return scenes, baseline
-    if baseline is None:
-        check_trusted(corpus.policy)
-    baseline = baseline or corpus.policy
-    watch.note(
-        f"note: the corpus has no controls; {CONTROLS} are drawn, and {baseline} is rolled out, too; "
-        "`vlafuzz export` writes corpora with controls"
-    )
-    run = corpus.runs[0]
-    space = stored_space(folder, run)
-    drawn = (draw(space, run.seed, number) for number in range(CONTROLS))
-    return [*(Probe(scene, "control", "random", 0, passed=None) for scene in drawn), *scenes], baseline
+def _probes(folder: Path, corpus: Corpus) -> list[Probe]:
+    """The scenes of a corpus, controls first; a UsageError if it has none of these."""
+    if not corpus.controls:
+        message = f"{folder}: has no controls, scenes that no outcome selected"
+        raise UsageError(message, hint="`vlafuzz export STORE --minimal` writes corpora with controls")
+    return probes(corpus)
 
 
 def _check_power(
     folder: Path, corpus: Corpus, scenes: Sequence[Probe], baseline: str | None, alpha: float, watch: Watch
 ) -> None:
-    """Say what loss could be noticed, as far as outcomes are recorded.
+    """Say what loss could be noticed.
 
     Raises:
         PrerequisiteError: no alarm is possible.
     """
     controls = {probe.scene: probe.passed for probe in scenes if probe.group == "control"}
-    outcomes = [(scene, passed) for scene, passed in controls.items() if passed is not None]
-    if not outcomes:
-        return
-    power = power_of([passed for _, passed in outcomes], alpha)
+    power = power_of(list(controls.values()), alpha)
     if baseline:
         watch.note(f"if {baseline} passes where {corpus.policy} did: {power}")
     elif power.possible:
@@ -293,7 +278,7 @@ def _check_power(
         hint = f"a higher --max-rollouts: the corpus has {len(corpus.controls)} controls"
         raise PrerequisiteError(str(power), hint=hint)
     else:
-        milder = suggest_ranges(stored_space(folder, corpus.runs[0]), outcomes)
+        milder = suggest_ranges(stored_space(folder, corpus.runs[0]), list(controls.items()))
         raise PrerequisiteError(str(power), hint=f"export a corpus with more passing controls: {milder}")
 
 

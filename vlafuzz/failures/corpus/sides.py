@@ -12,9 +12,9 @@ from vlafuzz.common.files import writing
 from vlafuzz.common.reading import parse_json, read_text, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
-from vlafuzz.failures.corpus.pairs import Answer, Probe
+from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.model.label import Model, not_served
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 
@@ -27,7 +27,7 @@ class Side(Protocol):
     @property
     def name(self) -> str: ...
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
         """The result of the n-th rollout in a scene."""
 
 
@@ -37,11 +37,9 @@ class Recorded:
 
     name: str
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
         """The recorded verdict."""
-        if probe.passed is None:
-            return Answer(Verdict.ERROR, detail="no outcome is recorded")
-        return Answer(Verdict.PASSED if probe.passed else Verdict.FAILED)
+        return Outcome(verdict=Verdict.PASSED if probe.passed else Verdict.FAILED)
 
 
 class Rerun:
@@ -57,14 +55,14 @@ class Rerun:
         distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
         self._runners = {key: make(run) for key, run in distinct.items()}
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
         """One rollout: in a control as it is, in another scene with a jitter and seed of no other use."""
         run, scene, number = self._runs[probe.run], probe.scene, number_of(probe.scene)
         runner = self._runners[run.key(seeded=False)]
         if probe.group != "control":
             number = number_of(scene, REGRESS, repeat)
             scene = runner.space.jittered(scene, number)
-        return Answer.of(runner.evaluate([scene], [run.seed + number])[0])
+        return runner.evaluate([scene], [run.seed + number])[0]
 
     def close(self) -> None:
         for runner in self._runners.values():
@@ -97,7 +95,7 @@ class Answers:
 
     def __init__(self, path: Path | None = None) -> None:
         self._path = path
-        self.known: dict[tuple[str, str, int], Answer] = {}
+        self.known: dict[tuple[str, str, int], Outcome] = {}
         if path is not None:
             with writing(path, _HINT), path.open("a"):
                 pass  # it can be written
@@ -118,7 +116,7 @@ class Answers:
         """
         return _Remembering(model.short, model, self, None, served)
 
-    def keep(self, policy: str, probe: Probe, repeat: int, answer: Answer) -> None:
+    def keep(self, policy: str, probe: Probe, repeat: int, answer: Outcome) -> None:
         self.known[policy, probe.scene.digest, repeat] = answer
         if self._path is not None:
             passed = answer.passed if answer.judged else None
@@ -133,7 +131,7 @@ class Answers:
             raise UsageError(f"{where}: not JSON: {error}", _HINT) from None
         row = validated(_Row, value, where, UsageError, _HINT)
         verdict = {True: Verdict.PASSED, False: Verdict.FAILED, None: Verdict.ERROR}[row.passed]
-        self.known[row.policy, row.scene, row.repeat] = Answer(verdict)
+        self.known[row.policy, row.scene, row.repeat] = Outcome(verdict=verdict)
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,7 @@ class _Remembering:
     side: Side | None
     served: str = ""
 
-    def answer(self, probe: Probe, repeat: int) -> Answer:
+    def answer(self, probe: Probe, repeat: int) -> Outcome:
         """The known result, or that of a rollout."""
         known = self.answers.known.get((str(self.model), probe.scene.digest, repeat))
         if self.side is None:
