@@ -37,7 +37,6 @@ from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
-from vlafuzz.model.label import Model
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.search.base import looks_for_causes
@@ -199,8 +198,7 @@ def diff(
     Args:
         policy_a: the name of the first policy, if it is another one than in ``a``; ``policy_b`` likewise.
         trust: load the code of a ``python:`` policy that a store names.
-        options: ``label_a``, ``label_b``, ``label``, ``answers``, ``run_a``, ``run_b``, ``alpha`` and ``watch`` of
-            ``diff_policies``.
+        options: ``label_a``, ``label_b``, ``run_a``, ``run_b``, ``alpha`` and ``watch`` of ``diff_policies``.
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
@@ -214,7 +212,7 @@ def bisect(corpus: Path | str, checkpoints: Sequence[str], baseline: str | None 
         options: ``alpha``, ``error``, ``comparisons`` and ``watch`` of ``bisect_checkpoints``.
     """
     folder = Path(corpus)
-    return bisect_checkpoints(folder, read_corpus(folder), list(map(Model, checkpoints)), baseline, **options)
+    return bisect_checkpoints(folder, read_corpus(folder), checkpoints, baseline, **options)
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

@@ -1,7 +1,6 @@
 """``vlafuzz bisect`` on a corpus of forty controls, each fifth of which is dark."""
 
 import json
-import re
 from pathlib import Path
 
 import pytest
@@ -78,25 +77,6 @@ def test_a_pattern_names_the_policies(capsys):
     assert sum(printed["probabilities"].values()) == pytest.approx(1)
     assert printed["comparisons"][0] | {"broken": 1.0} == printed["comparisons"][0]
     assert printed["rollouts"] == sum(step["of"] for step in printed["comparisons"])
-
-
-def test_checkpoints_at_one_address_answer_in_turn(monkeypatch, capsys):
-    served, asked = "700", list[str]()
-    make = lambda source, run, policy: RuleRunner(passes(served), run)  # noqa: E731
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", make)
-    checkpoints = [str(number) for number in range(100, 800, 100)]
-    flags = ["--policy", "http://gpu:8000/act", "--answers", "a.jsonl", "--json"]
-    flags += ["--checkpoints", *checkpoints]
-    while bisect(*flags, "--label", served) == 3:
-        asked.append(served)
-        said = " ".join(capsys.readouterr().err.split())
-        assert f"and {served} answers at http://gpu:8000/act now" in said
-        (served,) = re.findall(r"repeat the command with --label (\w+)", said)
-    assert json.loads(capsys.readouterr().out)["named"] == "300 (http://gpu:8000/act)"
-    assert asked[0] == "700"
-    assert len(asked) <= 5
-    assert bisect(*flags) == 2
-    assert "--label NAME says which one does now" in capsys.readouterr().err
 
 
 def test_where_nothing_is_broken_it_exits_with_0(capsys):

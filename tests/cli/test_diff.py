@@ -137,28 +137,11 @@ def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_pat
     assert "causes of pinhole in idle: none is certified, 1 new (p = " in printed["verdict"]
 
 
-def test_two_models_at_one_address_take_a_command_each(tmp_path: Path, monkeypatch, capsys):
-    for name, label, condition in (("a", "v1", case), ("b", "v2", bright)):
-        runs = [manifest(policy="pinhole", label=label)]
-        write_corpus(replace(make_corpus(*map(condition, range(4))), runs=runs), tmp_path / name)
-    both, answering = ["diff", "a", "b", "--answers", "kept.jsonl", "--json"], {"rule": fails(dazzled)}
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda source, run, policy: RuleRunner(answering["rule"], run))
-    assert "error: v1 and v2 cannot both answer at pinhole\nhint: --label NAME" in typed(capsys, "diff a b", code=2).err
-    said = " ".join(typed(capsys, [*both, "--label", "v2"], code=3).err.split())
-    assert "the next rollouts are those of v1, and v2 answers at pinhole now hint: serve v1 there" in said
-    answering["rule"] = fails(dark)
-    printed = told(capsys, [*both, "--label", "v1"])
-    assert (printed["first"], printed["second"]) == ("v1 (pinhole)", "v2 (pinhole)")
-    assert printed["counts"] == {"new": 1, "remaining": 0, "fixed": 1, "unclear": 0, "not judged": 0}
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
         (["old", "old"], "old and old are both of the policy idle"),
-        (["old", "old", "--label-a", "v1"], "nothing says which models v1 (idle) and idle are"),
-        (["old", "old", "--label-a", "v1", "--label-b", "v2", "--label", "v3"], "--label v3: v1 and v2 are"),
-        (["old", "new", "--label", "v1"], "--label v1: none of the models is served at one address in turn"),
+        (["old", "old", "--label-a", "v1"], "v1 and idle cannot both answer at idle hint: serve one of them elsewhere"),
         (["old", "new", "--policy-b", "nobody"], "unknown policy 'nobody'"),
         (["old", "new", "--alpha", "2"], "--alpha: expected a probability"),
         (["old", "missing.db"], "missing.db: no such store"),

@@ -7,18 +7,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import (
-    AlphaFlag,
-    AnswersFlag,
-    JsonFlag,
-    LabelFlag,
-    ServedFlag,
-    TimeFlag,
-    TrustFlag,
-    label_option,
-    option,
-    option_of,
-)
+from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, label_option, option, option_of
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.text import percent
@@ -126,8 +115,6 @@ def diff(
     label_b: Annotated[
         str | None, label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B")
     ] = None,
-    label: ServedFlag = None,
-    answers: AnswersFlag = None,
     run_a: Annotated[int | None, option("Only this run of A.", "all runs")] = None,
     run_b: Annotated[int | None, option("Only this run of B.", "all runs")] = None,
     alpha: AlphaFlag = 0.05,
@@ -139,10 +126,6 @@ def diff(
     Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each scene three
     times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a paired test shows that
     one of them passes there more often.
-
-    Two models that are served at one address in turn are told apart by their labels, and take two commands with the
-    same --answers: one while the one answers, and the same with the other --label once the other one does. Until then
-    the exit code is 3.
     """
     check_probability("--alpha", alpha)
     _check_policies(policy_a, policy_b)
@@ -157,8 +140,6 @@ def diff(
             policy_b,
             label_a=label_a or "",
             label_b=label_b or "",
-            label=label or "",
-            answers=answers,
             run_a=run_a,
             run_b=run_b,
             alpha=alpha,
@@ -178,20 +159,15 @@ def bisect(
         list[str] | None, typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …")
     ] = None,
     policy: Annotated[
-        str,
-        typer.Option(
-            help="How a checkpoint {} is named as a policy: lerobot:{}; without {}, where all are served.",
-            metavar="NAME",
-        ),
+        str, typer.Option(help="How a checkpoint {} is named as a policy: lerobot:{}.", metavar="NAME")
     ] = "{}",
-    label: ServedFlag = None,
     baseline: BaselineFlag = None,
     alpha: AlphaFlag = 0.05,
     error: Annotated[float, option("Probability up to which something else may have happened.")] = 0.05,
     comparisons: Annotated[int | None, option("Most comparisons.", "log2 of the checkpoints, and 2")] = None,
     time: TimeFlag = None,
     trust: TrustFlag = False,
-    answers: AnswersFlag = None,
+    answers: Annotated[Path | None, option("Keep outcomes by checkpoint in this file, and reuse those in it.")] = None,
     json: JsonFlag = False,
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
@@ -199,25 +175,19 @@ def bisect(
     First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress` does. If
     it is worse, a binary search that expects noise compares few of the others, each until it is clear whether it is
     broken, and then whether all of the loss came in one step.
-
-    Checkpoints that are served at one address in turn are told apart by their labels. Whenever another one has to
-    answer, the exit code is 3, and a message says which.
     """
     from vlafuzz.failures.corpus.bisect import check_checkpoints
-    from vlafuzz.model.label import Model, check_label
-    from vlafuzz.rollouts.policies import is_built_in
 
-    names, in_turn = [*(checkpoints or ()), *(more or ())], "{}" not in policy
+    names = [*(checkpoints or ()), *(more or ())]
     check_checkpoints(names)
     check_probability("--alpha", alpha)
     check_probability("--error", error)
     check_number("--comparisons", comparisons, 1)
-    if in_turn and is_built_in(policy):
+    if "{}" not in policy:
         hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
         raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
-    for name in names if in_turn else ():
-        check_label("--checkpoints", name)
-    _check_policies(*(policy.replace("{}", name) for name in names), baseline)
+    names = [policy.replace("{}", name) for name in names]
+    _check_policies(*names, baseline)
     until = deadline("--time", time)
     from vlafuzz.failures.corpus.folder import read_corpus
     from vlafuzz.failures.corpus.policies import bisect_checkpoints
@@ -231,9 +201,8 @@ def bisect(
         result = bisect_checkpoints(
             corpus,
             exported,
-            [Model(policy, name) if in_turn else Model(policy.replace("{}", name)) for name in names],
+            names,
             baseline,
-            label=label or "",
             alpha=alpha,
             error=error,
             comparisons=comparisons,

@@ -164,13 +164,7 @@ SeedFlag = Annotated[int, option_of("seed", "")]
 WorkersFlag = Annotated[int | None, option_of("workers")]
 ExecutorFlag = Annotated[str | None, option_of("executor")]
 PackFlag = Annotated[list[str] | None, option_of("packs")]
-ServedFlag = Annotated[
-    str | None, label_option("--label", "Of models that are served at one address in turn, the one that answers now.")
-]
 AlphaFlag = Annotated[float, option("Probability of a false alarm, at most.")]
-AnswersFlag = Annotated[
-    Path | None, option("Keep outcomes by model in this file, and reuse those in it.", flag="--answers")
-]
 TimeFlag = Annotated[
     str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
 ]

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
-from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.errors import UsageError
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,3 @@ def check_label(flag: str, label: str | None) -> None:
     if label and not re.fullmatch(r"[\w.:@+/-]{1,100}", label):
         problem = f"{flag} {label!r}: expected up to 100 letters, digits and . : @ + / - _"
         raise UsageError(problem, hint=f"such as {flag} step-40000")
-
-
-def not_served(wanted: Model, label: str) -> PrerequisiteError:
-    """What a user has to do where the next rollouts are of another model than that at its address now."""
-    now = f"{label} answers" if label else "nobody says what answers"
-    return PrerequisiteError(
-        f"the next rollouts are those of {wanted.which}, and {now} at {wanted.address} now",
-        hint=f"serve {wanted.which} there, and repeat the command with --label {wanted.which}",
-    )

@@ -21,7 +21,6 @@ from vlafuzz.failures.corpus.breaking import Belief, Shape, believe, likeliest
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Comparison, Progress, compare
 from vlafuzz.failures.corpus.sides import Answers, Recorded, Side
-from vlafuzz.model.label import Model
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
 CLEAR = 10  # a comparison ends where its checkpoint is broken or works but for this part of the error
@@ -206,7 +205,7 @@ class _Search:
     ) -> None:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
         self._deadline = deadline
-        self._baseline = Answers().of(baseline, Model(baseline.name))
+        self._baseline = Answers().of(baseline)
         recorded = isinstance(baseline, Recorded)
         self._of_baseline = np.array([float(probe.passed) if recorded else np.nan for probe in probes])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)

@@ -87,8 +87,6 @@ def diff_policies(
     *,
     label_a: str = "",
     label_b: str = "",
-    label: str = "",
-    answers: Path | None = None,
     run_a: int | None = None,
     run_b: int | None = None,
     alpha: float = 0.05,
@@ -97,24 +95,19 @@ def diff_policies(
     """Compare two policies by the certified causes of two stores or corpora; see ``diff.diff``.
 
     Args:
-        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise. label_a: which model
-        that is, or which of the models in ``a``; ``label_b`` likewise.
-        label: of two models that are served at one address in turn, the one that answers there now. answers: a file
-        that keeps outcomes, see ``Answers``; needed for two models at one address.
+        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
+        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
 
     Raises:
-        UsageError: both are the same model, on different tasks, or one has several.
+        UsageError: both are the same model, at one address, on different tasks, or one has several.
         StoreError: none of them has a certified cause.
-        PrerequisiteError: the other one of two models has to be served next.
     """
     first, second = diff.known(a, run_a, label_a), diff.known(b, run_b, label_b)
     if not (first.causes or second.causes):
         raise StoreError(f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some")
     one, other = _two_models(first, second, policy_a, policy_b)
-    absent = _absent([one, other], label, answers)
     rollouts = sum(2 * sum(tested.repeats) for tested in (first, second))
     watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
-    known = Answers(answers)
 
     def progress(done: int, most: int) -> None:
         watch.progress("rollouts where one of the policies fails", done, most)
@@ -122,15 +115,8 @@ def diff_policies(
     with ExitStack() as stack:
 
         def side(model: Model, tested: Known) -> Side:
-            if model in absent:
-                return known.without(model, label)
             make = partial(scene_runner.SimulatorSceneRunner, tested.source, policy=model.policy)
-            opened = known.of(stack.enter_context(closing(Rerun(model.short, tested.runs, make))), model)
-            if absent:  # all that can be asked now, before the other one is asked for
-                result = diff.roll_out(tested, opened, Recorded(tested.model.short), alpha, progress)
-                if result.stopped == "unjudged":
-                    raise bisect.unjudged(opened, result)
-            return opened
+            return stack.enter_context(closing(Rerun(model.short, tested.runs, make)))
 
         in_a, in_b = ((side(one, tested), side(other, tested)) for tested in (first, second))
         return diff.diff(first, second, in_a, in_b, alpha=alpha, watch=progress)
@@ -143,6 +129,9 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
     if one == other:
         hint = "name another one: --policy-a, --policy-b; or --label-a, --label-b for models at one address"
         raise UsageError(f"{first.source} and {second.source} are both of the policy {one}", hint=hint)
+    if one.replaces(other):
+        problem = f"{one.which or one} and {other.which or other} cannot both answer at {one.address}"
+        raise UsageError(problem, hint="serve one of them elsewhere: --policy-a or --policy-b names it there")
     if first.runs[0].task != second.runs[0].task:
         problem = f"of different tasks, {first.runs[0].task} and {second.runs[0].task}"
         raise UsageError(f"{first.source} and {second.source} are {problem}", hint="give stores of one task")
@@ -155,10 +144,9 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
 def bisect_checkpoints(
     folder: Path,
     corpus: Corpus,
-    checkpoints: Sequence[Model],
+    checkpoints: Sequence[str],
     baseline: str | None = None,
     *,
-    label: str = "",
     alpha: float = 0.05,
     error: float = 0.05,
     comparisons: int | None = None,
@@ -166,19 +154,15 @@ def bisect_checkpoints(
     answers: Path | None = None,
     watch: Watch = SILENT,
 ) -> Bisection:
-    """Find out which of several models, in the order of their training, broke; see ``bisect.bisect``.
+    """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
 
     Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is open at a
-    time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``. Of checkpoints that are served at
-    one address in turn, ``label`` is the one that answers there now; a PrerequisiteError says which one has to be
-    served next.
+    time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``.
     """
-    models = {checkpoint.short: checkpoint for checkpoint in checkpoints}
-    bisect.check_checkpoints([checkpoint.short for checkpoint in checkpoints])
-    absent = _absent(checkpoints, label, answers)
+    bisect.check_checkpoints(checkpoints)
     controls = [probe for probe in _probes(folder, corpus) if probe.group == "control"]
     for checkpoint in checkpoints:
-        _check_baseline(baseline, checkpoint)
+        _check_baseline(baseline, Model(checkpoint))
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
     _check_power(folder, corpus, controls, baseline, alpha, watch)
     step = _pace(watch.note, most * len(controls))
@@ -193,45 +177,24 @@ def bisect_checkpoints(
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
-        model = models[name]
-        if model in absent:
-            yield known.without(model, label)
-            return
         # The last one is opened first; the others' notes are the same.
-        noting = watch if model == checkpoints[-1] else SILENT
-        with closing(_rerun(folder, corpus, model, noting)) as side:
-            yield known.of(side, model)
+        noting = watch if name == checkpoints[-1] else SILENT
+        with closing(_rerun(folder, corpus, Model(name), noting)) as side:
+            yield known.of(side)
 
     with ExitStack() as stack:
         old = _baseline(folder, corpus, baseline, stack, watch)
         return bisect.bisect(
             controls,
-            list(models),
+            checkpoints,
             opened,
-            known.of(old, Model(baseline)) if baseline else old,
+            known.of(old) if baseline else old,
             alpha=alpha,
             error=error,
             comparisons=most,
             deadline=deadline,
             watch=progress,
         )
-
-
-def _absent(models: Sequence[Model], label: str, answers: Path | None) -> list[Model]:
-    """Of models that are served at one address in turn, those that do not answer there now."""
-    in_turn = [model for model in models if any(model.replaces(other) for other in models)]
-    names = [model.which for model in in_turn]
-    if label and label not in names:
-        served = f"{' and '.join(names)} are" if names else "none of the models is"
-        raise UsageError(f"--label {label}: {served} served at one address in turn", hint="check the name")
-    if in_turn and not all(names):
-        problem = f"nothing says which models {' and '.join(map(str, in_turn))} are"
-        raise UsageError(problem, hint="name both, which answer at one address: --label-a, --label-b")
-    if in_turn and not (label and answers):
-        problem = f"{' and '.join(names)} cannot both answer at {in_turn[0].address}"
-        hint = "--label NAME says which one does now, and --answers FILE keeps outcomes until others do"
-        raise UsageError(problem, hint)
-    return [model for model in in_turn if model.which != label]
 
 
 def _check_baseline(name: str | None, model: Model) -> None:

@@ -13,12 +13,11 @@ from vlafuzz.common.reading import parse_json, read_text, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.model.label import Model, not_served
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 
-_HINT = "give --answers the file of an earlier `vlafuzz bisect` or `diff`, or a new one"
+_HINT = "give --answers the file of an earlier `vlafuzz bisect`, or a new one"
 
 
 class Side(Protocol):
@@ -71,7 +70,7 @@ class Rerun:
 
 @dataclass(frozen=True)
 class _Row:
-    """A line of a file of answers: the label of a policy, the digest of a scene, and whether it passed there.
+    """A line of a file of answers: the name of a policy, the digest of a scene, and whether it passed there.
 
     ``passed`` is None where the rollout broke. ``repeat`` tells several rollouts in one scene apart.
     """
@@ -105,16 +104,9 @@ class Answers:
     def __len__(self) -> int:
         return sum(answer.judged for answer in self.known.values())
 
-    def of(self, side: Side, model: Model) -> Side:
-        """A side that is asked only for what is not known of its model."""
-        return _Remembering(side.name, model, self, side)
-
-    def without(self, model: Model, served: str) -> Side:
-        """The known results of a model that cannot be asked, since ``served`` answers at its address.
-
-        Its ``answer`` raises a PrerequisiteError where none is known.
-        """
-        return _Remembering(model.short, model, self, None, served)
+    def of(self, side: Side) -> Side:
+        """A side that is asked only for what is not known of it."""
+        return _Remembering(side.name, self, side)
 
     def keep(self, policy: str, probe: Probe, repeat: int, answer: Outcome) -> None:
         self.known[policy, probe.scene.digest, repeat] = answer
@@ -137,20 +129,15 @@ class Answers:
 @dataclass(frozen=True)
 class _Remembering:
     name: str
-    model: Model
     answers: Answers
-    side: Side | None
-    served: str = ""
+    side: Side
 
     def answer(self, probe: Probe, repeat: int) -> Outcome:
         """The known result, or that of a rollout."""
-        known = self.answers.known.get((str(self.model), probe.scene.digest, repeat))
-        if self.side is None:
-            if known is None:
-                raise not_served(self.model, self.served)
-        elif known is None or not known.judged:
+        known = self.answers.known.get((self.name, probe.scene.digest, repeat))
+        if known is None or not known.judged:
             known = self.side.answer(probe, repeat)
-            self.answers.keep(str(self.model), probe, repeat, known)
+            self.answers.keep(self.name, probe, repeat, known)
         return known
 
 
