@@ -1,6 +1,7 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Mapping
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, Self
 
 import numpy as np
@@ -91,15 +92,45 @@ class Causes:
     thresholds: tuple[Threshold, ...] = ()
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Failure:
+    """What is known of a failure beside its scenes: a finding of a store and a case of a corpus are both one.
+
+    Attributes:
+        repeats: jittered repetitions of the scene as it was found, of which ``failures`` failed.
+        lost_stage: the stage that the policy does not reach in the scene that is left.
+        signature: of the cause, see ``phrasing.signature``.
+        operators: those in which that scene differs from its reference, the confounders' as one.
+        certified: how often the policy fails in that scene and its neighbourhood, by rollouts that had no part in
+            shrinking it; None in stores and corpora of earlier versions.
+        counterpart_rates: the same for its counterparts, by operator; under ``target-type`` that with the nominal
+            targets, where a strategy blames those of the finding.
+    """
+
+    repeats: int
+    failures: int
+    lost_stage: str | None = None
+    signature: str | None = None
+    operators: tuple[str, ...] = ()
+    causes: Causes = field(default_factory=Causes)
+    certified: Rate | None = None
+    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
+        if not 0 <= self.failures <= self.repeats:
+            raise ValueError(f"{self.failures} failures in {self.repeats} repeats")
+
+
 @dataclass(frozen=True, eq=False)
 class Witness:
     """A solution of a scene.
 
     Attributes:
-        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose. states_hash: of the
-        trajectory when the actions were replayed.
-        attempt: number of the expert's attempt, which selects its first grasp and direction of approach. solver:
-        ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
+        actions: ``(steps, 7)`` metric, as ``Rollout.actions``, relative to the hand's present pose.
+        states_hash: of the trajectory when the actions were replayed.
+        attempt: number of the expert's attempt, which selects its first grasp and direction of approach.
+        solver: ``expert``, by the simulator's state, or ``seeing``, by what the camera shows.
     """
 
     actions: Actions

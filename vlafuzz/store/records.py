@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from vlafuzz.model.conditions import Conditions, Origin, Role, condition
-from vlafuzz.model.evidence import Actions, Causes, Rate, Witness
+from vlafuzz.model.evidence import Actions, Failure, Rate, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
@@ -104,8 +104,8 @@ class FoundCause:
     """A cause that a run's strategy has found; triage of its scene confirms and certifies it.
 
     Attributes:
-        scene: fails for this reason in the run; None if no stored failure has its operators alone. operators: that it
-        takes, the confounders' as one.
+        scene: fails for this reason in the run; None if no stored failure has its operators alone.
+        operators: that it takes, the confounders' as one.
         failures: of the run that it explains.
         share: of random scenes that fail for this reason; None if unknown.
         mechanism: the quantity through which this cause and others act, of which it is the one that explains most
@@ -125,8 +125,8 @@ class Attribution:
 
     Attributes:
         unexplained: failures of the run for which no cause was found.
-        probability: that the policy fails in a random scene; None if the strategy does not estimate it. at_random: the
-        proposals that are random scenes, which passed or failed.
+        probability: that the policy fails in a random scene; None if the strategy does not estimate it.
+        at_random: the proposals that are random scenes, which passed or failed.
     """
 
     causes: tuple[FoundCause, ...]
@@ -136,44 +136,31 @@ class Attribution:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Triaged:
+class Triaged(Failure):
     """A finding after triage.
 
     Attributes:
         bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even the nominal
             scene fails, and none is known to pass; ``unproven``, the expert fails, too; ``edge``, it fails as it is,
             but not in its neighbourhood; ``flaky``, it does not mostly fail.
-        repeats: jittered repetitions of the finding, of which ``failures`` failed.
-        rate: of the finding; None in findings of earlier versions, as are the rates below. certified: rate of
-        ``shrunk``, by rollouts that had no part in shrinking it. counterpart_rates: those of ``counterparts``,
-        likewise; under ``target-type`` that with the nominal
-            targets, where a strategy blames those of the finding.
+        rate: of the finding; None in findings of earlier versions.
         reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal one fails,
             too; None where that was the nominal scene.
         deviating: operators that were not nominal, the confounders' as one.
         shrunk: the scene that is left; None where it was not shrunk.
-        lost_stage: stage that is lost in the scene that is left; ``operators``: those left in it. counterparts: by
-        operator left, the scene without it, in which the policy passes.
-        witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding. shrink_rollouts: of the
-        policy, to shrink and attribute; ``policy_rollouts`` are all of them.
+        counterparts: by operator left, the scene without it, in which the policy passes.
+        witness: a solution of ``shrunk`` where the finding is ``minimal``, else of the finding.
+        shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all of them.
     """
 
     scene: Scene
     policy_key: str
     bucket: Bucket
-    repeats: int
-    failures: int
     deviating: tuple[str, ...]
     rate: Rate | None = None
-    certified: Rate | None = None
-    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
     reference: Scene | None = None
     shrunk: Scene | None = None
-    lost_stage: str | None = None
-    operators: tuple[str, ...] = ()
-    causes: Causes = field(default_factory=Causes)
     counterparts: Mapping[str, Scene] = field(default_factory=dict)
-    signature: str | None = None
     witness: Witness | None = None
     shrink_rollouts: int = 0
     policy_rollouts: int = 0

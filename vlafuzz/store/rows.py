@@ -20,7 +20,7 @@ from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Manifest, Run, Solution, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -262,8 +262,6 @@ def check_counts(row: sqlite3.Row) -> None:
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
     check_counts(row)
-    if row["failures"] > row["repeats"]:
-        raise ValueError(f"{row['failures']} failures in {row['repeats']} repeats")
     causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
     witness = None
     if row["witness_hash"] is not None:
@@ -288,3 +286,28 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
     check_operators(triaged.causes, *named)
     return triaged
+
+
+def solution_row(scene: Scene, key: str, solution: Solution) -> Row:
+    """Columns of ``solution``."""
+    actions = solution.actions
+    kept = {"attempt": solution.attempt, "width": actions.shape[1], "actions": pack(actions)}
+    return {"scene": scene.digest, "key": key} | kept
+
+
+def to_solution(row: sqlite3.Row) -> Solution:
+    """The inverse of ``solution_row``."""
+    check_counts(row)
+    return Solution(row["attempt"], unpack(row["actions"], -1, max(row["width"], 1)))
+
+
+def repeat_row(run: int, made: str, scene: str, number: int, judged: Judged) -> Row:
+    """Columns of ``repeat``."""
+    key = {"run": run, "made": made, "scene": scene, "number": number}
+    return key | {"verdict": judged.verdict.name.lower(), "lost": judged.lost, "rollouts": judged.rollouts}
+
+
+def to_repeat(row: sqlite3.Row) -> Judged:
+    """The inverse of ``repeat_row``."""
+    check_counts(row)
+    return Judged(Verdict[row["verdict"].upper()], row["lost"], row["rollouts"])

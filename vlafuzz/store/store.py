@@ -1,7 +1,9 @@
 """Store: runs, trials and findings in one SQLite file, with one writer."""
 
 import json
+import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Literal, Self
@@ -11,14 +13,29 @@ from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
-from vlafuzz.store.kept_work import KeptWork
-from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Run, Spent, Status, Triaged, Trial
+from vlafuzz.store.records import (
+    UNFINISHED,
+    Attribution,
+    Finding,
+    Manifest,
+    Repeats,
+    Run,
+    Solution,
+    Spent,
+    Status,
+    Triaged,
+    Trial,
+)
 
 _SHOWN = 5  # digests, when a prefix fits several
 
 
-class Store(KeptWork):
-    """An open store. Whatever a method has written is on the disk when it returns."""
+class Store:
+    """An open store. Whatever a method has written is on the disk when it returns; without a lock it is only read."""
+
+    def __init__(self, path: Path, connection: sqlite3.Connection, lock: WriterLock | None) -> None:
+        self.path, self._connection, self._lock = path, connection, lock
+        connection.row_factory = sqlite3.Row
 
     @classmethod
     def open(cls, path: Path, mode: Literal["read", "write"] = "read") -> Self:
@@ -115,6 +132,23 @@ class Store(KeptWork):
             self._insert("attribution", rows.attribution_row(run, found))
             for rank, cause in enumerate(found.causes, start=1):
                 self._insert("cause", rows.cause_row(run, rank, cause))
+
+    def keep_solution(self, key: str, scene: Scene, solution: Solution) -> None:
+        """Store what the expert did in a scene, for demonstrations under conditions with this key."""
+        with self._transaction():
+            self._insert_scene(scene)
+            self._insert("solution", rows.solution_row(scene, key, solution), "OR REPLACE")
+
+    def keep_repeats(self, run: int, made: str, repeats: Repeats) -> None:
+        """Store rollouts of a triage that was interrupted, in place of all earlier ones of the run.
+
+        Args:
+            made: where and with what; what was made otherwise says nothing.
+        """
+        with self._transaction():
+            self._connection.execute("DELETE FROM repeat WHERE run = ?", (run,))
+            for (scene, number), judged in repeats.items():
+                self._insert("repeat", rows.repeat_row(run, made, scene, number, judged))
 
     def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
         """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
@@ -220,6 +254,18 @@ class Store(KeptWork):
         with intact(self.path):
             return [rows.to_triaged(row, self._scene) for row in selected]
 
+    def solutions(self, key: str) -> dict[str, Solution]:
+        """What ``keep_solution`` stored under a key, by the scene's digest."""
+        with intact(self.path):
+            selected = self._select("SELECT * FROM solution WHERE key = ?", key)
+            return {row["scene"]: rows.to_solution(row) for row in selected}
+
+    def repeats(self, run: int, made: str) -> Repeats:
+        """What ``keep_repeats`` stored of a run."""
+        with intact(self.path):
+            selected = self._select("SELECT * FROM repeat WHERE run = ? AND made = ?", run, made)
+            return {(row["scene"], row["number"]): rows.to_repeat(row) for row in selected}
+
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).
 
@@ -252,6 +298,27 @@ class Store(KeptWork):
             raise StoreError(f"{self.path}: {prefix!r} fits several scenes", hint=hint)
         with intact(self.path):
             return rows.to_scene(matches[0])
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        assert self._lock is not None, "open the store to write"
+        with explained(self.path):
+            self._connection.execute("BEGIN IMMEDIATE")
+            with self._connection:
+                yield
+
+    def _insert(self, table: str, row: rows.Row, conflict: str = "") -> int:
+        names = ", ".join(f'"{name}"' for name in row)
+        marks = ", ".join(f":{name}" for name in row)
+        done = self._connection.execute(f"INSERT {conflict} INTO {table} ({names}) VALUES ({marks})", row)
+        return int(done.lastrowid or 0)
+
+    def _select(self, query: str, *values: str | int) -> list[sqlite3.Row]:
+        with explained(self.path):
+            return self._connection.execute(query, values).fetchall()
+
+    def _insert_scene(self, scene: Scene) -> None:
+        self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
 
     def _finding_row(self, run: int, trial: int, kept: Trial) -> rows.Row:
         (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()

@@ -73,15 +73,14 @@ def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None
     if replayed.verdict is not Verdict.PASSED:
         return UNSOLVED
     control = nominal(runner.space, scene)
+    kept = {name: getattr(triaged, name) for name in ("operators", "causes", "counterparts", "reference", "certified")}
+    rates = {name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts}
     return Case(
+        **kept,
         scene=scene,
         lost_stage=loses,
         signature=triaged.signature or "",
-        operators=triaged.operators,
-        causes=triaged.causes,
-        counterparts=triaged.counterparts,
         nominal=control,
-        reference=triaged.reference,
         nominal_passes=repeat(runner, control, EXPORT)[0] is Answer.PASSES,
         witness=replace(witness, states_hash=replayed.rollouts[0].states_hash),
         found=triaged.scene.digest,
@@ -89,10 +88,7 @@ def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None
         repeats=rate.rollouts,
         failures=rate.failures,
         rollouts=triaged.shrink_rollouts,
-        certified=triaged.certified,
-        counterpart_rates={
-            name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts
-        },
+        counterpart_rates=rates,
         thumbnail=runner.picture(scene),
     )
 

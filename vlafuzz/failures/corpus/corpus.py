@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vlafuzz.common.statistics import Share
-from vlafuzz.model.evidence import Causes, Rate, Witness
+from vlafuzz.model.evidence import Causes, Failure, Witness
 from vlafuzz.model.label import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
@@ -13,22 +13,15 @@ from vlafuzz.store.records import Manifest
 SCHEMA = 3  # of the folder, described in corpus/README.md
 
 
-@dataclass(frozen=True, kw_only=True)
-class Facts:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Facts(Failure):
     """A failure without its scenes, witness and picture: what the manifest of a folder holds as it is.
 
     Attributes:
-        lost_stage: the stage that the policy does not reach.
-        operators: those in which the scene differs from the nominal one, or from the case's reference; all confounder
-            operators count as one.
         nominal_passes: verdict of the nominal scene.
         found: digest of the scene as the search found it.
         run: index of the run that found it, in ``Corpus.runs``.
-        repeats: rollouts that confirmed it; ``failures`` of them failed.
         rollouts: of the policy, to shrink and attribute the finding.
-        certified: how often the policy fails in the scene and its neighbourhood, by rollouts that had no part in
-            shrinking it; None in corpora of schema 2 and before.
-        counterpart_rates: the same for the counterparts, by operator.
     """
 
     lost_stage: str
@@ -38,16 +31,7 @@ class Facts:
     nominal_passes: bool
     found: str
     run: int
-    repeats: int
-    failures: int
     rollouts: int
-    certified: Rate | None = None
-    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Raise a ValueError for counts that cannot be, which somebody else wrote."""
-        if not 0 <= self.failures <= self.repeats:
-            raise ValueError(f"{self.failures} failures in {self.repeats} repeats")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,8 +40,8 @@ class Case(Facts):
 
     Attributes:
         scene: minimal: the policy needs every one of ``operators`` to fail.
-        counterparts: by operator, the scene with this operator reset, in which the policy passes. nominal: the scene
-        with all operators reset.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes.
+        nominal: the scene with all operators reset.
         reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal one;
             resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
@@ -90,10 +74,10 @@ class Evidence:
     """What triage of the store found, and what the export left out.
 
     Attributes:
-        shares: of the triaged findings: confirmed, flaky, edge, witnessed, by sight, unproven, base, minimal. left_out:
-        number of minimal findings that are not in the corpus, by reason.
-        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage. expert_rollouts: replays
-        of witnesses included.
+        shares: of the triaged findings: confirmed, flaky, edge, witnessed, by sight, unproven, base, minimal.
+        left_out: number of minimal findings that are not in the corpus, by reason.
+        search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
+        expert_rollouts: replays of witnesses included.
         seconds: wall time of triage.
     """
 
@@ -112,9 +96,8 @@ class Corpus:
 
     Attributes:
         runs: the runs that found the cases: policy, versions, conditions.
-        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before. renderer:
-        what rendered the policy's images when the cases were checked; None for a policy without
-            cameras.
+        controls: drawn and run under the conditions of the first run; none in corpora of schema 2 and before.
+        renderer: what rendered the policy's images when the cases were checked; None for a policy without cameras.
         versions: of the packages at that time.
         created: ISO 8601, UTC.
     """
