@@ -15,9 +15,8 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import probes
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
-from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import place
+from vlafuzz.worlds import place, world_of
 
 
 def changed_corpus(rng: Rng, folder: Path) -> Path:
@@ -54,7 +53,7 @@ def _use(source: Path, runs: Any) -> None:
         run.key()
         run.comparable(runs[0])
         place.in_words(run.place)
-        stored_space(source, run).nominal()
+        world_of(run.task).stored_space(source, run).nominal()
 
 
 def store_rows(rng: Rng, folder: Path) -> None:

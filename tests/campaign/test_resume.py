@@ -18,8 +18,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.rollouts.until import Until
+from vlafuzz.rollouts.executor import LocalExecutor, Until
 from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store

@@ -46,10 +46,6 @@ def leave() -> None:
     os._exit(7)
 
 
-def stop() -> None:
-    os.kill(os.getpid(), signal.SIGSTOP)
-
-
 def hang() -> None:
     time.sleep(600)
 
@@ -120,14 +116,6 @@ def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(execut
     got = dict(executor(broken).run([(0, [DARK]), (1, [BRIGHT])]))
     details = {outcome.detail for outcomes in got.values() for outcome in outcomes}
     assert details == {"worker: ended with exit code 3, 2 times"}
-
-
-def test_a_stopped_worker_is_said_and_replaced(executor, tmp_path, monkeypatch, caplog):
-    monkeypatch.setattr(processes, "STOPPED", 0.5)
-    chosen = executor(partial(same, Treacherous(stop, tmp_path, always=False)), workers=1)
-    ((_, (outcome,)),) = chosen.run([(0, [BRIGHT])])
-    assert outcome.verdict is Verdict.PASSED
-    assert "is stopped; in 0.5 s another takes its place" in caplog.text
 
 
 @pytest.mark.parametrize("deaths", [1, 2])

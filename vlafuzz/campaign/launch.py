@@ -15,10 +15,9 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.rollouts.executor import Executor
+from vlafuzz.rollouts.executor import Executor, Until
 from vlafuzz.rollouts.registry import executor_at
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.rollouts.until import Until
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.place import by_place, elsewhere

@@ -10,7 +10,6 @@ from vlafuzz.campaign.config import Plan, RunConfig, filled, plan
 from vlafuzz.campaign.fuzz import AFRESH
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
-from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
@@ -39,7 +38,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     file = _scene_file(run.manifest)
     if file and not named.scenes:
         anew[file["flag"]] = Path(file["file"])
-    space = stored_space(path, run.manifest)
+    space = world_of(run.manifest.task).stored_space(path, run.manifest)
     planned = plan(RunConfig(**stored, **anew, store=path), space=space)
     now = _scene_file(planned.manifest)
     if file and (file["flag"], file["digest"]) != (now.get("flag"), now.get("digest")):

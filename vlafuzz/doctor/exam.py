@@ -47,8 +47,9 @@ from vlafuzz.policies.base import Policy, PolicySpec
 from vlafuzz.policies.clients.servers import guesses, is_remote
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import is_built_in, make_policy
-from vlafuzz.rollouts.setup import make_evaluator, stored_space
+from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds import world_of
 
 UNCHECKED = "unchecked"
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
@@ -216,7 +217,7 @@ class Exam:
         return (space.sample(np.random.default_rng([seed, number])) for number in count())
 
     def _space(self, vary: Sequence[str]) -> Space:
-        return stored_space(Path("the run"), self._manifest, vary)
+        return world_of(self._manifest.task).stored_space(Path("the run"), self._manifest, vary)
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:
         """A rollout to find out what is the wrong way round."""

@@ -15,9 +15,9 @@ from vlafuzz.errors import CorpusError, StoreError, UsageError
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import world_of
 
 Which = Literal["failed", "minimal", "random"]
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``regression.controls``
@@ -160,7 +160,7 @@ def _space_of(run: Manifest) -> tuple[str, ...]:
 
 def _spaces(source: Path, runs: Iterable[Manifest]) -> dict[tuple[str, ...], Space]:
     distinct = {_space_of(run): run for run in runs}
-    return {kind: stored_space(source, run) for kind, run in distinct.items()}
+    return {kind: world_of(run.task).stored_space(source, run) for kind, run in distinct.items()}
 
 
 def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:

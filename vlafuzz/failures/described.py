@@ -16,7 +16,6 @@ from vlafuzz.model.evidence import Causes, Rate, Witness
 from vlafuzz.model.phrasing import failing_range
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS, Space
-from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
@@ -44,7 +43,7 @@ class Spaces:
         """The space that contains the scenes of a run; see ``stored_space``."""
         key = (run.task, run.robot, run.operators, run.packs)
         if key not in self._spaces:
-            self._spaces[key] = stored_space(self._source, run)
+            self._spaces[key] = world_of(run.task).stored_space(self._source, run)
         return self._spaces[key]
 
 
@@ -247,7 +246,7 @@ def _nominal(space: Space, scene: Scene) -> Scene:
 def unusual(source: pathlib.Path, scene: Scene, conditions: Conditions) -> list[str]:
     """The operators that are not nominal in a scene, with their values."""
     if conditions.operators_digest:
-        space = stored_space(source, conditions)
+        space = world_of(conditions.task).stored_space(source, conditions)
     else:  # a file of scenes
         space = world_of(scene.task).space(Wanted(task=scene.task, robot=scene.robot))
     return [f"{part.operator}: {part.value}" for part in deviations(space, scene, Causes())]

@@ -1,6 +1,5 @@
 """Process executor: evaluates scenes in several processes of this machine, each with its own simulator."""
 
-import logging
 import os
 import signal
 import time
@@ -16,9 +15,6 @@ from vlafuzz.rollouts import forks
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator
-
-STOPPED = 10.0  # seconds that a stopped worker has to go on
-LOG = logging.getLogger(__name__)
 
 
 class ProcessExecutor(WorkerPool):
@@ -78,7 +74,6 @@ class _Process:
         self._send(make)
         self._timeout, self._memory = timeout, memory
         self._up, self._began, self._scenes = False, 0.0, 0
-        self._stopped: float | None = None  # since when, by a signal
 
     def ready(self) -> bool:
         return True
@@ -111,19 +106,12 @@ class _Process:
             self.pipe.send(message)
 
     def _check(self) -> None:
-        """Raise Lost when the worker exceeds its time or memory, or was stopped."""
+        """Raise Lost when the worker exceeds its time or memory."""
         allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             raise Lost(f"no answer within {allowed:.0f} s")
         if _resident(self._process.pid) > self._memory:
             raise Lost(f"held more than {self._memory / 2**30:.1f} GiB of memory")
-        if not _is_stopped(self._process.pid):
-            self._stopped = None
-        elif self._stopped is None:
-            self._stopped = time.monotonic()
-            LOG.warning("worker %s is stopped; in %g s another takes its place", self._process.pid, STOPPED)
-        elif time.monotonic() - self._stopped > STOPPED:
-            raise Lost(f"was stopped for {STOPPED:g} s")
 
 
 def _wait(workers: Sequence[Any], seconds: float) -> None:
@@ -155,13 +143,6 @@ def cause_of_death(process: Any) -> str:
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"
-
-
-def _is_stopped(pid: int | None) -> bool:
-    """Whether a signal has stopped a process (SIGSTOP); False where the system does not report it."""
-    with suppress(OSError, IndexError):
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] == "T"
-    return False
 
 
 def _resident(pid: int | None) -> int:

@@ -19,7 +19,7 @@ from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.executor import Batches, evaluate_safely
 from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.rollouts.setup import here, make_evaluator, stored_space
+from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film
 from vlafuzz.worlds.place import elsewhere
@@ -75,7 +75,7 @@ class SimulatorSceneRunner:
     def __init__(self, source: Path, conditions: Conditions, policy: Policy | str | None = None) -> None:
         if policy is None:
             check_trusted(conditions.policy)
-        self.space = stored_space(source, conditions)
+        self.space = world_of(conditions.task).stored_space(source, conditions)
         self.stages = self.space.task.stage_names
         name = policy if isinstance(policy, str) else conditions.policy
         self._policy = make_policy(name) if policy is None or isinstance(policy, str) else policy

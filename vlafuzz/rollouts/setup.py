@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vlafuzz.errors import UsageError
@@ -37,20 +35,6 @@ def make_evaluator(
         problem = f"policy {made.spec.name!r} acts by {width} numbers, {conditions.task} takes {wanted}"
         raise UsageError(problem, hint="ActionSpec(width=…) of its spec says how many they are")
     return world.evaluator(conditions, made, space, recording=recording, checked=checked)
-
-
-def stored_space(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> Space:
-    """The space that contains the scenes of a run; ``source`` is the store or corpus, for messages.
-
-    Args:
-        vary: other operators to vary than in the run.
-
-    Raises:
-        StoreError: another version wrote it, with other operators.
-        UsageError: an object pack is gone.
-        PrerequisiteError: its world's packages are not installed.
-    """
-    return world_of(conditions.task).stored_space(source, conditions, vary)
 
 
 def here(name: str, policy: Policy, space: Space, *, workers: bool = False) -> dict[str, Any]:

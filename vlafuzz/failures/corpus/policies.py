@@ -23,9 +23,8 @@ from vlafuzz.failures.corpus.sides import Answers, Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.label import Model
 from vlafuzz.rollouts import scene_runner
-from vlafuzz.rollouts.setup import stored_space
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds import no_pictures
+from vlafuzz.worlds import no_pictures, world_of
 
 FIRST, SOON = 5, 20.0  # rollouts, or seconds of at least one, after which the time of one is known
 NOBODY_WAITS = 10.0  # seconds for which nothing is said
@@ -241,7 +240,8 @@ def _check_power(
         hint = f"a higher --max-rollouts: the corpus has {len(corpus.controls)} controls"
         raise PrerequisiteError(str(power), hint=hint)
     else:
-        milder = suggest_ranges(stored_space(folder, corpus.runs[0]), list(controls.items()))
+        space = world_of(corpus.task).stored_space(folder, corpus.runs[0])
+        milder = suggest_ranges(space, list(controls.items()))
         raise PrerequisiteError(str(power), hint=f"export a corpus with more passing controls: {milder}")
 
 
