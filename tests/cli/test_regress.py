@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
 from xml.etree import ElementTree as Xml
@@ -14,7 +13,6 @@ from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.cli import main
-from vlafuzz.failures.corpus import policies
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts import scene_runner as runner
@@ -72,14 +70,6 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsy
     captured = capsys.readouterr()
     assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
     assert captured.out.count(" without light") > 20
-
-
-def test_the_first_rollouts_tell_how_long_it_takes(capsys, monkeypatch):
-    monkeypatch.setattr(policies, "time", SimpleNamespace(monotonic=count(0, 30).__next__))
-    assert regress("expert") == 0
-    said = capsys.readouterr().err
-    assert said.count("at the speed of the first") == 1
-    assert "about 109 min for the other 218, at the speed of the first 2 rollouts" in said
 
 
 def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):

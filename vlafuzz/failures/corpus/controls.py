@@ -1,11 +1,9 @@
 """Controls: random scenes, drawn without regard to any outcome, in which policies can be compared fairly."""
 
 from collections.abc import Sequence
-from statistics import median
 
 import numpy as np
 
-from vlafuzz.common.statistics import newcombe
 from vlafuzz.common.watch import Watch
 from vlafuzz.failures.corpus.corpus import Control
 from vlafuzz.model.outcome import Verdict
@@ -20,8 +18,6 @@ FEWEST, SHARE = 16, 5
 # Numbers of jitters and seeds. Triage, which selects by outcomes, uses those below 200,000.
 EXPORT, CONTROL, REGRESS = 1_000_000, 100_000_000, 200_000_000
 _BATCH = 16
-_NAMED = 2  # operators in whose milder half the policy passes more often
-Row = tuple[float, bool]  # a severity, and whether the policy passed
 _TRIES = 5  # scenes drawn for each control that is asked for, at most: some are unfair, or fail
 
 
@@ -68,37 +64,12 @@ def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Con
 
 
 def suggest_ranges(space: Space, outcomes: Sequence[tuple[Scene, bool]]) -> str:
-    """A hint where a policy passes too few random scenes, with what was seen in these.
-
-    The operators are named that make the most of a difference, if it is more than chance: the policy passes more of the
-    scenes with the milder half of one.
+    """A hint where a policy passes too few random scenes, with what was seen in those nearest to nominal.
 
     Args:
         outcomes: random scenes, at least one, and whether the policy passed.
     """
-    severities = [space.severities(scene) for scene, _ in outcomes]
-    verdicts = [passed for _, passed in outcomes]
-    rows = sorted(zip((sum(each.values()) for each in severities), verdicts, strict=True))
-    seen = f"the policy passes {_count(rows[: (len(rows) + 3) // 4])} scenes nearest to nominal"
-    found: list[tuple[float, str, str]] = []
-    for operator in sorted(space.operators.varied):
-        values = [each.get(operator, 0.0) for each in severities]
-        middle, rows = median(values), list(zip(values, verdicts, strict=True))
-        mild, severe = [row for row in rows if row[0] <= middle], [row for row in rows if row[0] > middle]
-        gain = newcombe(_passed(mild), len(mild), _passed(severe), len(severe)).low if severe else 0.0
-        if gain > 0:
-            halves = f"{_count(mild)} with the milder half of {operator} (else {_count(severe)})"
-            found.append((gain, operator, halves))
-    decisive = sorted(found, reverse=True)[:_NAMED]
-    rest = space.operators.varied - {operator for _, operator, _ in decisive}
-    vary = f"--vary {','.join(sorted(rest))}" if decisive and rest else "fewer operators (--vary)"
-    counts = ", ".join([seen, *(halves for *_, halves in decisive)])
-    return f"{counts}; run again in narrower ranges (--operators FILE) or with {vary}"
-
-
-def _passed(rows: Sequence[Row]) -> int:
-    return sum(passed for _, passed in rows)
-
-
-def _count(rows: Sequence[Row]) -> str:
-    return f"{_passed(rows)} of {len(rows)}"
+    rows = sorted((space.severity(scene), passed) for scene, passed in outcomes)
+    nearest = rows[: (len(rows) + 3) // 4]
+    seen = f"the policy passes {sum(passed for _, passed in nearest)} of {len(nearest)} scenes nearest to nominal"
+    return f"{seen}; run again in narrower ranges (--operators FILE) or with fewer operators (--vary)"

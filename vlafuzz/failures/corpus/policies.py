@@ -1,7 +1,6 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -9,7 +8,6 @@ from pathlib import Path
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import check_trusted
-from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus import bisect, diff, regress
@@ -25,9 +23,6 @@ from vlafuzz.model.label import Model
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import no_pictures, world_of
-
-FIRST, SOON = 5, 20.0  # rollouts, or seconds of at least one, after which the time of one is known
-NOBODY_WAITS = 10.0  # seconds for which nothing is said
 
 
 def compare_policies(
@@ -59,11 +54,9 @@ def compare_policies(
     _check_baseline(baseline, model)
     _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
     most = rollouts_of(scenes, max_rollouts)
-    step = _pace(watch.note, most)
 
     def progress(now: regress.Progress) -> None:
         watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
-        step()
 
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
@@ -164,7 +157,6 @@ def bisect_checkpoints(
         _check_baseline(baseline, Model(checkpoint))
     known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
     _check_power(folder, corpus, controls, baseline, alpha, watch)
-    step = _pace(watch.note, most * len(controls))
     watch.note(
         f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
         f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
@@ -172,7 +164,6 @@ def bisect_checkpoints(
 
     def progress(checkpoint: str, done: int, most: int) -> None:
         watch.progress(f"rollouts of {checkpoint}", done, most)
-        step()
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
@@ -277,25 +268,3 @@ def _rerun(folder: Path, corpus: Corpus, model: Model, watch: Watch) -> Rerun:
     for elsewhere in places:
         watch.note(f"note: the corpus was made {elsewhere}{here and f'{here} here'}")
     return rerun
-
-
-def _pace(note: Callable[[str], None], steps: int) -> Callable[[], None]:
-    """A function to be called after each of so many rollouts, which says once how long the others take.
-
-    The first one is not counted: the simulator starts in it.
-    """
-    done, began, said = 0, 0.0, False
-
-    def step() -> None:
-        nonlocal done, began, said
-        now, done = time.monotonic(), done + 1
-        if done == 1:
-            began = now
-        if said or done == 1 or (done <= FIRST and now - began < SOON):
-            return
-        said, left = True, (now - began) / (done - 1) * (steps - done)
-        if left > NOBODY_WAITS:
-            basis = f"at the speed of the first {plural(done, 'rollout')}"
-            note(f"about {duration(left)} for the other {steps - done}, {basis}")
-
-    return step
