@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from tests.failures.corpus.test_ci import compared
+from tests.failures.corpus.test_tables import compared
 from vlafuzz.common import assets
 from vlafuzz.common.files import replacing, write_whole, writing
 from vlafuzz.common.processor import kept
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.failures.corpus.ci import write_junit
+from vlafuzz.failures.corpus.tables import write_junit
 from vlafuzz.lab.plots import save
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page

@@ -59,10 +59,9 @@ def regress(
     check_number("--nights", nights, 1)
     check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
-    from vlafuzz.failures.corpus.ci import write_junit, write_summary
     from vlafuzz.failures.corpus.folder import read_corpus
     from vlafuzz.failures.corpus.policies import compare_policies, still
-    from vlafuzz.failures.corpus.tables import difference, document, tables
+    from vlafuzz.failures.corpus.tables import difference, document, tables, write_junit, write_summary
 
     exported = read_corpus(corpus)
     with Bar() as bar:

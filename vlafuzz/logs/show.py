@@ -209,7 +209,7 @@ def write_junit(reading: Reading, path: Path) -> None:
     """Write atomically: a suite is a test case, which fails where the log is worse than the other one."""
     from xml.etree import ElementTree as Xml
 
-    from vlafuzz.failures.corpus.ci import junit, junit_case, suite
+    from vlafuzz.failures.corpus.tables import junit, junit_case, suite
 
     compared = reading.against
     worse = {one.suite for one in compared.worse} if compared else set()

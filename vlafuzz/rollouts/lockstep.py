@@ -132,16 +132,12 @@ class _Batch:
     outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _Job:
-    """A scene of a batch."""
+    """A scene of a batch, by its index."""
 
     batch: _Batch
     index: int
-
-    def evaluation(self, evaluator: SceneEvaluator) -> Evaluation:
-        scene = self.batch.scenes[self.index]
-        return evaluator.evaluation(*scene) if isinstance(scene, tuple) else evaluator.evaluation(scene)
 
 
 @dataclass(eq=False)
@@ -155,7 +151,9 @@ class _Lane:
     _evaluation: Evaluation = field(init=False)
 
     def begin(self, job: _Job) -> None:
-        self.job, self._evaluation = job, job.evaluation(self.evaluator)
+        scene = job.batch.scenes[job.index]
+        seeded = scene if isinstance(scene, tuple) else (scene,)
+        self.job, self._evaluation = job, self.evaluator.evaluation(*seeded)
         self.resume(None)
 
     def request(self) -> tuple[int, Request]:

@@ -27,19 +27,23 @@ _WIDTH = 7  # numbers of most actions
 MOST_UNPACKED = MIB  # bytes of a trace, or of the actions of 37,000 steps
 _SUCCESSES = ("success_once", "success_at_end", "published_success")
 _CAUSES = TypeAdapter(Causes)
-_RATE = TypeAdapter(Rate | None)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
 _SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
-_RATES = TypeAdapter(dict[str, Rate])
 _MECHANISM = TypeAdapter(Mechanism | None)
 # Columns of ``triage`` that hold a field as it is.
 _PLAIN = (
     "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds",
     "shrink_rollouts", "policy_rollouts", "expert_rollouts",
 )  # fmt: skip
+# Columns of ``triage`` that hold a field as JSON.
+_JSON: dict[str, TypeAdapter[Any]] = {
+    **dict.fromkeys(("deviating", "operators"), _NAMES),
+    **dict.fromkeys(("rate", "certified"), TypeAdapter(Rate | None)),
+    "counterpart_rates": TypeAdapter(dict[str, Rate]),
+}
 _OF_RUN = tuple(column.name for column in fields(Run) if column.name != "manifest")
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
 
@@ -228,28 +232,24 @@ def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:
 
 def triage_row(triaged: Triaged) -> Row:
     """Columns of ``triage``; scenes are kept by their digests."""
-    causes, witness = triaged.causes, triaged.witness
-    return {
+    scenes = {"scene": triaged.scene, "shrunk": triaged.shrunk, "reference": triaged.reference}
+    row = {
         **{name: getattr(triaged, name) for name in _PLAIN},
-        "scene": triaged.scene.digest,
-        "deviating": json.dumps(triaged.deviating),
-        "shrunk": triaged.shrunk.digest if triaged.shrunk else None,
-        "operators": json.dumps(triaged.operators),
-        "necessary": json.dumps(causes.necessary),
-        "sufficient": json.dumps(causes.sufficient),
-        "thresholds": json.dumps([asdict(threshold) for threshold in causes.thresholds]),
+        **{name: kind.dump_json(getattr(triaged, name)).decode() for name, kind in _JSON.items()},
+        **{name: json.dumps(value) for name, value in asdict(triaged.causes).items()},
+        **{name: scene and scene.digest for name, scene in scenes.items()},
         "counterparts": json.dumps({name: scene.digest for name, scene in triaged.counterparts.items()}),
-        "witness_actions": pack(witness.actions) if witness else None,
-        "witness_width": witness.actions.shape[1] if witness else None,
-        "witness_hash": witness.states_hash if witness else None,
-        "witness_grasp": witness.attempt if witness else None,
-        "witness_solver": witness.solver if witness else None,
-        "rate": _RATE.dump_json(triaged.rate).decode(),
-        "certified": _RATE.dump_json(triaged.certified).decode(),
-        "counterpart_rates": _RATES.dump_json(dict(triaged.counterpart_rates)).decode(),
-        "reference": triaged.reference.digest if triaged.reference else None,
         "seconds": number(triaged.seconds) or 0.0,
     }
+    if witness := triaged.witness:
+        row |= {
+            "witness_actions": pack(witness.actions),
+            "witness_width": witness.actions.shape[1],
+            "witness_hash": witness.states_hash,
+            "witness_grasp": witness.attempt,
+            "witness_solver": witness.solver,
+        }
+    return row
 
 
 def check_counts(row: sqlite3.Row) -> None:
@@ -271,17 +271,13 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     counterparts = _BY_NAME.validate_json(row["counterparts"])
     triaged = Triaged(
         **{name: row[name] for name in _PLAIN},
+        **{name: kind.validate_json(row[name]) for name, kind in _JSON.items()},
         scene=scene(row["scene"]),
-        deviating=_NAMES.validate_json(row["deviating"]),
         shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
-        operators=_NAMES.validate_json(row["operators"]),
+        reference=scene(row["reference"]) if row["reference"] else None,
         causes=_CAUSES.validate_python(causes),
         counterparts={name: scene(digest) for name, digest in counterparts.items()},
         witness=witness,
-        rate=_RATE.validate_json(row["rate"]),
-        certified=_RATE.validate_json(row["certified"]),
-        counterpart_rates=_RATES.validate_json(row["counterpart_rates"]),
-        reference=scene(row["reference"]) if row["reference"] else None,
     )
     named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
     check_operators(triaged.causes, *named)

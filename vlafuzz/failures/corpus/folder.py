@@ -69,8 +69,7 @@ class _CaseRow(Facts):
     reference: str | None = None
 
 
-def _read_run(kept: Any) -> Any:
-    return from_kept(kept) if isinstance(kept, dict) else kept
+_Run = Annotated[Manifest, BeforeValidator(lambda kept: from_kept(kept) if isinstance(kept, dict) else kept)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +82,7 @@ class _Manifest:
     created: str
     renderer: str | None
     versions: Mapping[str, str]
-    runs: tuple[Annotated[Manifest, BeforeValidator(_read_run)], ...]
+    runs: tuple[_Run, ...]
     evidence: Evidence
     cases: tuple[_CaseRow, ...]
     controls: tuple[_ControlRow, ...] = ()
@@ -220,7 +219,10 @@ def _read_manifest(path: Path, folder: Path) -> _Manifest:
         schema = content["schema"] if isinstance(content, dict) else None
         if isinstance(schema, int) and schema > SCHEMA:
             raise CorpusError(f"{path}: schema {schema} is newer than {SCHEMA}", hint="upgrade vlafuzz")
-        manifest = _ADAPTER.validate_python(_upgraded(content) if schema == 1 else content)
+        if schema == 1:
+            runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
+            content = content | {"schema": SCHEMA, "runs": runs}
+        manifest = _ADAPTER.validate_python(content)
         for run in manifest.runs:
             check_read(run)
         for row in manifest.cases:
@@ -237,12 +239,6 @@ def _read_manifest(path: Path, folder: Path) -> _Manifest:
     if not manifest.cases or any(not 0 <= case.run < len(manifest.runs) for case in manifest.cases):
         raise _damaged(f"{path}: has no case, or a case without its run")
     return manifest
-
-
-def _upgraded(content: dict[str, Any]) -> dict[str, Any]:
-    """Schema 1 as schema 2, which renamed fields of the runs."""
-    runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
-    return content | {"schema": SCHEMA, "runs": runs}
 
 
 def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene]) -> Case:

@@ -205,7 +205,9 @@ def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_be
     p-value is that of as many such scenes. Where the baseline was rolled out as well, each pair of rollouts of which
     only one passes would be as likely one of the policy's (sign test).
     """
-    judged = [scene for scene in compared if scene.judged and _selected(scene.probe, failing=for_better)]
+    groups = ("failing",) if for_better else ("counterpart", "nominal")
+    selected = (scene for scene in compared if scene.probe.group in groups and scene.probe.passed is not for_better)
+    judged = [scene for scene in selected if scene.judged]
     standings = Counter[str](scene.standing for scene in judged)
     ours, same = ("better", "fails") if for_better else ("worse", "passes")
     changed, of = standings[ours], len(judged)
@@ -218,13 +220,6 @@ def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_be
         worse, better = sum(pair.worse for pair in pairs), sum(pair.better for pair in pairs)
         p_value = float(sign_p(better, worse) if for_better else sign_p(worse, better))
     return Change(changed=changed, of=of, p_value=p_value, alpha=alpha)
-
-
-def _selected(probe: Probe, *, failing: bool) -> bool:
-    """Whether the corpus's own policy fails in a scene, or passes beside one where it does."""
-    if failing:
-        return probe.group == "failing"
-    return probe.group in ("counterpart", "nominal") and probe.passed
 
 
 def _tail(least: int, probabilities: Sequence[float]) -> float:
