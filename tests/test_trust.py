@@ -39,8 +39,7 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
         run = store.begin(manifest(policy=OWN))
         store.add(run, trial(0, failed()))
         store.finish(run, "interrupted", 1.0)
-    without_controls = replace(make_corpus(case()), runs=[manifest(policy=OWN)], controls=())
-    write_corpus(without_controls, Path("corpus"))
+    write_corpus(replace(make_corpus(case()), runs=[manifest(policy=OWN)]), Path("corpus"))
     return tmp_path
 
 
@@ -48,7 +47,6 @@ COMMANDS = {
     "replay": ["replay", "a.db"],
     "triage": ["triage", "a.db", "--workers", "1"],
     "resume": ["run", "--resume", "--store", "a.db"],
-    "regress": ["regress", "corpus", "--policy", "frozen"],
 }
 
 
