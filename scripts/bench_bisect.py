@@ -34,7 +34,7 @@ from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.bisect import Bisection, bisect, most_comparisons
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe, probes
-from vlafuzz.failures.corpus.sides import Recorded, Rerun
+from vlafuzz.failures.corpus.sides import Asked, Recorded, Rerun
 from vlafuzz.model.outcome import Outcome, Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"
@@ -65,8 +65,10 @@ class Given:
     name: str
     passes: Booleans
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        return Outcome(verdict=Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED)
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        return (
+            Outcome(verdict=Verdict.PASSED if self.passes[int(probe.what)] else Verdict.FAILED) for probe, _ in asked
+        )
 
 
 def made_up(
@@ -182,7 +184,9 @@ def record() -> None:
             policy = Mini(Path(folder))
             runner = partial(SimulatorSceneRunner, CORPUS, policy=policy)
             side = Rerun(name, corpus.runs, runner)
-            outcomes[name] = "".join(str(int(side.answer(probe, 0).passed)) for probe in scenes)
+            outcomes[name] = "".join(
+                str(int(outcome.passed)) for outcome in side.answers([(probe, 0) for probe in scenes])
+            )
             side.close()
         print(f"{name}: passes {outcomes[name].count('1')} of {len(scenes)}", file=sys.stderr, flush=True)
         OUTCOMES.write_text(json.dumps(outcomes, indent=1) + "\n")

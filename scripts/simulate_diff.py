@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.diff import Known, diff
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
+from vlafuzz.failures.corpus.sides import Asked
 from vlafuzz.model.outcome import Outcome, Verdict
 
 FRESH = 20_000  # smaller seeds were used while the test was made
@@ -32,8 +34,8 @@ class Chance:
     def __init__(self, name: str, rate: float, rng: np.random.Generator) -> None:
         self.name, self._rate, self._rng = name, rate, rng
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        return Outcome(verdict=Verdict.FAILED if self._rng.random() < self._rate else Verdict.PASSED)
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        return (Outcome(verdict=Verdict.FAILED if self._rng.random() < self._rate else Verdict.PASSED) for _ in asked)
 
 
 def standings(known: Known, rate: float, other: float, seeds: range) -> Counter[str]:

@@ -1,11 +1,12 @@
 """Sides of a comparison without a simulator, and corpora of any size."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from tests.doubles import failed, passed, scene
 from vlafuzz.failures.corpus.pairs import Group, Probe
+from vlafuzz.failures.corpus.sides import Asked
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest
@@ -40,6 +41,9 @@ class Planned:
     def __init__(self, rule: Callable[[int, int], Verdict | bool], *, name: str = "new") -> None:
         self.name, self._rule = name, rule
         self.calls: list[tuple[int, int]] = []
+
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        return (self.answer(*one) for one in asked)
 
     def answer(self, probe: Probe, repeat: int) -> Outcome:
         number = round(probe.scene.targets[0].x * 1000)

@@ -188,7 +188,7 @@ def rerun() -> tuple[Rerun, list[RuleRunner]]:
 def test_one_runner_serves_all_runs_under_the_same_conditions(rerun):
     side, runners = rerun
     for probe in probes_of(make_corpus(case(1), case(2, run=1), runs=2)):
-        assert side.answer(probe, 0).passed
+        assert next(side.answers([(probe, 0)])).passed
     side.close()
     assert len(runners) == runners[0].closed == 1
 
@@ -197,7 +197,7 @@ def test_every_rollout_has_a_seed_of_its_own_that_neither_triage_nor_export_uses
     side, (runner, *_) = rerun
     for probe in probes_of(make_corpus(case(1), case(2), controls=40)):
         for repeat in range(1 if probe.group == "control" else REPEATS):
-            side.answer(probe, repeat)
+            next(side.answers([(probe, repeat)]))
     seeds = [seed for _, seed in runner.calls]
     assert len(set(seeds)) == len(seeds) == 40 + 5 * REPEATS
     assert min(seeds[:40]) >= CONTROL
@@ -207,8 +207,7 @@ def test_every_rollout_has_a_seed_of_its_own_that_neither_triage_nor_export_uses
 def test_a_run_adds_its_seed(rerun):
     side, (runner, *_) = rerun
     probe = probes_of(make_corpus())[0]
-    side.answer(probe, 0)
-    side.answer(replace(probe, run=1), 0)
+    list(side.answers([(probe, 0), (replace(probe, run=1), 0)]))
     (_, first), (_, second) = runner.calls
     assert second - first == 1
 
@@ -216,9 +215,7 @@ def test_a_run_adds_its_seed(rerun):
 def test_a_control_is_run_as_it_is_and_another_scene_jittered_anew_in_each_repeat(rerun):
     side, (runner, *_) = rerun
     control, failing = probes_of(make_corpus(controls=1))[:2]
-    side.answer(control, 0)
-    for repeat in range(2):
-        side.answer(failing, repeat)
+    list(side.answers([(control, 0), (failing, 0), (failing, 1)]))
     (shown, seed), *around = runner.calls
     assert (shown, seed) == (control.scene, number_of(control.scene))
     assert [scene for scene, _ in around] == [jittered(failing.scene, seed) for _, seed in around]

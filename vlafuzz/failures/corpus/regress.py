@@ -183,11 +183,13 @@ def compare(
     pairs: list[list[Pair]] = [[] for _ in probes]
     test, judged, deadline = SignTest(alpha), 0, deadline or Deadline()
     stopped: Stopped = "done"
-    for done, (index, repeat) in enumerate(order, start=1):
+    asked = [(probes[index], repeat) for index, repeat in order]
+    of_baseline, of_policy = baseline.answers(asked), policy.answers(asked)
+    for done, (index, _) in enumerate(order, start=1):
         if deadline.passed:
             stopped = "time"
             break
-        pair = Pair(baseline.answer(probes[index], repeat), policy.answer(probes[index], repeat))
+        pair = Pair(next(of_baseline), next(of_policy))
         pairs[index].append(pair)
         judged += pair.judged
         if pair.discordant and probes[index].group == "control":

@@ -1,8 +1,9 @@
 """Sides of a comparison: a policy that is rolled out, or what is known of one, scene by scene."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Protocol
 
@@ -14,10 +15,14 @@ from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 
 _HINT = "give --answers the file of an earlier `vlafuzz bisect`, or a new one"
+
+
+Asked = tuple[Probe, int]  # a scene, and the number of a rollout in it
 
 
 class Side(Protocol):
@@ -26,8 +31,8 @@ class Side(Protocol):
     @property
     def name(self) -> str: ...
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        """The result of the n-th rollout in a scene."""
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        """The outcome of each rollout, as it is taken."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +41,9 @@ class Recorded:
 
     name: str
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        """The recorded verdict."""
-        return Outcome(verdict=Verdict.PASSED if probe.passed else Verdict.FAILED)
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        """The recorded verdicts."""
+        return (Outcome(verdict=Verdict.PASSED if probe.passed else Verdict.FAILED) for probe, _ in asked)
 
 
 class Rerun:
@@ -54,14 +59,22 @@ class Rerun:
         distinct = {run.key(seeded=False): replace(run, seed=0) for run in runs}
         self._runners = {key: make(run) for key, run in distinct.items()}
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        """One rollout: in a control as it is, in another scene with a jitter and seed of no other use."""
-        run, scene, number = self._runs[probe.run], probe.scene, number_of(probe.scene)
-        runner = self._runners[run.key(seeded=False)]
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        """Rollouts, as many at a time as the runner has lanes."""
+        for key, group in groupby(asked, lambda one: self._runs[one[0].run].key(seeded=False)):
+            runner, some = self._runners[key], list(group)
+            size = getattr(runner, "lanes", 1)
+            for first in range(0, len(some), size):
+                scenes, numbers = zip(*(self._rollout(runner, *one) for one in some[first : first + size]), strict=True)
+                yield from runner.evaluate(scenes, numbers)
+
+    def _rollout(self, runner: SceneRunner, probe: Probe, repeat: int) -> tuple[Scene, int]:
+        """A control as it is, another scene with a jitter and seed of no other use."""
+        scene, number = probe.scene, number_of(probe.scene)
         if probe.group != "control":
             number = number_of(scene, REGRESS, repeat)
             scene = runner.space.jittered(scene, number)
-        return runner.evaluate([scene], [run.seed + number])[0]
+        return scene, self._runs[probe.run].seed + number
 
     def close(self) -> None:
         for runner in self._runners.values():
@@ -129,16 +142,19 @@ class Answers:
 @dataclass(frozen=True)
 class _Remembering:
     name: str
-    answers: Answers
+    kept: Answers
     side: Side
 
-    def answer(self, probe: Probe, repeat: int) -> Outcome:
-        """The known result, or that of a rollout."""
-        known = self.answers.known.get((self.name, probe.scene.digest, repeat))
-        if known is None or not known.judged:
-            known = self.side.answer(probe, repeat)
-            self.answers.keep(self.name, probe, repeat, known)
-        return known
+    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
+        """The known results, or those of rollouts."""
+        known = [self.kept.known.get((self.name, probe.scene.digest, repeat)) for probe, repeat in asked]
+        lacking = [one for one, outcome in zip(asked, known, strict=True) if not (outcome and outcome.judged)]
+        rolled = self.side.answers(lacking)
+        for (probe, repeat), outcome in zip(asked, known, strict=True):
+            if not (outcome and outcome.judged):
+                outcome = next(rolled)
+                self.kept.keep(self.name, probe, repeat, outcome)
+            yield outcome
 
 
 def _whole_lines(path: Path) -> list[str]:
