@@ -78,6 +78,7 @@ class Simulated:
     smooth: bool
     seed: int
     deterministic: bool = False
+    renderer: str | None = None
     rollouts: int = 0
     space: SearchSpace = field(default=SPACE, init=False)
     stages: tuple[str, ...] = field(default=STAGES, init=False)
@@ -109,6 +110,9 @@ class Simulated:
 
     def play(self, scene: Scene, actions: object) -> Outcome:
         return _passed()
+
+    def picture(self, scene: Scene) -> bytes | None:
+        return None
 
     def close(self) -> None: ...
 

@@ -26,6 +26,7 @@ class Runner:
 
     def __init__(self, world: World) -> None:
         self.space: SearchSpace = space_of(world.task)
+        self.renderer: str | None = None
         self.stages, self.deterministic = TASKS[world.task].stage_names, world.rate == 1.0
         self.tries: list[tuple[str, int]] = []
         self._world, self._passed = world, world.evaluate(self.space.nominal())
@@ -44,6 +45,9 @@ class Runner:
 
     def play(self, scene: Scene, actions: object) -> Outcome:
         return self._passed
+
+    def picture(self, scene: Scene) -> bytes | None:
+        return None
 
     def close(self) -> None: ...
 

@@ -34,10 +34,12 @@ class SceneRunner(Protocol):
 
     Attributes:
         stages: the names of the task's stages.
+        renderer: what renders the policy's images; None for a policy without cameras.
     """
 
     stages: tuple[str, ...]
     deterministic: bool
+    renderer: str | None
 
     @property
     def space(self) -> Space:
@@ -51,6 +53,9 @@ class SceneRunner(Protocol):
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         """The outcome when the robot executes these actions."""
+
+    def picture(self, scene: Scene) -> bytes | None:
+        """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
 
     def close(self) -> None:
         """Release simulator and policies."""
@@ -138,7 +143,6 @@ class SimulatorSceneRunner:
         return evaluate_safely(self._players, [scene])[0]
 
     def picture(self, scene: Scene) -> bytes | None:
-        """PNG of a fair scene as the third-person camera sees it; None where nothing can be rendered."""
         from vlafuzz.worlds.recording import Recording, to_png
 
         try:

@@ -6,7 +6,6 @@ so a finding may have to be firm: at a place where nearly every rollout fails, a
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Protocol
 
 from vlafuzz.failures.corpus.controls import EXPORT
 from vlafuzz.failures.corpus.corpus import Case
@@ -30,20 +29,7 @@ LATER = "it fails at a later stage than it did"
 UNSOLVED = "its witness no longer solves it"
 
 
-class PictureRunner(SceneRunner, Protocol):
-    """A scene runner that also takes pictures.
-
-    Attributes:
-        renderer: what renders the policy's images; None for a policy without cameras.
-    """
-
-    renderer: str | None
-
-    def picture(self, scene: Scene) -> bytes | None:
-        """PNG of a scene; None where nothing can be rendered."""
-
-
-def check(triaged: Triaged, run: int, runner: PictureRunner, share: float | None) -> Case | str:
+def check(triaged: Triaged, run: int, runner: SceneRunner, share: float | None) -> Case | str:
     """A minimal finding as a case, or the reason why it does not hold.
 
     Args:

@@ -6,13 +6,12 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import count, groupby
 from operator import itemgetter
-from typing import cast
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.failures.corpus.check import PictureRunner, check
+from vlafuzz.failures.corpus.check import check
 from vlafuzz.failures.corpus.controls import CONTROLS, record, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
@@ -79,7 +78,7 @@ def export(
         results: dict[int, Case | str] = {}
         manifest = runs[number].manifest
         with crew_at(Place(workers), partial(runner, runs[number]), manifest.policy) as crew:
-            checker = cast(PictureRunner, crew.runner)
+            checker = crew.runner
             if number == numbers[0]:
                 renderer = checker.renderer
                 ((_, recorded),) = crew.each(partial(record, checker, manifest.seed, watch=watch), [controls])
