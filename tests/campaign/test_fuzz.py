@@ -110,7 +110,7 @@ def test_an_error_is_tried_again_by_the_next_run(store: Store):
     strategy = [Scripted(genomes(scene())) for _ in range(2)]
     broken = run(store, strategy=strategy[0], executor=LocalExecutor(Raising(OSError("gone"))))
     whole = run(store, strategy=strategy[1])
-    assert (broken.verdicts["error"], broken.last_error) == (1, "OSError: gone")
+    assert (broken.verdicts["error"], broken.first_error) == (1, "OSError: gone")
     assert whole.verdicts["passed"] == 1
 
 

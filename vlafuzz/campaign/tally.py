@@ -29,7 +29,7 @@ class Summary:
         findings: distinct scenes that failed.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
-        first_error: the first ERROR, in a sentence; ``last_error``: the last one.
+        first_error: the first ERROR, in a sentence.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
     """
@@ -53,7 +53,6 @@ class Summary:
     progress_mean: float | None
     first_failure: str | None
     first_error: str | None
-    last_error: str | None
     stopped: str | None
     checkup: str
     seconds: float
@@ -83,7 +82,7 @@ class Summary:
 
 
 _OF_MANIFEST = ("task", "policy", "strategy", "seed", "budget", "repeats", "checkup")
-_OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_error", "last_error", "stopped")
+_OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_error", "stopped")
 
 
 TIME_OVER = "its time is over; with --resume it goes on"
@@ -133,13 +132,11 @@ class Tally:
         self._began = time.perf_counter() - before.seconds
         self.rollouts = self.proposals = self.duplicates = self.earlier = 0
         self.first_error: str | None = None
-        self.last_error: str | None = None
         self.stopped: str | None = None
         self.causes: int | None = None
         self.verdicts: Counter[Verdict] = Counter()
         self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
-        self._reached: dict[frozenset[str], frozenset[str]] = {}  # interned
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
         self._judged = False  # whether a scene passed or failed
@@ -157,13 +154,11 @@ class Tally:
             first = min(first, before.first)
         self.verdicts[outcome.verdict] += 1
         reached = frozenset(stage for rollout in outcome.rollouts for stage in rollout.reached)
-        reached = self._reached.setdefault(reached, reached)
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
         self._judged = self._judged or outcome.verdict >= Verdict.PASSED
         if outcome.verdict is Verdict.ERROR:
             self._errors[re.sub(r"\d+", "", outcome.detail)] += not (outcome.unanswered or trial.duplicate)
             self.first_error = self.first_error or outcome.detail
-            self.last_error = outcome.detail
 
     @property
     def crashed(self) -> str | None:
@@ -171,7 +166,7 @@ class Tally:
         number = self._errors.total()
         if self._judged or number < ALIKE or len(self._errors) > 1:
             return None
-        return f"all of the first {number} scenes ended in the same error: {self.last_error}"
+        return f"all of the first {number} scenes ended in the same error: {self.first_error}"
 
     @property
     def broken(self) -> bool:

@@ -16,7 +16,6 @@ from rich.table import Table
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
-from vlafuzz.campaign.results import again as how_again
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
@@ -80,21 +79,13 @@ def run_plan(
     again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
     summary = _start(plan, search, again)
     causes, says = _causes(summary), about(plan.strategy)
-    document = asdict(summary) | _results(summary, causes, says, show=not json)
+    document = asdict(summary) | {"effects": _effects(summary, causes, says, show=not json)}
     interrupted = False
-    if certifying and causes and causes.found:
-        allowance = Allowance(deadline=until)
-        complete = _foresee(plan, causes, until)
-        if complete:
-            interrupted = not _certify(plan, summary, allowance)
-            complete = not interrupted and not allowance.used_up
-            causes = _causes(summary)
-    else:
-        complete = True
+    if certifying and causes and causes.found and _foresee(plan, causes, until):
+        interrupted = not _certify(plan, summary, until)
+        causes = _causes(summary)
     if not json:
         _print_causes(summary, causes)
-    if not complete and causes:
-        _hint_at_rest(plan, causes)
     document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
     return Done(summary, document, again, interrupted)
 
@@ -129,25 +120,18 @@ def _causes(summary: Summary) -> CauseList | None:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
 
 
-def _results(summary: Summary, causes: CauseList | None, says: str, *, show: bool) -> dict[str, Any]:
-    """What the store tells of a finished run as JSON, and with ``show`` printed after the run in numbers.
-
-    Random scenes tell how often the policy fails by their values; scenes of a file that says how they ended before are
-    compared with that.
-    """
+def _effects(summary: Summary, causes: CauseList | None, says: str, *, show: bool) -> dict[str, Any] | None:
+    """How often the policy fails in random scenes by their values, as JSON; with ``show`` printed after the run."""
     with Store.open(Path(summary.store)) as store:
         run = next(run for run in store.runs() if run.id == summary.run)
         effects = effects_of(store, run, Spaces(store.path).of(run.manifest))
-        again = how_again(store, run.id)
     if show:
         _print_summary(summary, says, causes.probability if causes else None)
-        if again is not None:
-            stdout().print(str(again), style="bold", soft_wrap=True)
-        if effects is not None:
-            if effects.table.rows:
-                print_rows(effects.table.rows, title=effects.table.title)
+        if effects and effects.table.rows:
+            print_rows(effects.table.rows, title=effects.table.title)
+        if effects:
             print_lines(effects.says, effects.advice)
-    return {name: part and asdict(part) for name, part in {"effects": effects, "again": again}.items()}
+    return asdict(effects) if effects else None
 
 
 def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
@@ -166,7 +150,7 @@ def _print_summary(summary: Summary, about: str, probability: Probability | None
         "invalid": _counts(summary.invalid),
         "stages reached": _counts(summary.stages) if judged else "",
         **(_failures(summary, judged, probability) if judged else {}),
-        "last error": summary.last_error,
+        "first error": summary.first_error,
         "mean progress": "" if summary.progress_mean is None else f"{summary.progress_mean:.3f}",
         "store": summary.store,
     }
@@ -215,16 +199,6 @@ def _print_causes(summary: Summary, found: CauseList | None) -> None:
         print_lines(f"see the first {'cause' if shown else 'failure'}: {command}")
 
 
-def _hint_at_rest(plan: Plan, found: CauseList) -> None:
-    """How to certify as many causes as are missing after an interruption, or when the time is over."""
-    missing = min(found.found, affordable(plan.manifest.budget)) - found.certified
-    if missing > 0:
-        trust = trust_flag(plan.manifest.policy)
-        command = shlex.join(["vlafuzz", "triage", str(plan.store), "--limit", str(missing), *trust])
-        with Store.open(plan.store) as store:
-            Bar.note(f"hint: continue with `{command}`{hours(store, missing)}")
-
-
 def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
     """Say how long certification takes at the speed of the run; whether there is time for a cause."""
     with Store.open(plan.store) as store:
@@ -240,7 +214,7 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
     return True
 
 
-def _certify(plan: Plan, summary: Summary, allowance: Allowance) -> bool:
+def _certify(plan: Plan, summary: Summary, until: Deadline) -> bool:
     """Certify the commonest causes of a run; whether nobody interrupted it."""
     runner = partial(runner_of_run, plan.store, note=Bar.note)
     try:
@@ -249,7 +223,9 @@ def _certify(plan: Plan, summary: Summary, allowance: Allowance) -> bool:
             Store.open(plan.store, "write") as store,
         ):
             watch, place = shown_on(bar, "causes"), plan.triage_place
-            unjudged = certify_causes(store, runner, summary.run, allowance=allowance, place=place, watch=watch)
+            unjudged = certify_causes(
+                store, runner, summary.run, allowance=Allowance(deadline=until), place=place, watch=watch
+            )
     except typer.Exit:  # the causes so far are shown all the same
         return False
     if told := note_unjudged(unjudged):
