@@ -86,18 +86,18 @@ def within(planned: Plan, minutes: float, *, certify: bool, speed: Speed = SLOW)
     return Forecast(planned, speed, certify, until.after(0.5) if certify else until, until)
 
 
-def test_with_a_time_it_says_how_many_rollouts_that_is(planned: Plan):
+def test_with_a_time_it_says_when_that_ends_it(planned: Plan):
     assert str(within(planned, 30, certify=False)) == (
-        "in 30 min (--time): about 64 of 300 rollouts of up to 80 steps; measured: an answer takes 0.5 s"
+        "about 2.3 h: 300 rollouts of up to 80 steps take 70 min to 3.3 h; --time ends it after 30 min; "
+        "measured: an answer takes 0.5 s"
     )
 
 
 def test_with_a_time_it_says_whether_certification_fits(planned: Plan):
     hopeless, fits = within(planned, 30, certify=True), within(planned, 240, certify=True)
-    assert "about 32 of 300 rollouts of up to 80 steps, and probably no certified cause" in str(hopeless)
-    assert "since one takes about 33 min" in str(hopeless)
+    assert "; --time ends it after 30 min, probably before a cause is certified; " in str(hopeless)
     assert (hopeless.too_short, fits.too_short) == (True, False)
-    assert "of 300 rollouts of up to 80 steps, and causes, which take about 33 min each to certify; " in str(fits)
+    assert "certifying their causes about 3.3 h; --time ends it after 4.0 h; measured" in str(fits)
 
 
 def test_a_time_that_is_long_enough_changes_nothing(planned: Plan):

@@ -121,17 +121,11 @@ class Forecast:
         both = self.run + self.certification
         steps = longest(self.plan.policy.spec, self.plan.manifest)
         rollouts = f"{'the other ' * bool(self.plan.done)}{plural(self.left, 'rollout')} of up to {steps} steps"
-        if self.run > self.search.left or both > self.until.left:
-            most = max(min(int(self.search.left / self.rollout), self.left), 1)
-            some = f"about {most} of " if most < self.left else ""
-            then = ""
-            if self.certify:
-                one = duration(self.certifying(PER_FINDING))
-                none = f"probably no certified cause, since one takes about {one}"
-                then = f", and {none if self.too_short else f'causes, which take about {one} each to certify'}"
-            return f"in {duration(self.until.left)} (--time): {some}{rollouts}{then}; {self.speed.words}"
         low, high = (duration(self.run * share / USUAL) for share in (SHORT, 1.0))
         then = f", certifying their causes about {duration(self.certification)}" if self.certify else ""
+        if self.run > self.search.left or both > self.until.left:
+            then += f"; --time ends it after {duration(self.until.left)}"
+            then += ", probably before a cause is certified" if self.too_short else ""
         return f"about {duration(both)}: {rollouts} take {low} to {high}{then}; {self.speed.words}"
 
     def of_tasks(self, tasks: int) -> str:
