@@ -100,7 +100,7 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(cap
     with interrupted():
         printed = typed(capsys, [*CAUSES], code=130)
     assert printed.out.count("· certified: ") == 1 <= printed.out.count("· not certified")
-    assert "interrupted: all finished causes are stored" in printed.err
+    assert "interrupted: all finished causes are stored\nhint: `vlafuzz triage a.db --trust` goes on" in printed.err
     assert re.search(r"`vlafuzz triage a.db --limit \d --trust`.* certifies them", printed.out)
     assert typed(capsys, ["triage", "a.db", "--limit", "1"]).out.count("· certified: ") == 2
 

@@ -217,9 +217,10 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
 def _certify(plan: Plan, summary: Summary, until: Deadline) -> bool:
     """Certify the commonest causes of a run; whether nobody interrupted it."""
     runner = partial(runner_of_run, plan.store, note=Bar.note)
+    others = shlex.join(["vlafuzz", "triage", str(plan.store), *trust_flag(plan.manifest.policy)])
     try:
         with (
-            interruptible("interrupted: all finished causes are stored") as bar,
+            interruptible(f"interrupted: all finished causes are stored\nhint: `{others}` goes on") as bar,
             Store.open(plan.store, "write") as store,
         ):
             watch, place = shown_on(bar, "causes"), plan.triage_place
