@@ -7,10 +7,8 @@ import pytest
 from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, Gone, Raising, scene
 from vlafuzz.campaign import launch
-from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
-from vlafuzz.cli.run import note_defaults
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.doctor import exam
 from vlafuzz.model.scene_lines import write_scenes
@@ -247,21 +245,8 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(monkeypatch,
     assert hint.startswith("hint: `ray start --head` starts one")
 
 
-def planned(**flags) -> Plan:
-    return plan(RunConfig(policy="frozen", strategy="random", **flags))
-
-
-def test_a_run_says_when_its_batch_leaves_cores_idle(capsys, monkeypatch):
-    monkeypatch.setenv("VLAFUZZ_WORKERS", "16")
-    note_defaults(planned(batch=2), {})
-    assert "2 scenes at a time keep 2 of 16 cores busy; --config batch=16 is faster" in capsys.readouterr().err
-    note_defaults(planned(batch=2, workers=2), {"workers": 2})
-    assert capsys.readouterr().err == ""
-
-
 def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
     monkeypatch.setattr("vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device"))
-    note_defaults(planned(), {})
-    assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
-    note_defaults(planned(), {"policy": "frozen"})
-    assert capsys.readouterr().err == ""
+    flags = "run --strategy random --budget 1 --store a.db"
+    assert "nothing here draws pictures, so the policy is pinhole" in typed(capsys, flags).err
+    assert "nothing here draws pictures" not in typed(capsys, f"{flags} --policy frozen").err

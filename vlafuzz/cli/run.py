@@ -108,28 +108,16 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
 
 
 def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
-    """The plan after the check of its policy, with notes on what follows from this machine."""
+    """The plan after the check of its policy, and a note where the policy is the default that needs no pictures."""
     from vlafuzz.doctor.exam import checked_plan
-
-    if plan.resume is None:
-        note_defaults(plan, flags)
-    with Bar() as bar:
-        return checked_plan(plan, unchecked=unchecked, watch=bar)
-
-
-def note_defaults(plan: Plan, flags: Mapping[str, Any]) -> None:
-    """Say which defaults follow from this machine, where the user would want to know."""
-    from vlafuzz.rollouts.capacity import most_workers
     from vlafuzz.worlds import no_pictures, world_of
 
     usual = next(iter(world_of(plan.task.name).robots))
-    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
+    if not plan.resume and "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
-    used, batch, room = plan.place.workers, plan.manifest.batch, most_workers()
-    if "workers" not in flags and plan.place.kind == "processes" and used == batch < room:
-        faster = f"--config batch={room} is faster, and chooses them by less of what came before"
-        Bar.note(f"note: {batch} scenes at a time keep {used} of {room} cores busy; {faster}")
+    with Bar() as bar:
+        return checked_plan(plan, unchecked=unchecked, watch=bar)
 
 
 def _run_tasks(
