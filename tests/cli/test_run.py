@@ -7,8 +7,10 @@ import pytest
 from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, Gone, Raising, scene
 from vlafuzz.campaign import launch
+from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
+from vlafuzz.cli.run import note_policy
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.doctor import exam
 from vlafuzz.model.scene_lines import write_scenes
@@ -247,6 +249,8 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(monkeypatch,
 
 def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
     monkeypatch.setattr("vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device"))
-    flags = "run --strategy random --budget 1 --store a.db"
-    assert "nothing here draws pictures, so the policy is pinhole" in typed(capsys, flags).err
-    assert "nothing here draws pictures" not in typed(capsys, f"{flags} --policy frozen").err
+    planned = plan(RunConfig(policy="frozen", strategy="random"))
+    note_policy(planned, {})
+    assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
+    note_policy(planned, {"policy": "frozen"})
+    assert capsys.readouterr().err == ""

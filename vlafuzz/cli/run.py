@@ -108,16 +108,23 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
 
 
 def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
-    """The plan after the check of its policy, and a note where the policy is the default that needs no pictures."""
+    """The plan after the check of its policy."""
     from vlafuzz.doctor.exam import checked_plan
+
+    if plan.resume is None:
+        note_policy(plan, flags)
+    with Bar() as bar:
+        return checked_plan(plan, unchecked=unchecked, watch=bar)
+
+
+def note_policy(plan: Plan, flags: Mapping[str, Any]) -> None:
+    """Say why a policy was chosen that needs no pictures."""
     from vlafuzz.worlds import no_pictures, world_of
 
     usual = next(iter(world_of(plan.task.name).robots))
-    if not plan.resume and "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
+    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
-    with Bar() as bar:
-        return checked_plan(plan, unchecked=unchecked, watch=bar)
 
 
 def _run_tasks(
