@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from tests.failures.corpus.test_tables import compared
 from vlafuzz.common import assets
+from vlafuzz.common.assets import kept
 from vlafuzz.common.files import replacing, write_whole, writing
-from vlafuzz.common.processor import kept
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.tables import write_junit
 from vlafuzz.lab.plots import save

@@ -13,8 +13,7 @@ from vlafuzz.campaign.options import OF_WORLDS
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.model.conditions import CRITERIA, check_choice
-from vlafuzz.model.label import check_label
+from vlafuzz.model.conditions import CRITERIA, check_choice, check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
 from vlafuzz.model.space import Operators, Space, Vector

@@ -44,7 +44,7 @@ def label_option(flag: str, text: str, default: str = "", panel: str | None = No
     """An option that takes a label, and refuses what does not fit into a line of text."""
 
     def checked(label: str | None) -> str | None:
-        from vlafuzz.model.label import check_label
+        from vlafuzz.model.conditions import check_label
 
         check_label(flag, label)
         return label

@@ -4,7 +4,11 @@ The latter hold files that may not be shipped, such as robots and photos.
 """
 
 import errno
+import hashlib
+import importlib.util
+import json
 import os
+import re
 import shutil
 import tempfile
 import time
@@ -12,6 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from platformdirs import user_cache_path
 
@@ -20,6 +25,7 @@ from vlafuzz.errors import PrerequisiteError
 
 _PACKAGE = Path(str(files("vlafuzz")))
 FOLDERS = "VLAFUZZ_PACKS"  # environment variable with a list of folders as in PATH
+_KEPT = "answer.json"
 _ABANDONED = 86400.0  # seconds after which nobody fills a draft any more
 _UNWRITABLE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.ENOTDIR, errno.EEXIST)
 
@@ -119,3 +125,33 @@ def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Pat
             if not is_complete(folder):  # damaged; otherwise another process was faster
                 shutil.rmtree(folder, ignore_errors=True)
                 draft.rename(folder)
+
+
+def cpuinfo(entry: str) -> str | None:
+    """An entry of the first processor, where there is ``/proc/cpuinfo`` and it has the entry."""
+    with suppress(OSError):
+        line = re.search(rf"^{entry}\s*: (.*)", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+        return line and line[1]
+    return None
+
+
+def kept(name: str, ask: Callable[[], Any], *given: object) -> Any:
+    """An answer, as JSON has it, that depends on torch, the processor and what else is given.
+
+    It is asked for once, and then comes from the cache where that can be written.
+    """
+    torch = importlib.util.find_spec("torch")
+    if torch is None or torch.origin is None:
+        return ask()
+    depends = [torch.origin, os.stat(torch.origin).st_mtime_ns, *given]
+    depends += [cpuinfo("flags"), cpuinfo("Features")]  # of x86 and of Arm
+    digest = hashlib.blake2b(json.dumps(depends).encode(), digest_size=8).hexdigest()
+
+    def keep(folder: Path) -> None:
+        (folder / _KEPT).write_text(json.dumps(ask()), encoding="utf-8")
+
+    try:
+        folder = made_once(f"{name}/{digest}", keep, lambda folder: (folder / _KEPT).is_file())
+        return json.loads((folder / _KEPT).read_text(encoding="utf-8"))
+    except (OSError, ValueError, PrerequisiteError):
+        return ask()

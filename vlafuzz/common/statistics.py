@@ -327,9 +327,6 @@ def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
 
 def binomial(number: int, share: float) -> NDArray[np.float64]:
     """Probabilities of 0 to ``number`` cases."""
-    from scipy.special import gammaln, xlog1py, xlogy
+    from scipy.stats import binom
 
-    count = np.arange(number + 1)
-    ways = gammaln(number + 1) - gammaln(count + 1) - gammaln(number - count + 1)
-    chances: NDArray[np.float64] = np.exp(ways + xlogy(count, share) + xlog1py(number - count, -share))
-    return chances
+    return np.asarray(binom.pmf(np.arange(number + 1), number, share))

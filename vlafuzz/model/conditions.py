@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields, replace
 from enum import Enum
 from typing import Any, Final, Generic, Self, TypeVar
+from urllib.parse import parse_qsl
 
+from pydantic import BaseModel, TypeAdapter, ValidationError
+
+from vlafuzz.common.reading import first_problem, plain
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.model.label import Model
 
 ALONE = "alone-"  # begins labels that no other run has
 CRITERIA = ("strict", "published")
@@ -19,6 +23,43 @@ CRITERIA = ("strict", "published")
 _IN_KEYS: Mapping[str, Any] = {"placement": "resting", "min_distance": 0.0}
 _AMONG_FIELDS: Mapping[str, Any] = {**_IN_KEYS, "visible": ""}
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Model:
+    """A policy by its name, and the label that says which model answers under it; empty: nobody said."""
+
+    policy: str
+    label: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.label} ({self.policy})" if self.label else self.policy
+
+    @property
+    def short(self) -> str:
+        """The label with the address, but without options, which may be long."""
+        return f"{self.label} ({self.address})" if self.label else self.policy
+
+    @property
+    def address(self) -> str:
+        """Where it is asked: a server's address, a folder, or the name of another policy."""
+        return self.policy.partition("?")[0]
+
+    @property
+    def which(self) -> str:
+        """The name of the model: its label, or the ``version`` in the policy's name."""
+        return self.label or dict(parse_qsl(self.policy.partition("?")[2])).get("version", "")
+
+    def replaces(self, other: Model) -> bool:
+        """Whether the two are asked at one address, but are different models: then one at a time can be."""
+        return self.address == other.address and self.which != other.which
+
+
+def check_label(flag: str, label: str | None) -> None:
+    """Raise a UsageError for a label that does not fit into a line of text."""
+    if label and not re.fullmatch(r"[\w.:@+/-]{1,100}", label):
+        problem = f"{flag} {label!r}: expected up to 100 letters, digits and . : @ + / - _"
+        raise UsageError(problem, hint=f"such as {flag} step-40000")
 
 
 class Role(Enum):
@@ -243,3 +284,46 @@ def check_choice(name: str, value: str, known: Collection[str]) -> str:
 
 def _declared(conditions: Conditions | type[Conditions]) -> list[Field[Any]]:
     return [declared for declared in fields(conditions) if "role" in declared.metadata]
+
+
+class _Pack(BaseModel):
+    name: str
+    digest: str
+    folder: str
+
+
+class _SceneFile(BaseModel):
+    flag: str
+    file: str
+    digest: str
+
+
+class _Place(BaseModel):
+    processor: str
+    instructions: str
+    torch: str
+
+
+class _Spec(BaseModel):
+    cameras: list[dict[str, Any]] = []
+
+
+_KINDS: Mapping[str, TypeAdapter[Any]] = {
+    "packs": TypeAdapter(list[_Pack]),
+    "scene_file": TypeAdapter(_SceneFile),
+    "place": TypeAdapter(_Place),
+    "spec": TypeAdapter(_Spec),
+    "operators": TypeAdapter(dict[str, Any]),
+}
+
+
+def check_read(conditions: Conditions) -> None:
+    """Raise a ValueError if a text has unseen signs, or a field for JSON, unless it is empty, has none."""
+    for text in (*vars(conditions).values(), *conditions.world, *conditions.world.values()):
+        plain(text if isinstance(text, str) else "")
+    for name, kind in _KINDS.items():
+        try:
+            if text := getattr(conditions, name):
+                kind.validate_json(text)
+        except ValidationError as error:
+            raise ValueError(f"{name}: {first_problem(error)}") from None

@@ -1,6 +1,8 @@
 """The evidence that triage collects about a failure as values: causes and a witness."""
 
-from collections.abc import Mapping
+import re
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY, dataclass, field
 from typing import Literal, Self
 
@@ -8,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import sequential_interval
+from vlafuzz.common.text import shortened
 
 Actions = NDArray[np.float32]
 Solver = Literal["expert", "seeing"]
+_NAME = re.compile(r"[a-z0-9][a-z0-9_.-]{0,99}")  # of an operator; which there are depends on the world
 
 
 @dataclass(frozen=True)
@@ -137,3 +141,14 @@ class Witness:
     states_hash: str
     attempt: int
     solver: Solver = "expert"
+
+
+def check_operators(causes: Causes, *several: Iterable[str]) -> None:
+    """Raise a ValueError if evidence names an operator as none is named, or one twice in a list."""
+    thresholds = [threshold.operator for threshold in causes.thresholds]
+    for names in (causes.necessary, causes.sufficient, thresholds, *several):
+        for name, times in Counter(list(names)).items():
+            if not _NAME.fullmatch(name):
+                raise ValueError(f"{shortened(name)} is no name of an operator")
+            if times > 1:
+                raise ValueError(f"operator {name!r} is named {times} times")

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from vlafuzz.common.reading import MIB, inflated, parse_json
-from vlafuzz.model.checked import check_operators, check_read
-from vlafuzz.model.conditions import as_kept, from_kept
-from vlafuzz.model.evidence import Causes, Rate, Solver, Witness
+from vlafuzz.model.conditions import as_kept, check_read, from_kept
+from vlafuzz.model.evidence import Causes, Rate, Solver, Witness, check_operators
 from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene

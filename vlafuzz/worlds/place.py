@@ -9,8 +9,8 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
 
+from vlafuzz.common.assets import cpuinfo, kept
 from vlafuzz.common.plugins import OBJECT, PREFIX
-from vlafuzz.common.processor import cpuinfo, kept
 from vlafuzz.policies.base import PolicySpec
 
 # Limits that torch does not report, of the libraries that compute for it.

@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from vlafuzz.common.statistics import Share
+from vlafuzz.model.conditions import Model
 from vlafuzz.model.evidence import Causes, Failure, Witness
-from vlafuzz.model.label import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest

@@ -18,7 +18,7 @@ from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, compare
 from vlafuzz.failures.corpus.sides import Side
 from vlafuzz.failures.corpus.sign_test import sign_p
-from vlafuzz.model.label import Model
+from vlafuzz.model.conditions import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest

@@ -19,7 +19,7 @@ from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import Comparison, rollouts_of
 from vlafuzz.failures.corpus.sides import Answers, Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.model.label import Model
+from vlafuzz.model.conditions import Model
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import no_pictures, world_of

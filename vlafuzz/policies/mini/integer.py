@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from vlafuzz.common.processor import kept
+from vlafuzz.common.assets import kept
 
 # The largest integers of inputs and of weights: older processors add two products in 16 bits.
 LEVELS, SIGNED = 255, 64

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.common.processor import kept
+from vlafuzz.common.assets import kept
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
