@@ -36,7 +36,6 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-import gymnasium
 import numpy as np
 import torch
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
@@ -54,9 +53,8 @@ from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 from vlafuzz.worlds.tabletop.sim import cameras as camera_module
 from vlafuzz.worlds.tabletop.sim import robots, world
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, gym_id
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.rendering import render_backend
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -105,10 +103,7 @@ def environment(variant: str, task: str, size: int) -> TabletopEnv:
     if variant in PACKS:
         _render_as_stock(PACKS[variant])
     cameras = (CameraRequest("front", size, size),)
-    more: dict[str, Any] = {"obs_mode": "none", "render_backend": render_backend()}
-    env = gymnasium.make(gym_id(task), catalogue=load_catalogue(), cameras=cameras, **more).unwrapped
-    assert isinstance(env, TabletopEnv)
-    return env
+    return TabletopEnv(task, load_catalogue(), cameras)
 
 
 def _render_as_stock(pack: str) -> None:

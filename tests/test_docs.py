@@ -24,7 +24,6 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES
@@ -210,9 +209,8 @@ def test_networks_with_pictures_are_served_as_their_section_says(policy, tmp_pat
 
 
 def test_the_gymnasium_example_prints_what_its_page_says(tmp_path):
-    write_scenes(tmp_path / "failures.jsonl", [nominal("pick-up")])
-    (said,) = re.findall(r"^pick up .*$", text("docs/gymnasium.md"), re.MULTILINE)
-    assert output_of(STEPS, tmp_path).rstrip().startswith(said)
+    said = re.findall(r"^pick up .*$", text("docs/gymnasium.md"), re.MULTILINE)
+    assert output_of(STEPS, tmp_path).splitlines()[-2:] == said
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "operators/README.md", "corpus/README.md"])

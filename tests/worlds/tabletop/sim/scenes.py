@@ -3,13 +3,12 @@
 from collections.abc import Iterable
 from typing import Any
 
-import gymnasium
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, gym_id
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.state import State
 from vlafuzz.worlds.tabletop.tasks import default_scene
 
@@ -61,8 +60,7 @@ def pushes() -> list[np.ndarray]:
 
 
 def make_env(task: str = "pick-up", **more: Any) -> TabletopEnv:
-    options = {"catalogue": CATALOGUE, "cameras": (), "obs_mode": "none", "render_backend": "none"}
-    return gymnasium.make(gym_id(task), **options | more).unwrapped
+    return TabletopEnv(task, CATALOGUE, **more)
 
 
 def play(env: TabletopEnv, actions: Iterable[Any], still: int = 0, relative_to: str = "target") -> State:

@@ -15,7 +15,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.sim.table import PAINTS, shade
@@ -80,7 +80,7 @@ def before(**backdrop: str) -> Scene:
 
 @pytest.fixture(scope="module")
 def seeing() -> Iterator[TabletopEnv]:
-    made = make_env("pick-up", CATALOGUE, (CAMERA,))
+    made = TabletopEnv("pick-up", CATALOGUE, (CAMERA,))
     yield made
     made.close()
 
@@ -179,13 +179,6 @@ def test_what_is_not_applied_is_noticed(env, changes, says):
     env.begin(nominal())
     with pytest.raises(SimulatorError, match=says):
         env.applied().check(replace(nominal(), **changes), env.models, env.rig)
-
-
-def test_reset_echoes_what_the_simulator_has(env):
-    _, info = env.reset(options={"scene": replace(bent(BENT), latency=Latency(2), noise=ALL)})
-    assert info["applied"]["latency"] == {"delay": 2}
-    assert info["applied"]["noise"] == {"blur": 1.0, "grain": 8.0, "jpeg": 50}
-    assert info["applied"]["initial_pose"]["j2"] == pytest.approx(-2.0, abs=1e-4)
 
 
 def test_a_command_is_exchanged_for_the_one_that_arrives():

@@ -26,7 +26,7 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def seeing() -> TabletopEnv:
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),), render_backend="gpu", obs_mode="none")
+    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
     yield env
     env.close()
 

@@ -46,7 +46,7 @@ def altered_sapien(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture(scope="module")
 def seeing() -> TabletopEnv:
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),), render_backend="gpu")
+    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
     yield env
     env.close()
 
@@ -89,7 +89,7 @@ def test_and_renders_the_same_picture(own_cache, altered_sapien, monkeypatch, se
     patched = picture(seeing)
     left_alone = pack()
     monkeypatch.setattr(rendering, "_shader_pack", lambda: left_alone)
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),), render_backend="gpu")
+    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
     assert np.abs(picture(env).astype(int) - patched).max() <= 1
     env.close()
 
@@ -124,7 +124,7 @@ def test_the_room_is_in_the_picture(seeing, part, camera, least):
 @pytest.mark.render
 @pytest.mark.parametrize("task", ["pick-up", "put-in"])
 def test_nominal_light_is_neither_dark_nor_glaring(task):
-    env = make_env(task, cameras=(CameraRequest("front", SIZE, SIZE),), render_backend="gpu")
+    env = make_env(task, cameras=(CameraRequest("front", SIZE, SIZE),))
     env.reset()
     seen = env.picture("front")
     env.close()

@@ -53,10 +53,6 @@ class Cameras:
             configs.append(CameraConfig(name, sapien.Pose(*WRIST_CAMERA), *size, np.pi / 2, **more))
         return configs
 
-    def human_config(self) -> CameraConfig:
-        """The camera of ManiSkill's ``render``."""
-        return self._config("render_camera", 512, 512)
-
     def picture(self, name: str, camera: sapien.render.RenderCameraComponent, visible: Sequence[int]) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, in the requested size.
 

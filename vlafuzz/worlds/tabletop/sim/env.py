@@ -1,8 +1,4 @@
-"""The ManiSkill 3 environment of all four tasks: ``VlaFuzz-PickUp-v1`` and so on in gymnasium.
-
-``reset(options={"scene": Scene})`` builds that scene and reports in ``info["applied"]`` what the simulator contains.
-vlafuzz itself uses ``begin`` and ``advance``: the same physics without gymnasium's batched tensors.
-"""
+"""The ManiSkill 3 environment of all four tasks, which builds a scene and reports what the simulator contains then."""
 
 import gc
 import math
@@ -10,32 +6,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
 import sapien
-import torch
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
-from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.errors import PrerequisiteError, SceneError, SimulatorError, suggestion
+from vlafuzz.errors import PrerequisiteError, SimulatorError
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
 from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of, place
 from vlafuzz.worlds.tabletop.sim.rendering import SceneLights, render_backend
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
 from vlafuzz.worlds.tabletop.sim.table import BackdropPainter, add_table
-from vlafuzz.worlds.tabletop.sim.world import Robot, World, substeps
+from vlafuzz.worlds.tabletop.sim.world import World, substeps
 from vlafuzz.worlds.tabletop.state import State, StateMonitor
-from vlafuzz.worlds.tabletop.tasks import TASKS, default_scene
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 METRES = 1e-5
@@ -52,19 +44,6 @@ class Applied:
     light: float  # factor on the nominal lights
     camera: sapien.Pose
     extras: Mapping[str, Any]  # parts of the scene that extra operators vary, as far as they are in effect
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain numbers, for ``info``."""
-        return {
-            "instruction": self.instruction,
-            "objects": [
-                {"name": name, "position": pose.p.tolist(), "quaternion": pose.q.tolist()}
-                for name, pose in zip(self.objects, self.poses, strict=True)
-            ],
-            "light": self.light,
-            "camera": {"position": self.camera.p.tolist(), "quaternion": self.camera.q.tolist()},
-            **{part: asdict(value) for part, value in self.extras.items()},
-        }
 
     def check(self, scene: Scene, models: Sequence[ObjectModel], rig: Rig) -> None:
         """SimulatorError if this is not the requested scene with these models, before the first step."""
@@ -104,17 +83,15 @@ def _fail(part: str, expected: object, actual: object) -> None:
     raise SimulatorError(f"{part}: asked for {expected}, the simulator has {actual}", hint="this is a bug in vlafuzz")
 
 
-EPISODE_SECONDS = PANDA.seconds
-THIRD_PERSON = CameraRequest("third_person", 128, 128)
-_OPTIONS = {"scene", "reconfigure", "env_idx"}
-
-
 class TabletopEnv(BaseEnv):
     """A robot at a table with one scene at a time.
 
     Args:
-        control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate. robot: the name of a
-        rig.
+        control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
+        robot: the name of a rig.
+
+    Raises:
+        PrerequisiteError: a robot's files are missing, or a renderer for the cameras.
     """
 
     SUPPORTED_ROBOTS = tuple(agent.uid for agent in AGENTS.values())
@@ -122,22 +99,32 @@ class TabletopEnv(BaseEnv):
 
     def __init__(
         self,
-        task: str = "pick-up",
-        catalogue: Catalogue | None = None,
-        cameras: Sequence[CameraRequest] = (THIRD_PERSON,),
+        task: str,
+        catalogue: Catalogue,
+        cameras: Sequence[CameraRequest] = (),
         control_hz: int = 5,
-        robot: str = "panda",
-        **kwargs: Any,
+        robot: str = PANDA.robot,
     ) -> None:
         self.task = task_named(task)
         self.rig = rig(robot)
-        self.catalogue = catalogue or load_catalogue()
+        self.catalogue = catalogue
         self._cameras = Cameras(self.rig, cameras, task)
         self.control_hz = self.rig.control_hz or control_hz
-        kwargs.setdefault("robot_uids", AGENTS[self.rig.urdf].uid)
-        kwargs.setdefault("control_mode", CONTROL_MODE)
-        kwargs.setdefault("reward_mode", "sparse")
-        super().__init__(**kwargs)
+        try:
+            super().__init__(
+                obs_mode="none",
+                reward_mode="none",
+                robot_uids=AGENTS[self.rig.urdf].uid,
+                control_mode=CONTROL_MODE,
+                render_backend=render_backend() if cameras else "none",
+            )
+        except RuntimeError as error:
+            if "rendering device" not in str(error):
+                raise
+            problem = f"pictures need a renderer: {error}"
+            raise PrerequisiteError(problem, hint="`vlafuzz doctor` says what to install") from None
+        gc.collect()
+        gc.freeze()  # torch and ManiSkill are never freed; scanning them costs 5 % of a rollout
 
     def begin(self, scene: Scene, seed: int = 0) -> State:
         """Build a scene for a rollout with this seed; the state at its start."""
@@ -195,9 +182,8 @@ class TabletopEnv(BaseEnv):
         return self.scene.sensors[name].camera._render_cameras[0]
 
     def _aim(self) -> None:
-        third_person = [self.scene.sensors[name] for name in self._cameras.third_person]
-        for camera in (*third_person, *self.scene.human_render_cameras.values()):
-            camera.camera.set_local_pose(sapien_pose(self.view))
+        for name in self._cameras.third_person:
+            self.scene.sensors[name].camera.set_local_pose(sapien_pose(self.view))
 
     # Called by ManiSkill
 
@@ -213,10 +199,6 @@ class TabletopEnv(BaseEnv):
     def _default_sensor_configs(self) -> list[CameraConfig]:
         return self._cameras.configs(self.agent)
 
-    @property
-    def _default_human_render_camera_configs(self) -> CameraConfig:
-        return self._cameras.human_config()
-
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))
 
@@ -228,89 +210,4 @@ class TabletopEnv(BaseEnv):
         self._lights = SceneLights(self.scene.sub_scenes[0], self.rig.lights)
 
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
-        agent = self.agent
-        links = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
-        robot = Robot(
-            articulation=agent.robot._objs[0],
-            joints=tuple(agent.robot.active_joints_map),
-            arm=agent.controller.arm,
-            tcp=links[agent.tcp_name],
-            fingers=tuple(tuple(links[name] for name in finger) for finger in agent.fingers),
-            tool=agent.tool,
-        )
-        self.world = World(self.scene.sub_scenes[0], robot, self.rig, self.control_hz)
-
-    def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:
-        scene = options.get("scene")
-        if scene is None:
-            scene = default_scene(self.task.name, self.catalogue)
-        if not isinstance(scene, Scene):
-            problem = f"options['scene']: expected a Scene, got {type(scene).__name__}"
-            raise SceneError(problem, hint="Scene.from_json reads one")
-        if scene.task != self.task.name:
-            other = f"its task is {scene.task!r}, this environment's is {self.task.name!r}"
-            raise SceneError(f"options['scene']: {other}")
-        self.begin(scene)
-
-    def reset(self, seed: Any = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Build ``options["scene"]``, or the nominal scene, and report it in ``info["applied"]``."""
-        for key in set(options or {}) - _OPTIONS:
-            raise SceneError(f"options: unknown key {key!r}", hint=suggestion(key, _OPTIONS))
-        observation, info = super().reset(seed=seed, options=options)
-        applied = self.applied()
-        applied.check(self._scene_shown, self.models, self.rig)
-        info["applied"] = applied.as_dict()
-        return observation, info
-
-    def _step_action(self, action: Any) -> torch.Tensor:
-        metric = np.asarray(action, dtype=np.float64).reshape(-1)
-        if metric.shape != (7,) or not np.all(np.isfinite(metric)):
-            raise ValueError(f"expected 7 finite numbers as an action, got {metric}")
-        self.advance(metric)
-        return torch.as_tensor(metric, dtype=torch.float32)[None]
-
-    def evaluate(self) -> dict[str, torch.Tensor]:
-        """Stages, progress and success by both criteria, as ManiSkill's batched tensors."""
-        monitor = self.monitor
-        flags = {f"reached_{stage}": stage in monitor.reached for stage in self.task.stage_names[:-1]}
-        flags |= {name: getattr(monitor, name) for name in ("success_once", "published_success")}
-        numbers = flags | {"success": monitor.success_now, "progress": monitor.progress}
-        return {name: torch.tensor([value]) for name, value in numbers.items()}
-
-    def _get_obs_extra(self, info: dict[str, Any]) -> dict[str, torch.Tensor]:
-        return {"tcp_pose": self.agent.robot.links_map[self.agent.tcp_name].pose.raw_pose}
-
-
-def make_env(
-    task: str, catalogue: Catalogue, cameras: tuple[CameraRequest, ...] = (), control_hz: int = 5, robot: str = "panda"
-) -> TabletopEnv:
-    """A new environment. PrerequisiteError if a robot's files are missing, or a renderer for the cameras."""
-    try:
-        env = gymnasium.make(
-            gym_id(task),
-            catalogue=catalogue,
-            cameras=cameras,
-            control_hz=control_hz,
-            robot=robot,
-            obs_mode="none",
-            render_backend=render_backend() if cameras else "none",
-        )
-    except RuntimeError as error:
-        if "rendering device" not in str(error):
-            raise
-        raise PrerequisiteError(
-            f"pictures need a renderer: {error}", hint="`vlafuzz doctor` says what to install"
-        ) from None
-    assert isinstance(env.unwrapped, TabletopEnv)
-    gc.collect()
-    gc.freeze()  # torch and ManiSkill are never freed; scanning them costs 5 % of a rollout
-    return env.unwrapped
-
-
-def gym_id(task: str) -> str:
-    """The gymnasium id of a task: ``VlaFuzz-PickUp-v1`` for ``pick-up``."""
-    return f"VlaFuzz-{''.join(part.title() for part in task.split('-'))}-v1"
-
-
-for _name in TASKS:
-    register_env(gym_id(_name), max_episode_steps=5 * EPISODE_SECONDS, task=_name, override=True)(TabletopEnv)
+        self.world = World(self.scene.sub_scenes[0], self.agent, self.rig, self.control_hz)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import CameraRequest, Knowing, Observation, Policy, PolicySpec
+from vlafuzz.policies.base import Knowing, Observation, Policy, PolicySpec
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
@@ -18,7 +18,7 @@ from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv, make_env
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.outlines import outlines
 from vlafuzz.worlds.tabletop.sim.settle import settled
 from vlafuzz.worlds.tabletop.state import State
@@ -70,32 +70,6 @@ def proprioception(state: State, opening: float) -> NDArray[np.float32]:
     return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
 
 
-class _Environment:
-    """The environment of one task for one robot at a time, made where it is needed first."""
-
-    def __init__(self, task: str, catalogue: Catalogue) -> None:
-        self._task, self._catalogue = task, catalogue
-        self._env: TabletopEnv | None = None
-
-    def of(self, robot: str, cameras: tuple[CameraRequest, ...], hz: int = 5) -> TabletopEnv:
-        """For a robot; the last of the ``cameras`` may be as wide as its view."""
-        if self._env is not None and self._env.rig.robot != robot:
-            self.close()
-        if self._env is None:
-            self._env = make_env(self._task, self._catalogue, cameras, hz, robot)
-        return self._env
-
-    def close(self) -> None:
-        if self._env is not None:
-            self._env.close()
-            self._env = None
-
-
-def _as_wide(camera: CameraRequest, robot: str) -> CameraRequest:
-    """A camera with the sides of a robot's view."""
-    return replace(camera, width=rig(robot).view.width(camera.height))
-
-
 class ManiSkillEvaluator(SceneEvaluator):
     """Runs a policy in scenes of one task; ``catalogue`` has their objects."""
 
@@ -111,7 +85,7 @@ class ManiSkillEvaluator(SceneEvaluator):
         self._task, self._catalogue = task_named(conditions.task), catalogue
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
         self._visible = stored_visible(conditions)
-        self._environment = _Environment(self._task.name, catalogue)
+        self._env: TabletopEnv | None = None
         if isinstance(policy, Knowing):
             policy.know(catalogue)
 
@@ -125,9 +99,16 @@ class ManiSkillEvaluator(SceneEvaluator):
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
         spec = self._policy.spec
-        cameras = spec.cameras + ((_as_wide(self.recorded, scene.robot),) if self.recorded else ())
-        env = self._environment.of(scene.robot, cameras, spec.action.hz)
-        return TabletopEpisode(env, spec, scene, seed, self._conditions)
+        cameras = spec.cameras
+        if self.recorded:  # as wide as the robot's view
+            cameras += (replace(self.recorded, width=rig(scene.robot).view.width(self.recorded.height)),)
+        if self._env is not None and self._env.rig.robot != scene.robot:
+            self.renew()
+        if self._env is None:
+            self._env = TabletopEnv(self._task.name, self._catalogue, cameras, spec.action.hz, scene.robot)
+        return TabletopEpisode(self._env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:
-        self._environment.close()
+        if self._env is not None:
+            self._env.close()
+            self._env = None

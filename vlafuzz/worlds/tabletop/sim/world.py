@@ -7,7 +7,8 @@ emptying the old scene, changes trajectories.
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple
+from typing import Any
 
 import numpy as np
 import sapien
@@ -27,29 +28,23 @@ SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to
 _HAND = ("hand", "finger", "gripper")  # parts of the names of the hand's links
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Robot:
-    """The parts of a robot that the world reads and drives, see ``MetricPanda``."""
-
-    articulation: physx.PhysxArticulation
-    joints: tuple[str, ...]
-    arm: MetricArm
-    tcp: Link
-    fingers: tuple[tuple[Link, ...], ...]
-    tool: sapien.Pose | None = None
-
-
 class World:
     """A robot at a table with the objects of one scene at a time."""
 
-    def __init__(self, scene: sapien.Scene, robot: Robot, rig: Rig, control_hz: int) -> None:
-        self.scene = scene
-        self._robot, self._rig = robot, rig
+    def __init__(self, scene: sapien.Scene, agent: Any, rig: Rig, control_hz: int) -> None:
+        """``agent``: ManiSkill's, see ``MetricPanda``."""
+        self.scene, self._rig = scene, rig
+        self._robot: physx.PhysxArticulation = agent.robot._objs[0]
+        self._controller: MetricArm = agent.controller.arm
+        links: dict[str, Link] = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
+        self._tcp, self._tool = links[agent.tcp_name], agent.tool
+        self._fingers = [[links[name] for name in finger] for finger in agent.fingers]
+        self._pads = {link: finger[0] for finger in self._fingers for link in finger}
         self._substeps, self._hz = substeps(rig, control_hz)
-        self._pads = {link: finger[0] for finger in robot.fingers for link in finger}
-        by_name = dict(zip(rig.joints or robot.joints, rig.rest, strict=True))
-        self._start = np.array([by_name[name] for name in robot.joints], dtype=np.float32)
-        self._arm = [robot.joints.index(name) for name in list(by_name)[: rig.arm_joints]]
+        joints = list(agent.robot.active_joints_map)
+        by_name = dict(zip(rig.joints or joints, rig.rest, strict=True))
+        self._start = np.array([by_name[name] for name in joints], dtype=np.float32)
+        self._arm = [joints.index(name) for name in list(by_name)[: rig.arm_joints]]
         self._bodies: list[physx.PhysxRigidDynamicComponent] = []
         self._fresh = True
         self._touched = False
@@ -68,7 +63,7 @@ class World:
         self._reset_robot(initial or InitialPose())
         self._labels: dict[object, int | str] = {body: index for index, body in enumerate(self._bodies)}
         self._labels |= dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
-        for link in self._robot.articulation.links:
+        for link in self._robot.links:
             self._labels[link] = HAND if any(part in link.name for part in _HAND) else ARM
         self._touched = False
         self._before = None
@@ -77,11 +72,11 @@ class World:
 
     def step(self, action: Array, relative_to: str = "target") -> State:
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
-        self._robot.arm.command(action, relative_to)
+        self._controller.command(action, relative_to)
         self._touched = self._touched or action[6] < 0
         system = self.scene.physx_system
         for _ in range(self._substeps):
-            self._robot.arm.advance(1 / self._hz)
+            self._controller.advance(1 / self._hz)
             system.step()
         return self._read()
 
@@ -90,12 +85,12 @@ class World:
         poses = self.poses
         places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
         velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
-        qpos, qvel = self._robot.articulation.qpos, self._robot.articulation.qvel
+        qpos, qvel = self._robot.qpos, self._robot.qvel
         exact = (*places, *quaternions, *velocities, qpos, qvel)
         self._hash.update(b"".join(array.tobytes() for array in exact))
-        tcp = self._robot.tcp.entity_pose
-        if self._robot.tool is not None:
-            tcp = tcp * self._robot.tool
+        tcp = self._tcp.entity_pose
+        if self._tool is not None:
+            tcp = tcp * self._tool
         contacts, held = self._contacts() if self._touched else (frozenset(), None)
         positions = np.array(places, dtype=np.float64).reshape(-1, 3)
         turns = [rotation_matrix(quaternion.tolist()) for quaternion in quaternions]
@@ -106,7 +101,7 @@ class World:
             rotations=rotations,
             tcp=tcp.p.astype(np.float64),
             tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
-            opening=self._robot.arm.gripper.width(qpos),
+            opening=self._controller.gripper.width(qpos),
             held=held,
             contacts=contacts,
             earlier=earlier,
@@ -121,12 +116,12 @@ class World:
     @property
     def refused(self) -> int:
         """How many commands of this rollout were out of the robot's reach."""
-        return self._robot.arm.refused
+        return self._controller.refused
 
     @property
     def visible(self) -> list[int]:
         """SAPIEN's numbers of the robot's and objects' bodies in the scene."""
-        shown = [*self._robot.articulation.links, *self._bodies]
+        shown = [*self._robot.links, *self._bodies]
         return [body.entity.per_scene_id for body in shown]
 
     @property
@@ -150,19 +145,19 @@ class World:
         self.scene = new
 
     def _reset_robot(self, initial: InitialPose) -> None:
-        robot, start = self._robot.articulation, self._start.copy()
+        robot, start = self._robot, self._start.copy()
         start[self._arm] += np.radians(astuple(initial)[: len(self._arm)])
         robot.root_pose = sapien.Pose(self._rig.base)
         robot.qpos = start
         robot.qvel = np.zeros(robot.dof, dtype=np.float32)
         robot.qf = np.zeros(robot.dof, dtype=np.float32)
-        self._robot.arm.reset()
+        self._controller.reset()
         offsets = np.degrees(robot.qpos - self._start)[self._arm].tolist()
         self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
         pairs: set[tuple[int, int | str]] = set()
-        pressed: Pressed = {finger[0]: {} for finger in self._robot.fingers}
+        pressed: Pressed = {finger[0]: {} for finger in self._fingers}
         for index, other, body, impulses in object_contacts(self.scene.physx_system, self._labels):
             pairs.add((index, other))
             if body in self._pads:
