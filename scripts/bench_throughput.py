@@ -52,8 +52,7 @@ from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.objects import place
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.state import State
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, State
 
 STOCK_ID = "VlaFuzzBenchStock-v1"
 HZ = Expert().spec.action.hz

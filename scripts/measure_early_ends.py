@@ -33,8 +33,7 @@ from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.space import SearchSpace
-from vlafuzz.worlds.tabletop.state import State
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, State
 
 BELOW, REACH, STILL, STEPS = -0.2, 1.0, 1e-5, 3  # metres, metres, metres or radians, steps
 

@@ -20,8 +20,7 @@ from vlafuzz.worlds.evaluator import Evaluator
 from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.tabletop.objects import Catalogue
 from vlafuzz.worlds.tabletop.space import load_operators
-from vlafuzz.worlds.tabletop.state import State
-from vlafuzz.worlds.tabletop.tasks import LIFTED
+from vlafuzz.worlds.tabletop.tasks import LIFTED, State
 
 STEADY = 2  # control steps that a lifted object is held before it is let go: the stage counts as reached
 OPEN, CLOSED = 1.0, -1.0  # commands of the built-in policies to the gripper

@@ -23,11 +23,11 @@ from vlafuzz.model.scene_lines import is_document
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.tabletop.lint import TableLinter
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import load_wordings
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file
+from vlafuzz.worlds.tabletop.world import TableLinter
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]

@@ -98,7 +98,7 @@ def vlatest(folder: Path, apart: float) -> Path:
 
 
 def test_vlatests_files_are_read_without_the_simulator(tmp_path: Path, capsys, monkeypatch):
-    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.settle.settled", None)
+    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.world.settled", None)
     (row,) = told(capsys, ["lint", "--json", str(vlatest(tmp_path, 0.04))], code=1)
     assert (row["scenes"], row["geometry"]) == (1, 1)
 

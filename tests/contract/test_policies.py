@@ -17,8 +17,7 @@ from vlafuzz.policies.serving.serve import PROTOCOLS, serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ
 from vlafuzz.worlds.tabletop.tasks import task
 

@@ -87,7 +87,7 @@ def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from vlafuzz.worlds.manipulation.camera import camera_pose
     from vlafuzz.worlds.manipulation.rigs import PANDA
     from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer
-    from vlafuzz.worlds.tabletop.sim.outlines import outlines
+    from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 
     model = CATALOGUE[name]
     env = make_env()

@@ -17,8 +17,7 @@ from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import Look, SeeingExpert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

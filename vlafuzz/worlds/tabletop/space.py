@@ -44,8 +44,7 @@ from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
-from vlafuzz.worlds.tabletop.state import TableTask
-from vlafuzz.worlds.tabletop.tasks import load_wordings, say
+from vlafuzz.worlds.tabletop.tasks import TableTask, load_wordings, say
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 __all__ = ["OPERATORS", "OperatorSet", "SearchSpace", "load_operators"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -10,7 +11,7 @@ import numpy as np
 
 from vlafuzz.common import assets
 from vlafuzz.common.watch import Watch
-from vlafuzz.errors import UsageError
+from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
@@ -20,7 +21,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
-from vlafuzz.worlds.capabilities import Drawing, Frame, Imported, ListedObject, ListedOperators
+from vlafuzz.worlds.capabilities import Drawing, FileVerdicts, Frame, Imported, ListedObject, ListedOperators, Problem
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -30,9 +31,9 @@ from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
-from vlafuzz.worlds.tabletop.lint import TableLinter
+from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
-from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
@@ -44,6 +45,58 @@ from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface
     from vlafuzz.worlds.recording import Recording
+
+
+BROKEN = "broken"  # a line that is no scene
+MEANS = {
+    "left out": "not read: an object has no counterpart here",
+    "valid": "fair",
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+    BROKEN: "lines that hold no scene",
+}
+
+
+class TableLinter:
+    """A ``Linter`` of scenes with the objects of a catalogue."""
+
+    means = MEANS
+
+    def __init__(self, catalogue: Catalogue) -> None:
+        self._catalogue, self._usual = catalogue, load_operators()
+
+    @property
+    def visibility(self) -> str:
+        return str(self._usual.visible)
+
+    def lint(self, path: Path, frame: Frame, min_distance: float | None, watch: Watch, *, settle: bool) -> FileVerdicts:
+        source, problems = read_scene_file(path, self._catalogue, frame), list[Problem]()
+        if not (source.lines or source.left_out):
+            raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+        apart = self._usual.min_distance if min_distance is None else min_distance
+        for done, (number, scene) in enumerate(source.lines):
+            watch.progress(path.name, done, len(source.lines))
+            if isinstance(scene, SceneError):
+                problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
+                continue
+            rejection = check_static(scene, self._catalogue, apart, self._usual.visible)
+            if settle and rejection is None:
+                from vlafuzz.worlds.tabletop.sim.world import settled
+
+                rejection = settled(scene, self._catalogue)
+            if rejection:
+                problems.append(Problem(number, rejection.check, rejection.reason))
+        failed = Counter(problem.check for problem in problems)
+        scenes = len(source.lines) - failed[BROKEN]
+        counts = {
+            "scenes": scenes,
+            "left out": source.left_out,
+            "valid": scenes - sum(failed[check] for check in CHECKS),
+        }
+        return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
 
 
 class Tabletop(TableWorld):
@@ -121,7 +174,7 @@ class Tabletop(TableWorld):
         return {"expert": Expert(), "seeing": SeeingExpert()}
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
-        from vlafuzz.worlds.tabletop.sim.demonstrator import TabletopDemonstrator
+        from vlafuzz.worlds.tabletop.experts.expert import TabletopDemonstrator
 
         return TabletopDemonstrator(interface)
 

@@ -12,8 +12,8 @@ from scipy.spatial import ConvexHull
 from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.model.scene_lines import SceneFile
 from vlafuzz.worlds.tabletop.fairness.footprint import apart, extents, footprint, solid
-from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue
+from vlafuzz.worlds.tabletop.world import lint
 
 CATALOGUE = load_catalogue()
 quickly = settings(max_examples=60, derandomize=True, deadline=None, database=None)

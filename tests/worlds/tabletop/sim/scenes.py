@@ -9,8 +9,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.state import State
-from vlafuzz.worlds.tabletop.tasks import default_scene
+from vlafuzz.worlds.tabletop.tasks import State, load_wordings, say
 
 CATALOGUE = load_catalogue()
 NOT_MOVED = Camera()
@@ -18,7 +17,11 @@ STILL = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 
 def nominal(task: str = "pick-up") -> Scene:
-    return default_scene(task, CATALOGUE)
+    """A fair scene with the first suitable objects."""
+    names = {"move-near": CATALOGUE.graspable()[:2], "put-on": (CATALOGUE.graspable()[0], "plate")}
+    names |= {"pick-up": CATALOGUE.graspable()[:1], "put-in": (CATALOGUE.graspable()[0], "basket")}
+    targets = tuple(put(name, *place) for name, place in zip(names[task], ((-0.05, 0.0), (-0.05, 0.2)), strict=False))
+    return Scene(task, targets, say(load_wordings()[task][0], [CATALOGUE[name].spoken for name in names[task]]))
 
 
 def put(name: str, x: float, y: float, yaw: float = 0.0, rest: str | None = None, **more: Any) -> Placement:

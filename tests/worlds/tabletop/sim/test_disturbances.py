@@ -16,9 +16,8 @@ from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, 
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
-from vlafuzz.worlds.tabletop.sim.table import PAINTS, shade
+from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode, outlines
+from vlafuzz.worlds.tabletop.sim.rendering import PAINTS, shade
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)
 CAMERA = CameraRequest("third_person", 128, 128)

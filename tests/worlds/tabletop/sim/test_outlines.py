@@ -7,7 +7,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import pick_up, put
 from vlafuzz.model.scene import Camera
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 
 
 def see(env, *placements, light=1.0, camera=None):

@@ -15,8 +15,7 @@ from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
 from vlafuzz.worlds.tabletop.sim.rendering import SceneLights
 
 pytestmark = pytest.mark.render

@@ -6,7 +6,7 @@ import pytest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal, put
 from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.sim.objects import models_of
-from vlafuzz.worlds.tabletop.sim.settle import settle
+from vlafuzz.worlds.tabletop.sim.world import settle
 from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, TASKS, task
 
 

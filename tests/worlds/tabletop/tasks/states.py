@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.state import HAND, TABLE, State, StateMonitor
+from vlafuzz.worlds.tabletop.tasks import HAND, TABLE, State, StateMonitor
 
 CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge"))

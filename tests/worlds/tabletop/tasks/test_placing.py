@@ -5,8 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.worlds.tabletop.tasks.states import BASKET, CUBE, HELD, PLATE, REST, SPONGE, state, watch
-from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, State, StateMonitor
-from vlafuzz.worlds.tabletop.tasks import PUT_IN, PUT_ON
+from vlafuzz.worlds.tabletop.tasks import ARM, HAND, PUT_IN, PUT_ON, TABLE, State, StateMonitor
 
 
 class TestPutOn:

@@ -8,8 +8,19 @@ from scipy.spatial.transform import Rotation
 
 from tests.worlds.tabletop.tasks.states import BASKET, CAN, CUBE, HELD, PLATE, REST, SPONGE, state, watch
 from vlafuzz.errors import UsageError
-from vlafuzz.worlds.tabletop.state import ARM, HAND, TABLE, State, StateMonitor
-from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, PUT_IN, PUT_ON, TASKS, task
+from vlafuzz.worlds.tabletop.tasks import (
+    ARM,
+    HAND,
+    MOVE_NEAR,
+    PICK_UP,
+    PUT_IN,
+    PUT_ON,
+    TABLE,
+    TASKS,
+    State,
+    StateMonitor,
+    task,
+)
 
 
 def test_there_are_four_tasks_by_name():

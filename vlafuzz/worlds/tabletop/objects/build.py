@@ -11,8 +11,7 @@ from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, mass_properties, outline, triangles
 from vlafuzz.worlds.tabletop.objects.model import Container, Grasp, ObjectModel, StablePose
 from vlafuzz.worlds.tabletop.objects.schema import Basket, ObjectSpec
-from vlafuzz.worlds.tabletop.objects.shapes import convex_parts
-from vlafuzz.worlds.tabletop.objects.surfaces import write_visual
+from vlafuzz.worlds.tabletop.objects.shapes import convex_parts, write_visual
 
 FLAT = 2e-5  # distance up to which a corner counts as in a face's plane: corners are rounded to a micrometre
 STEADY = 0.001  # least distance of the centre of mass from the face's edges

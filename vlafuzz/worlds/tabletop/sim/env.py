@@ -21,13 +21,18 @@ from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
 from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of, place
-from vlafuzz.worlds.tabletop.sim.rendering import SceneLights, render_backend
+from vlafuzz.worlds.tabletop.sim.rendering import (
+    BackdropPainter,
+    Cameras,
+    SceneLights,
+    add_table,
+    render_backend,
+    sapien_pose,
+)
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.table import BackdropPainter, add_table
 from vlafuzz.worlds.tabletop.sim.world import World, substeps
-from vlafuzz.worlds.tabletop.state import State, StateMonitor
+from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 METRES = 1e-5

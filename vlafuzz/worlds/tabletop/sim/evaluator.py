@@ -1,5 +1,6 @@
 """What runs scenes on the tabletop: a policy's evaluator, and what settles them."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,19 +10,22 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import Knowing, Observation, Policy, PolicySpec
+from vlafuzz.policies.base import Knowing, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.manipulation.arms import hand_boxes
+from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
+from vlafuzz.worlds.manipulation.looks import COLOUR
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.outlines import outlines
-from vlafuzz.worlds.tabletop.sim.settle import settled
-from vlafuzz.worlds.tabletop.state import State
+from vlafuzz.worlds.tabletop.sim.world import settled
+from vlafuzz.worlds.tabletop.tasks import State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
@@ -112,3 +116,35 @@ class ManiSkillEvaluator(SceneEvaluator):
         if self._env is not None:
             self._env.close()
             self._env = None
+
+
+Array = NDArray[np.float64]
+HAND = 255  # label; objects are counted from 1, 0 is the background
+
+
+def outlines(
+    models: Sequence[ObjectModel], state: State, view: CameraPose, light: float, table: Sequence[float] = COLOUR
+) -> Outlines:
+    """Outlines of objects and hand in a view; colours, and the ``table``'s, are times ``light``, up to 1."""
+    depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
+    bodies = [
+        [part @ turn.T + place for part in model.parts]
+        for model, turn, place in zip(models, state.rotations, state.positions, strict=True)
+    ]
+    areas = [area_alone(body, view) for body in bodies]
+    seen = blank(view)
+    for index in sorted(range(len(models)), key=lambda i: -depth[i]):
+        paint(seen, bodies[index], view, index + 1)
+    paint(seen, hand_boxes(state.tcp, state.tcp_rotation, state.opening), view, HAND)
+    things = []
+    for label, (model, area) in enumerate(zip(models, areas, strict=True), 1):
+        v, u = np.nonzero(seen == label)
+        if len(u):
+            pixels = np.stack([(u + 0.5) / seen.shape[1], (v + 0.5) / seen.shape[0]], axis=1)
+            colour = np.minimum(model.colour * light, 1.0)
+            things.append(Silhouette(pixels, colour, min(len(pixels) / area, 1.0)))
+    # From left to right: the scene's order would reveal which object is the target
+    things.sort(key=lambda thing: float(thing.pixels[:, 0].mean()))
+    hand, distance = view.project(state.tcp[None])
+    visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
+    return Outlines(tuple(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))

@@ -15,7 +15,7 @@ from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.rendering import render_system
-from vlafuzz.worlds.tabletop.state import HAND
+from vlafuzz.worlds.tabletop.tasks import HAND
 
 CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 is an eighth slower and changes no grasp
 # PhysX has no rolling friction, and a polygonal can even accelerates: pushed at 0.1 m/s it rolls forever with
