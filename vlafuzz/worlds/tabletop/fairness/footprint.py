@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.scene import Placement, Quaternion
 from vlafuzz.worlds.tabletop.objects.hulls import outline
@@ -34,8 +33,9 @@ def footprint(placement: Placement, model: ObjectModel) -> Footprint:
 
 def solid(placement: Placement, model: ObjectModel) -> Array:
     """``(m, 3)`` hull vertices of an object where it is placed."""
-    points = _standing(model, placement.rest, placement.quaternion) * placement.scale
-    return np.column_stack([points[:, :2] @ _turn(placement).T + _centre(placement, model), points[:, 2]])
+    scaled = model.scaled(placement.scale)
+    turn, place = pose_of(placement, scaled)
+    return np.asarray(scaled.vertices @ turn.T + place)
 
 
 def pose_of(placement: Placement, model: ObjectModel) -> tuple[Array, Array]:
@@ -88,20 +88,9 @@ def _turn(placement: Placement) -> Array:
 
 
 @lru_cache(maxsize=512)
-def _standing(model: ObjectModel, rest: str, quaternion: Quaternion | None) -> Array:
-    if quaternion:
-        turn = model.turned(quaternion)
-    else:
-        turn = Rotation.from_quat(model.stable_pose(rest).quaternion, scalar_first=True).as_matrix()
-    points = model.vertices @ turn.T
-    points[:, 2] -= points[:, 2].min()
-    return np.asarray(points)
-
-
-@lru_cache(maxsize=512)
 def _outline(model: ObjectModel, rest: str, quaternion: Quaternion | None) -> tuple[Array, float]:
     if quaternion:
-        polygon = outline(_standing(model, rest, quaternion)[:, :2])
+        polygon = outline((model.vertices @ model.turned(quaternion).T)[:, :2])
     else:
         polygon = model.stable_pose(rest).footprint
     return polygon, float(np.linalg.norm(polygon, axis=1).max())

@@ -7,21 +7,22 @@ import hashlib
 import json
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
+from pydantic import TypeAdapter
 
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.model.conditions import Conditions
-from vlafuzz.worlds.tabletop.objects.model import Container, Fit, Grasp, ObjectModel, Role, StablePose
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel, Role
 from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject, find_pack
 from vlafuzz.worlds.tabletop.objects.schema import ObjectSpec, read_file
 
 Entry = ObjectSpec | PackObject
 BUILDER = 6  # version; raise it when the same entry builds a different object, which a test detects
-NUMBERS = "model.json"
+NUMBERS = "object.json"
+_MODEL = TypeAdapter(ObjectModel)
 
 
 class Catalogue:
@@ -115,42 +116,16 @@ def _fill(name: str, spec: Entry, folder: Path) -> None:
         from vlafuzz.worlds.tabletop.objects.build import build
 
         model = build(name, spec, folder)
-    data = dict(vars(model))
-    data["rests"] = data.pop("stable_poses")  # the files' key since the first version
-    (folder / NUMBERS).write_text(json.dumps(data, default=_plain))
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    return value.name if isinstance(value, Path) else vars(value)
+    visual, collision = Path(model.visual.name), tuple(Path(file.name) for file in model.collision)
+    (folder / NUMBERS).write_bytes(_MODEL.dump_json(replace(model, visual=visual, collision=collision)))
 
 
 def _load(folder: Path, spec: Entry) -> ObjectModel:
-    data = json.loads((folder / NUMBERS).read_text())
-    for key in ("colour", "vertices", "box"):
-        data[key] = data.get(key) and _array(data[key])
-    data["parts"] = tuple(map(_array, data["parts"]))
-    packs = spec.visual if isinstance(spec, PackObject) else None
-    stays = packs and packs.name == data["visual"]  # the pack's own mesh, unless it was painted
-    data["visual"] = packs if stays else folder / data["visual"]
-    data["collision"] = tuple(folder / name for name in data["collision"])
-    data["stable_poses"] = tuple(map(_stable_pose, data.pop("rests")))
-    data["container"] = data["container"] and Container(**data["container"])
-    if fit := data.get("fit"):
-        data["fit"] = Fit(fit["scale"], _array(fit["quaternion"]), _array(fit["position"]))
-    return ObjectModel(**data)
-
-
-def _stable_pose(data: dict[str, Any]) -> StablePose:
-    arrays = {key: _array(data[key]) for key in ("quaternion", "footprint")}
-    return StablePose(**data | arrays | {"grasps": tuple(Grasp(**grasp) for grasp in data["grasps"])})
-
-
-def _array(values: list[Any]) -> Any:
-    array = np.array(values, dtype=np.float64)
-    array.flags.writeable = False  # models are shared
-    return array
+    model = _MODEL.validate_json((folder / NUMBERS).read_bytes())
+    visual = folder / model.visual
+    if isinstance(spec, PackObject) and spec.visual and spec.visual.name == model.visual.name:
+        visual = spec.visual  # the pack's own mesh, unless it was painted
+    return replace(model, visual=visual, collision=tuple(folder / file for file in model.collision))
 
 
 def packs_json(packs: Iterable[Pack]) -> str:

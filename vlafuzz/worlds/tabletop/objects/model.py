@@ -6,14 +6,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PlainSerializer, PlainValidator
 
 from vlafuzz.errors import CatalogueError, suggestion
 
-Array = NDArray[np.float64]
+
+def _read_only(values: object) -> NDArray[np.float64]:
+    array = np.array(values, dtype=np.float64)
+    array.flags.writeable = False  # models are shared
+    return array
+
+
+# As lists of numbers in JSON
+Array = Annotated[NDArray[np.float64], PlainValidator(_read_only), PlainSerializer(np.ndarray.tolist)]
 ROUGH = 0.7  # roughness where a pack does not say it
 SRGB = 2.2  # exponent from sRGB to linear, as SAPIEN has it
 # An obstacle neither fits the gripper nor holds anything; a marker is a plane that stands for a place.

@@ -1,9 +1,9 @@
 """The schema of object catalogues in YAML. Metres, kilograms, sRGB colours in [0, 1]."""
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
@@ -19,20 +19,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Fitting(Strict):
-    """A shape, whose lengths may restrict each other."""
-
-    def fits(self) -> bool:
-        return True
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not self.fits():
-            raise ValueError(f"these lengths do not fit together, got {self.model_dump(exclude={'kind'})}")
-        return self
-
-
-class Can(Fitting):
+class Can(Strict):
     """A drink can, axis z. ``neck`` is the radius of both ends, ``shoulder`` the height of the tapers."""
 
     kind: Literal["can"]
@@ -41,11 +28,8 @@ class Can(Fitting):
     neck: Length
     shoulder: Length
 
-    def fits(self) -> bool:
-        return self.neck <= self.radius and 2 * self.shoulder < self.height
 
-
-class Bottle(Fitting):
+class Bottle(Strict):
     """A bottle, axis z: a body, a tapering shoulder, a cylindrical neck with its cap."""
 
     kind: Literal["bottle"]
@@ -54,9 +38,6 @@ class Bottle(Fitting):
     neck: Length
     neck_height: Length
     shoulder: Length
-
-    def fits(self) -> bool:
-        return self.neck < self.radius and self.neck_height + self.shoulder < self.height
 
 
 class Ball(Strict):
@@ -82,7 +63,7 @@ class Carrot(Strict):
     tip: Length
 
 
-class Egg(Fitting):
+class Egg(Strict):
     """The hull of two balls on the x axis, the thick one at +x."""
 
     kind: Literal["egg"]
@@ -90,11 +71,8 @@ class Egg(Fitting):
     radius: Length
     tip: Length
 
-    def fits(self) -> bool:
-        return self.tip <= self.radius < self.length / 2
 
-
-class Spoon(Fitting):
+class Spoon(Strict):
     """A spoon along x, bowl at -x; the handle arches up to ``height`` and touches the table at its end."""
 
     kind: Literal["spoon"]
@@ -106,11 +84,8 @@ class Spoon(Fitting):
     handle: Length
     thickness: Length
 
-    def fits(self) -> bool:
-        return self.bowl < self.length and self.thickness < self.depth < self.height
 
-
-class Plate(Fitting):
+class Plate(Strict):
     """A round disc of thickness ``floor`` with a rim, ``rim`` wide, that rises to ``height``."""
 
     kind: Literal["plate"]
@@ -118,9 +93,6 @@ class Plate(Fitting):
     height: Length
     floor: Length
     rim: Length
-
-    def fits(self) -> bool:
-        return self.floor < self.height and self.rim < self.diameter / 2
 
 
 class Basket(Strict):
@@ -132,8 +104,6 @@ class Basket(Strict):
 
 
 Shape = Annotated[Can | Bottle | Ball | Box | Carrot | Egg | Spoon | Plate | Basket, Field(discriminator="kind")]
-FLAT_PATTERNS = ("plain", "pores", "checks", "stripes")
-ROUND_PATTERNS = ("plain", "label", "fruit", "peel", "weave", "rim", "rings", "calyx")
 
 
 class Look(Strict):
@@ -148,16 +118,10 @@ class Look(Strict):
 
 
 class StablePoseSpec(Strict):
-    """Selects the stable face of the object's hull for which ``up`` points most nearly upwards."""
+    """Selects the stable face of the object's hull for which ``up``, not zero, points most nearly upwards."""
 
     up: tuple[Direction, Direction, Direction]
     rolls: bool = False
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if not any(self.up):
-            raise ValueError("up must not be zero")
-        return self
 
 
 class ObjectSpec(Strict):
@@ -172,14 +136,6 @@ class ObjectSpec(Strict):
     rests: Annotated[dict[str, StablePoseSpec], Field(min_length=1)]
     friction: Annotated[float, Field(ge=0, le=5)] = 0.6
     supports: bool = False
-
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        known = FLAT_PATTERNS if isinstance(self.shape, Box) else ROUND_PATTERNS
-        if self.look.pattern not in known:
-            painted = f"a {self.shape.kind} can be painted {', '.join(known)} only"
-            raise ValueError(f"look: {painted}, got {self.look.pattern!r}")
-        return self
 
 
 class CatalogueFile(Strict):
