@@ -1,7 +1,6 @@
 """Outlines of objects on the table, and how close they stand."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,11 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from vlafuzz.model.scene import Placement, Scene
-from vlafuzz.model.scene_lines import SceneFile
+from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.fairness.footprint import apart, extents, footprint, solid
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.world import lint
 
 CATALOGUE = load_catalogue()
 quickly = settings(max_examples=60, derandomize=True, deadline=None, database=None)
@@ -93,33 +90,3 @@ def test_extents_are_along_and_across() -> None:
     sides = extents(footprint(Placement("sponge", "flat", 0, 0), CATALOGUE["sponge"]).polygon)
     assert sides[0] == pytest.approx([0.1, 0.07], abs=1e-6)
     assert sides[45] == pytest.approx([0.07, 0.1], abs=1e-6)
-
-
-def apple(x: float, y: float = 0.0, name: str = "apple") -> Placement:
-    return Placement(name, "resting", x, y)
-
-
-@pytest.mark.parametrize(
-    ("others", "nearest", "overlaps"),
-    [
-        ((apple(0.1), apple(0.0, 0.3)), (pytest.approx(0.1),), (False,)),
-        ((apple(0.06),), (0.06,), (True,)),
-        ((), (), ()),
-        ((apple(0.01, name="custom:dummy_plane"),), (), ()),  # a plane that marks a place takes no room
-        ((apple(0.01, name="ycb:apple"),), (0.01,), (None,)),
-    ],
-)
-def test_lint_counts_the_nearest_two_and_whether_footprints_overlap(others, nearest, overlaps) -> None:
-    scene = Scene("pick-up", (apple(0.0),), "pick up apple", confounders=others)
-    verdicts = lint(SceneFile(Path("x.jsonl"), ((1, scene),)), CATALOGUE, 0.15)
-    assert (verdicts.nearest, verdicts.overlaps) == (nearest, overlaps)
-
-
-def test_lint_gives_shares_of_scenes_with_several_objects() -> None:
-    lines = []
-    for number, x in enumerate((0.06, 0.1, 0.2)):
-        lines.append((number, Scene("pick-up", (apple(0.0),), "pick up apple", confounders=(apple(x),))))
-    row = lint(SceneFile(Path("x.jsonl"), tuple(lines)), CATALOGUE, 0.15).row()
-    assert (row["< 0.15 m"], row["overlap"]) == pytest.approx((2 / 3, 1 / 3), abs=1e-4)
-    alone = lint(SceneFile(Path("x.jsonl"), ()), CATALOGUE, 0.15).row()
-    assert alone["< 0.15 m"] is alone["overlap"] is None
