@@ -7,7 +7,6 @@ from typing import TypeAlias
 
 import numpy as np
 import sapien
-from numpy.typing import NDArray
 from sapien import physx
 from scipy.spatial.transform import Rotation
 
@@ -23,29 +22,23 @@ CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 is an eighth slower and chang
 DAMPING, ROLLING_DAMPING = 0.5, 5.0
 
 
-def resting_pose(model: ObjectModel, placement: Placement) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Position ``(3,)``, metres, and quaternion ``(4,)`` wxyz of an object's origin at resting height."""
+def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
+    """The pose of an object's origin at resting height."""
     if placement.quaternion is not None:
         turn = model.turned(placement.quaternion)
         x, y, _ = model.shift(placement.quaternion) * placement.scale
         height = -float((model.vertices @ turn[2]).min())
         quaternion = np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
-        return np.array([placement.x + x, placement.y + y, height]), quaternion
+        return sapien.Pose(np.array([placement.x + x, placement.y + y, height]), quaternion)
     pose = model.stable_pose(placement.rest)
     half = np.radians(placement.yaw) / 2
     turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
-    return np.array([placement.x, placement.y, pose.height]), np.array(turned.q, dtype=np.float64)
+    return sapien.Pose(np.array([placement.x, placement.y, pose.height]), turned.q)
 
 
 def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
     """The models of a scene's objects, scaled to their sizes."""
     return tuple(catalogue[placement.object].scaled(placement.scale) for placement in placements)
-
-
-def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
-    """``resting_pose`` as a SAPIEN pose."""
-    position, quaternion = resting_pose(model, placement)
-    return sapien.Pose(position, quaternion)
 
 
 @lru_cache(maxsize=64)

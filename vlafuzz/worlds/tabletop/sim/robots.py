@@ -39,13 +39,13 @@ class MetricController(BaseController):
 
     def set_drive_property(self) -> None:
         """Apply the gains of the config, joint by joint."""
-        config = self.config
+        agent = self.config.agent
         for joint in self.joints:
-            stiffness, damping, force = config.gains[joint.name]
+            stiffness, damping, force = agent.gains[joint.name]
             joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
             joint.set_friction(0.0)
         self.arm = MetricArm(
-            self.articulation._objs[0], config.tcp, config.gripper, pace=config.pace, yields=config.yields
+            self.articulation._objs[0], agent.tcp_name, agent.gripper, pace=agent.pace, yields=agent.yields
         )
 
     def reset(self) -> None:
@@ -60,31 +60,48 @@ Gains = tuple[float, float, float]  # stiffness, damping, force limit
 
 @dataclass(kw_only=True)
 class MetricControllerConfig(ControllerConfig):
-    """The controlled joints, arm first, their gains, and the link of the tool centre point."""
+    """The controlled joints, arm first, of an agent."""
 
-    tcp: str
-    gains: Mapping[str, Gains]
-    gripper: Gripper
-    pace: Pace | None = None
-    yields: bool = False
+    agent: "type[_Metric]"
     controller_cls = MetricController
 
 
-@register_agent()
-class MetricPanda(Panda):
-    """ManiSkill's Panda with ``MetricController``.
+class _Metric(BaseAgent):
+    """A robot with ``MetricController``.
 
     Attributes:
+        gains: of the joints, arm first. tcp_name: the link of the tool centre point.
         fingers: the links of each finger, first the one with the pad; its y axis is the closing axis. tool: from the
         TCP link's axes to the hand's, z along the fingers and y the closing axis. wrist: the link for a wrist camera;
-        None if there is none.
+        None if there is none. pace, yields: see ``MetricArm``.
     """
+
+    gains: Mapping[str, Gains]
+    tcp_name: str
+    gripper: Gripper
+    fingers: tuple[tuple[str, ...], ...]
+    tool: sapien.Pose | None = None
+    wrist: str | None = None
+    pace: Pace | None = None
+    yields = False
+
+    @property
+    def _controller_configs(self) -> dict[str, Any]:
+        return {CONTROL_MODE: MetricControllerConfig(joint_names=list(self.gains), agent=type(self))}
+
+
+@register_agent()
+class MetricPanda(_Metric, Panda):
+    """ManiSkill's Panda."""
 
     uid = "vlafuzz_panda"
     tcp_name = "panda_hand_tcp"
     fingers = (("panda_leftfinger",), ("panda_rightfinger",))
-    tool: sapien.Pose | None = None
-    wrist: str | None = "panda_hand"
+    wrist = "panda_hand"
+    gains = dict.fromkeys(
+        (*Panda.arm_joint_names, *Panda.gripper_joint_names),
+        (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit),
+    )
     # Closed is below zero, so that the gripper also presses on thin objects.
     gripper = Gripper(closed=-0.01, open=0.04, width=lambda qpos: float(qpos[-1] + qpos[-2]))
 
@@ -94,24 +111,15 @@ class MetricPanda(Panda):
             self.urdf_path = str(light_robot(Path(Panda.urdf_path)))
         super()._load_articulation(initial_pose)
 
-    @property
-    def _controller_configs(self) -> dict[str, Any]:
-        gains = (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit)
-        names = (*self.arm_joint_names, *self.gripper_joint_names)
-        return _control(self, dict.fromkeys(names, gains))
 
-
-class _FromPack(BaseAgent):
-    """A robot whose files are in a pack. See ``MetricPanda`` for the attributes.
+class _FromPack(_Metric):
+    """A robot whose files are in a pack.
 
     Its hand yields out of reach; the reference exceeds joint limits there, or does not move at all.
     """
 
     rig: Rig
-    gains: Mapping[str, Gains]
-    pace: Pace | None = None
-    tool: sapien.Pose | None = None
-    wrist: str | None = None
+    yields = True
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
         name = f"robots/{self.rig.urdf}"
@@ -119,15 +127,6 @@ class _FromPack(BaseAgent):
         check_references(urdf, urdf.parents[name.count("/")])
         self.urdf_path = str(urdf)
         super()._load_articulation(initial_pose)
-
-    @property
-    def _controller_configs(self) -> dict[str, Any]:
-        return _control(self, self.gains, pace=self.pace, yields=True)
-
-
-def _control(agent: Any, gains: Mapping[str, Gains], **options: Any) -> dict[str, Any]:
-    config = MetricControllerConfig(list(gains), tcp=agent.tcp_name, gains=gains, gripper=agent.gripper, **options)
-    return {CONTROL_MODE: config}
 
 
 def _friction(**links: float) -> dict[str, Any]:
