@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import sapien
 
-from tests.worlds.tabletop.sim.scenes import make_env, pick_up, put
+from tests.worlds.tabletop.sim.scenes import make_env, nominal, pick_up, put
 from vlafuzz.model.scene import Camera, Scene
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.tabletop.sim import rendering, table
+from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 
 SIZE = 128
@@ -125,7 +125,7 @@ def test_the_room_is_in_the_picture(seeing, part, camera, least):
 @pytest.mark.parametrize("task", ["pick-up", "put-in"])
 def test_nominal_light_is_neither_dark_nor_glaring(task):
     env = make_env(task, cameras=(CameraRequest("front", SIZE, SIZE),))
-    env.reset()
+    env.begin(nominal(task))
     seen = env.picture("front")
     env.close()
     assert 80 < (seen @ LUMA).mean() < 160
@@ -133,7 +133,7 @@ def test_nominal_light_is_neither_dark_nor_glaring(task):
 
 
 def test_the_tables_texture_has_its_average_colour_and_detail():
-    texture = table._shaded(table.COLOUR, table.planks()).download()[..., :3] / 255.0
-    assert texture.mean(axis=(0, 1)) == pytest.approx(table.COLOUR, abs=0.02)
+    texture = rendering._shaded(rendering.COLOUR, rendering.planks()).download()[..., :3] / 255.0
+    assert texture.mean(axis=(0, 1)) == pytest.approx(rendering.COLOUR, abs=0.02)
     assert texture.std(axis=(0, 1)).min() > 0.01
     assert np.abs(np.diff(texture, axis=0)).mean() > 0.003
