@@ -17,7 +17,7 @@ from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue, stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest import Rectangle, as_original, read_scene_file, vlatest_table
+from vlafuzz.worlds.tabletop.vlatest import FRAME, Rectangle, read_scene_file, vlatest_table
 
 SIDE = 10  # cells along x and along y, of the box from which positions are drawn
 SIZES = (10, 100, 1000)  # the paper's
@@ -135,13 +135,13 @@ def _along(value: float, bounds: tuple[float, float]) -> int | None:
 
 def _space(operators: OperatorSet, catalogue: Catalogue, scene: Scene) -> SearchSpace:
     """The search space of scenes like this one; only the task of VLATest's scenes matters."""
-    robot = () if as_original(scene) else (scene.robot,)
+    robot = () if scene.frame == FRAME else (scene.robot,)
     return SearchSpace(operators, catalogue, scene.task, *robot)
 
 
 def _step(scene: Scene, space: SearchSpace) -> Step:
-    if original := as_original(scene):
-        first, area, site = original.listing[0], vlatest_table().drawn_from(scene.task), None
+    if scene.frame == FRAME:
+        first, area, site = scene.listing[0], vlatest_table().drawn_from(scene.task), None
     else:
         drawn = space.operators.get(TargetPosition)
         area = Rectangle(x=(drawn.x.low, drawn.x.high), y=(drawn.y.low, drawn.y.high))

@@ -173,8 +173,7 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
         task = _task(path, entry)
         if frame in ("original", "robot"):
             original = _original_scene(entry, task, ycb=ycb)
-            here = table.original.bases[task], _our_base(original), ""
-            scenes[int(key)] = _moved(original, *here) if frame == "robot" else original
+            scenes[int(key)] = _in_robot_frame(original, table.original.bases[task]) if frame == "robot" else original
             continue
         models = {thing.model for thing in entry.things}
         absent = {model for model in models if model not in known or known[model].name not in catalogue}
@@ -297,38 +296,20 @@ def _spoken(model: str, original: Original) -> str:
     return original.spoken.get(model) or " ".join(words)
 
 
-def as_original(scene: Scene) -> Scene | None:
-    """A scene imported with the frame ``original`` or ``robot``, in VLATest's frame; None for others."""
-    if scene.frame == FRAME:
-        return scene
-    original = vlatest_table().original
-    theirs = scene.robot == original.robots.get(scene.task)
-    if scene.frame or not theirs or not all(placement.quaternion for placement in scene.placements):
-        return None
-    return _moved(scene, _our_base(scene), original.bases[scene.task], FRAME)
-
-
-def _our_base(scene: Scene) -> Base:
-    x, y, *_ = rig(scene.robot).base
-    return Base(x=x, y=y, yaw=0.0)
-
-
-def _moved(scene: Scene, old: Base, new: Base, frame: str) -> Scene:
-    """Move and turn the scene rigidly, as from the old base of the robot to the new one."""
-    turn = math.radians(new.yaw - old.yaw)
+def _in_robot_frame(scene: Scene, base: Base) -> Scene:
+    """An original scene in the frame of our rig: every distance and angle to the robot stays."""
+    ours, turn = rig(scene.robot).base, math.radians(-base.yaw)
 
     def moved(placement: Placement) -> Placement:
-        x, y = placement.x - old.x, placement.y - old.y
-        turned = placement.quaternion
-        if turned is not None:  # its sign and length stay, so that it can be undone
-            (w, i, j, k), cos, sin = turned, math.cos(turn / 2), math.sin(turn / 2)
-            turned = cos * w - sin * k, cos * i - sin * j, cos * j + sin * i, cos * k + sin * w
+        x, y = placement.x - base.x, placement.y - base.y
+        w, i, j, k = placement.quaternion or (1.0, 0.0, 0.0, 0.0)
+        cos, sin = math.cos(turn / 2), math.sin(turn / 2)
         return replace(
             placement,
-            x=new.x + x * math.cos(turn) - y * math.sin(turn),
-            y=new.y + x * math.sin(turn) + y * math.cos(turn),
-            quaternion=turned,
+            x=ours[0] + x * math.cos(turn) - y * math.sin(turn),
+            y=ours[1] + x * math.sin(turn) + y * math.cos(turn),
+            quaternion=(cos * w - sin * k, cos * i - sin * j, cos * j + sin * i, cos * k + sin * w),
         )
 
     targets, confounders = (tuple(map(moved, group)) for group in (scene.targets, scene.confounders))
-    return replace(scene, targets=targets, confounders=confounders, frame=frame)
+    return replace(scene, targets=targets, confounders=confounders, frame="")
