@@ -25,7 +25,6 @@ from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.tasks import load_wordings
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file
 from vlafuzz.worlds.tabletop.world import TableLinter
 
@@ -85,10 +84,6 @@ def profile(rng: Rng, folder: Path) -> None:
     load_profile(path)
     for protocol in ("openpi:ws", "http", "groot:tcp"):
         check_policy_name(f"{protocol}://127.0.0.1:9?profile={path}")
-
-
-def other_yaml(rng: Rng, folder: Path) -> None:
-    load_wordings(_yaml(rng, "instructions.yaml", folder / f"{rng.integers(2**60)}.yaml"))
 
 
 NAMES = (
@@ -199,7 +194,6 @@ READERS: dict[str, tuple[Reader, int]] = {
     "operators": (operators, 4500),
     "objects": (objects, 600),
     "profiles": (profile, 3500),
-    "other YAML": (other_yaml, 2000),
     "policy names": (policy_name, 3500),
     "scene lines": (scene_lines, 3500),
     "scene values": (scene_values, 2000),

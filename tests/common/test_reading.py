@@ -22,10 +22,9 @@ from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.schema import read_file
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.tasks import load_wordings
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
-YAML_READERS = [load_profile, read_file, load_operators, load_wordings]
+YAML_READERS = [load_profile, read_file, load_operators]
 SCENE = json.loads(nominal().to_json())
 
 

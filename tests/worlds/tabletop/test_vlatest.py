@@ -242,7 +242,4 @@ def test_of_the_published_files_every_scene_is_read_in_any_frame(path: Path) -> 
             theirs = options.get(name, entry["obj_init_options"])
             assert [placed.x, placed.y] == theirs["init_xy"]
     for scene, seen in zip(scenes, original(path, frame="robot"), strict=True):
-        apart = [
-            [math.dist((a.x, a.y), (b.x, b.y)) for a in one.placements for b in one.placements] for one in (scene, seen)
-        ]
-        assert apart[0] == pytest.approx(apart[1])
+        assert between(seen) == pytest.approx(between(scene))
