@@ -1,12 +1,14 @@
-"""A target that nobody could see in the policy's first picture makes a scene unfair."""
+"""Whether a person could see the targets in the first picture."""
 
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.fairness.visible import unseen
+from vlafuzz.worlds.tabletop.fairness.visible import skin, unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import load_operators
 
@@ -101,3 +103,28 @@ def test_it_is_checked_after_geometry_and_only_with_bounds() -> None:
     rejection = check_static(off, CATALOGUE, 0.15, BOUNDS)
     assert rejection is not None
     assert rejection.check == "geometry"
+
+
+@pytest.mark.parametrize("name", ["coke_can", "plate", "green_cube", "basket"])
+def test_its_points_lie_on_the_object_with_normals_outwards(name: str) -> None:
+    model, look = CATALOGUE[name], skin(CATALOGUE[name])
+    low, high = model.vertices.min(axis=0) - 0.006, model.vertices.max(axis=0) + 0.006
+    assert np.all((look.points >= low) & (look.points <= high))
+    assert np.linalg.norm(look.normals, axis=1) == pytest.approx(1.0)
+    outwards = look.points[:, 2] > 0.999 * high[2]
+    assert np.all(look.normals[outwards, 2] > -0.1)
+
+
+def test_it_has_the_colours_of_the_texture() -> None:
+    red, white = np.array([0.7, 0.0, 0.0]), np.array([0.9, 0.9, 0.9])
+    colours = skin(CATALOGUE["coke_can"]).colours
+    for paint in (red, white):
+        assert (np.abs(colours - paint).max(axis=1) < 0.1).sum() > 10
+
+
+def test_a_mesh_of_a_pack_has_one_colour_that_is_srgb_if_it_comes_from_textures() -> None:
+    model = CATALOGUE["apple"]
+    plain = skin(replace(model, visual=Path("visual.dae")))
+    textured = skin(replace(model, visual=Path("textured.dae")))
+    assert np.all(plain.colours == model.colour)
+    assert textured.colours[0] == pytest.approx(model.colour**2.2)

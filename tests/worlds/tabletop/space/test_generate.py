@@ -1,3 +1,5 @@
+"""Random scenes, and scenes that are repaired, are fair and on the grid."""
+
 from collections import Counter
 from dataclasses import replace
 from functools import cache
@@ -5,21 +7,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from vlafuzz.errors import UsageError
-from vlafuzz.model.scene import Scene
+from tests.search.worlds import CATALOGUE, sampled, space
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.model.scene import Camera, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 ranges = pytest.mark.parametrize("ranges", ["tabletop", "paper", "paper-rq1"])
 tasks = pytest.mark.parametrize("task", TASKS)
-CATALOGUE = load_catalogue()
 
 
 @cache
-def sampled(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[Scene]]:
+def drawn(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[Scene]]:
     space = SearchSpace(load_operators(ranges), CATALOGUE, task)
     return space, [space.sample(np.random.default_rng([1, index])) for index in range(count)]
 
@@ -27,7 +30,7 @@ def sampled(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[
 @ranges
 @tasks
 def test_samples_are_fair_and_on_the_grid(ranges: str, task: str) -> None:
-    space, scenes = sampled(ranges, task)
+    space, scenes = drawn(ranges, task)
     for scene in scenes:
         bounds = space.operators.min_distance, space.operators.visible
         assert check_static(scene, CATALOGUE, *bounds) is None
@@ -46,7 +49,7 @@ def test_every_count_and_every_object_comes_up() -> None:
 
 @tasks
 def test_the_same_seed_gives_the_same_scene(task: str) -> None:
-    space, scenes = sampled("tabletop", task)
+    space, scenes = drawn("tabletop", task)
     again = [space.sample(np.random.default_rng([1, index])) for index in range(5)]
     assert again == scenes[:5]
     assert len({scene.digest for scene in scenes}) == len(scenes)
@@ -55,7 +58,7 @@ def test_the_same_seed_gives_the_same_scene(task: str) -> None:
 def test_the_papers_upright_objects_are_not_turned() -> None:
     upright = [
         placement
-        for scene in sampled("paper", "pick-up")[1]
+        for scene in drawn("paper", "pick-up")[1]
         for placement in scene.placements
         if placement.rest in ("standing", "on_edge")
     ]
@@ -79,3 +82,74 @@ def test_ranges_in_which_nothing_is_seen_are_an_error_with_the_reason(tmp_path: 
     with pytest.raises(UsageError, match="255 apart from the table under light") as caught:
         SearchSpace(load_operators(path), CATALOGUE, "pick-up").sample(np.random.default_rng(0))
     assert "visible" in (caught.value.hint or "")
+
+
+quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+
+
+def rng(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
+@tasks
+def test_a_fair_scene_stays_as_it_is(task: str):
+    for scene in sampled(20, task):
+        assert space(task).repaired(scene, rng()) == scene
+
+
+@tasks
+@quickly
+@given(seed=st.integers(0, 2**32 - 1))
+def test_what_is_repaired_is_fair_and_on_the_grid(task: str, seed: int):
+    one = space(task)
+    scene = one.decode(rng(seed).random(one.dim))
+    repaired = one.repaired(scene, rng(seed))
+    if repaired is not None:
+        assert check_static(repaired, CATALOGUE, one.operators.min_distance) is None
+        assert one.decode(one.encode(repaired)) == repaired
+
+
+@tasks
+def test_most_scenes_can_be_repaired(task: str):
+    one = space(task)
+    scenes = [one.decode(rng(seed).random(one.dim)) for seed in range(100)]
+    assert sum(one.repaired(scene, rng()) is not None for scene in scenes) > 85
+
+
+def test_only_what_has_no_room_moves_and_not_farther_than_it_takes():
+    one, away = space(), []
+    for seed in range(60):
+        scene = one.decode(rng(seed).random(one.dim))
+        repaired = one.repaired(scene, rng(seed))
+        if repaired is None:
+            continue
+        assert (repaired.light, repaired.camera) == (scene.light, scene.camera)
+        pairs = zip(scene.placements, repaired.placements, strict=True)
+        away += [np.hypot(a.x - b.x, a.y - b.y) for a, b in pairs]
+    moved = [distance for distance in away if distance > 0]
+    assert 0.1 < len(moved) / len(away) < 0.5
+    assert np.median(moved) < 0.12
+
+
+def test_where_positions_do_not_vary_nothing_is_moved():
+    one = space("pick-up", "confounder-count", "confounder-type")
+    crowd = one.decode(np.array([0.0, 0.5, 0.9, 0.99]))
+    assert len(crowd.confounders) == 3
+    repaired = one.repaired(crowd, rng())
+    assert repaired is None or [(e.x, e.y) for e in repaired.placements] == [(e.x, e.y) for e in crowd.placements]
+
+
+@pytest.mark.parametrize("far", [9.0, -50.0, 1e6])
+def test_a_scene_far_outside_all_ranges_is_repaired_at_their_ends(far: float):
+    one = space("pick-up")
+    (target,) = one.nominal().targets
+    scene = replace(one.nominal(), targets=(replace(target, x=far, yaw=far),), camera=Camera(roll=far))
+    repaired = one.repaired(scene, rng())
+    assert repaired is not None
+    assert one.decode(one.encode(repaired)) == repaired
+
+
+def test_a_scene_with_something_unknown_is_refused_not_repaired():
+    one = space("pick-up")
+    with pytest.raises(SceneError, match="'sing' is not a value of the operator wording"):
+        one.repaired(replace(one.nominal(), instruction="sing"), rng())
