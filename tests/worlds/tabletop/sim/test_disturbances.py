@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal
-from vlafuzz.errors import SimulatorError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
@@ -163,21 +162,6 @@ def test_the_robot_holds_still_until_the_first_action_arrives_and_then_does_the_
     prompt, late = reached(env, 0), reached(env, delay)
     assert late[:delay] == pytest.approx([0.0] * delay, abs=1e-4)
     assert late[delay:] == pytest.approx(prompt[:-delay], abs=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("changes", "says"),
-    [
-        ({"backdrop": Backdrop(wall="red")}, "backdrop: asked for"),
-        ({"initial_pose": BENT}, "initial pose: asked for"),
-        ({"latency": Latency(2)}, r"latency: asked for .*delay=2.*, the simulator has .*delay=0"),
-        ({"noise": ALL}, "noise: asked for"),
-    ],
-)
-def test_what_is_not_applied_is_noticed(env, changes, says):
-    env.begin(nominal())
-    with pytest.raises(SimulatorError, match=says):
-        env.applied().check(replace(nominal(), **changes), env.models, env.rig)
 
 
 def test_a_command_is_exchanged_for_the_one_that_arrives():

@@ -7,7 +7,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SimulatorError
-from vlafuzz.model.scene import Camera, Light, Placement
+from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement
 from vlafuzz.worlds.tabletop.sim.objects import models_of
 from vlafuzz.worlds.tabletop.sim.world import settle
 from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, TASKS, task
@@ -32,6 +32,10 @@ SHOWN = pick_up(
         (replace(SHOWN, confounders=(put("coke_can", 0.05, -0.2, -70.0),)), "pose of coke_can"),
         (replace(SHOWN, confounders=(put("pepsi_can", 0.05, -0.2, -70.0, "lying"),)), "objects"),
         (replace(SHOWN, confounders=()), "objects"),
+        (replace(SHOWN, backdrop=Backdrop(wall="red")), "backdrop"),
+        (replace(SHOWN, initial_pose=InitialPose(j1=3.0)), "initial pose"),
+        (replace(SHOWN, latency=Latency(2)), "latency"),
+        (replace(SHOWN, noise=Noise(blur=1.0)), "noise"),
     ],
 )
 def test_whatever_was_not_applied_is_an_error_that_names_it(env, requested, says):

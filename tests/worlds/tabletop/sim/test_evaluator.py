@@ -20,7 +20,7 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, pick_up,
 from vlafuzz.errors import Cause, PolicyError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.controls import Frozen, Random
@@ -64,11 +64,6 @@ def test_who_never_moves_fails_at_the_grasp(task):
     assert (outcome.rollouts[0].reached, outcome.rollouts[0].steps) == ((), 80)
 
 
-def test_outcomes_come_in_order_and_equal_scenes_have_equal_trajectories(expert_on, known):
-    outcomes = expert_on("pick-up").evaluate([ANOTHER, NOMINAL, ANOTHER])
-    assert [outcome.rollouts[0].states_hash for outcome in outcomes] == [known[1], known[0], known[1]]
-
-
 LEANING = put("coke_can", 0.0, 0.0, quaternion=(0.95, 0.0, 0.312, 0.0))
 
 
@@ -88,12 +83,6 @@ def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_polic
     (outcome,) = evaluate(policy, scene, task="pick-up")
     assert (outcome.verdict, outcome.check, outcome.rollouts) == (Verdict.INVALID, check, ())
     assert says in outcome.detail
-
-
-def test_a_scene_that_is_solved_from_the_start_is_invalid():
-    cubes = (Placement("green_cube", "flat", 0.0, 0.0), Placement("yellow_cube", "flat", 0.0, 0.06))
-    (outcome,) = evaluate(Frozen(), Scene("move-near", cubes, "move them"), world={})
-    assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "solved")
 
 
 def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
@@ -228,8 +217,12 @@ def failing(cause: Cause) -> Meddle:
         (lambda *_: None, ""),
         (raising, "remote: expert raised RuntimeError: out of memory"),
         (failing("protocol"), "protocol: no answer within 10 s"),
+        (
+            lambda seen, a: [ActionChunk(a * (np.nan if is_lifted(seen) else 1.0))],
+            "bad_action: expert: an action is not",
+        ),
     ],
-    ids=["nan", "six numbers", "empty chunk", "two chunks", "none", "raises", "refuses"],
+    ids=["nan", "six numbers", "empty chunk", "two chunks", "none", "raises", "refuses", "breaks while holding"],
 )
 def test_a_policy_that_breaks_is_an_error_and_the_next_scene_is_as_ever(broken_first, known, meddle, says):
     broken, sound = broken_first(meddle)
@@ -262,15 +255,6 @@ def test_of_a_rollout_that_is_begun_again_nothing_stays_recorded(monkeypatch):
     recording = Recording(0)
     (outcome,) = evaluate(Meddled(late_at_last, episodes=1), NOMINAL, recording=recording)
     assert [seen.step for seen in recording.observations] == list(range(len(outcome.rollouts[0].actions)))
-
-
-def test_a_policy_that_breaks_in_the_middle_of_a_rollout_leaves_nothing_behind(broken_first, known):
-    def breaks_while_holding(observation: Observation, actions: np.ndarray) -> list[ActionChunk]:
-        return [ActionChunk(actions * (np.nan if is_lifted(observation) else 1.0))]
-
-    broken, sound = broken_first(breaks_while_holding)
-    assert broken.verdict is Verdict.ERROR
-    assert sound.rollouts[0].states_hash == known[1]
 
 
 @pytest.mark.parametrize("crashing", [0, 9])
