@@ -40,7 +40,7 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-from vlafuzz.worlds.tabletop.vlatest import read_vlatest
+from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.interface import Interface
