@@ -21,7 +21,7 @@ from vlafuzz.worlds.tabletop.objects.schema import ObjectSpec, read_file
 
 Entry = ObjectSpec | PackObject
 BUILDER = 6  # version; raise it when the same entry builds a different object, which a test detects
-NUMBERS = "object.json"
+NUMBERS = "model.json"
 _MODEL = TypeAdapter(ObjectModel)
 
 
@@ -117,7 +117,7 @@ def _fill(name: str, spec: Entry, folder: Path) -> None:
 
         model = build(name, spec, folder)
     visual, collision = Path(model.visual.name), tuple(Path(file.name) for file in model.collision)
-    (folder / NUMBERS).write_bytes(_MODEL.dump_json(replace(model, visual=visual, collision=collision)))
+    (folder / NUMBERS).write_bytes(_MODEL.dump_json(replace(model, visual=visual, collision=collision), by_alias=True))
 
 
 def _load(folder: Path, spec: Entry) -> ObjectModel:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PlainSerializer, PlainValidator
+from pydantic import Field, PlainSerializer, PlainValidator
 
 from vlafuzz.errors import CatalogueError, suggestion
 
@@ -101,7 +101,8 @@ class ObjectModel:
     vertices: Array  # (m, 3) corners of the convex hull of all parts
     visual: Path  # a .glb with textures; any mesh format if ``fit`` is set
     collision: tuple[Path, ...]  # one convex .obj per part
-    stable_poses: tuple[StablePose, ...]  # the first is nominal
+    # The first is nominal; the alias is the key in files of all versions
+    stable_poses: Annotated[tuple[StablePose, ...], Field(alias="rests")]
     supports: bool  # whether other objects can be put on it
     container: Container | None
     density: float  # of the parts
