@@ -173,7 +173,7 @@ def test_a_process_that_leaves_rollouts_to_workers_loads_no_torch_for_mini():
 
 
 def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(tmp_path: Path):
-    loaded_by("from vlafuzz.worlds import place; place._torch()")  # fills the cache
+    loaded_by("from vlafuzz.worlds import provenance; provenance._torch()")  # fills the cache
     flags = ["--policy=pinhole", "--budget=2", "--workers=2", "--no-certify", f"--store={tmp_path / 'x.db'}"]
     run = f"import vlafuzz.cli\nassert vlafuzz.cli.main({['run', *flags]}) == 0"
     assert loaded_by(run) == []

@@ -16,7 +16,7 @@ from vlafuzz.failures.corpus.pairs import probes
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import place, world_of
+from vlafuzz.worlds import provenance, world_of
 
 
 def changed_corpus(rng: Rng, folder: Path) -> Path:
@@ -52,7 +52,7 @@ def _use(source: Path, runs: Any) -> None:
     for run in runs:
         run.key()
         run.comparable(runs[0])
-        place.in_words(run.place)
+        provenance.in_words(run.place)
         world_of(run.task).stored_space(source, run).nominal()
 
 

@@ -158,7 +158,7 @@ def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(monkeypatch, 
 
 def test_a_run_of_an_unknown_place_can_only_be_started_anew(monkeypatch, capsys):
     with monkeypatch.context() as earlier:
-        earlier.setattr("vlafuzz.worlds.provenance.place.here", lambda *_, **__: "")
+        earlier.setattr("vlafuzz.worlds.provenance.here", lambda *_, **__: "")
         cut(monkeypatch, "--budget", "20", "--store", "a.db")
     message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
     assert "a.db: run 1 was made at a place that is not known" in message

@@ -9,7 +9,7 @@ import pytest
 
 from tests.doubles import manifest
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.worlds.place import Place, by_place, elsewhere, here, in_words
+from vlafuzz.worlds.provenance import Place, by_place, elsewhere, here, in_words
 from vlafuzz.worlds.tabletop.renderer import in_use, probe_once
 
 BLIND = PolicySpec("blind")
@@ -79,6 +79,6 @@ def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():
 
 
 def test_torch_is_loaded_only_when_a_place_is_asked_for():
-    code = "import sys, vlafuzz.worlds.place, vlafuzz.campaign.config; print('torch' in sys.modules)"
+    code = "import sys, vlafuzz.worlds.provenance, vlafuzz.campaign.config; print('torch' in sys.modules)"
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert child.stdout.strip() == "False"

@@ -20,7 +20,7 @@ from vlafuzz.rollouts.registry import executor_at
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import UNFINISHED, Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.place import by_place, elsewhere
+from vlafuzz.worlds.provenance import by_place, elsewhere
 
 SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 SpeedOf = Callable[[Plan], Speed | None]

@@ -18,7 +18,7 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import default_policy, place, world_of
+from vlafuzz.worlds import default_policy, provenance, world_of
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
@@ -95,8 +95,8 @@ def replay(
     stored = name == wanted.conditions.policy and label in (None, wanted.conditions.named)
     if wanted.states_hash is not None and rollout and stored:
         same = rollout.states_hash == wanted.states_hash
-        now = place.here(name, made.spec, world_of(scene.task).renderer)
-        elsewhere = place.elsewhere(wanted.conditions.place, now)
+        now = provenance.here(name, made.spec, world_of(scene.task).renderer)
+        elsewhere = provenance.elsewhere(wanted.conditions.place, now)
     report = {
         "scene": scene.digest,
         "task": scene.task,

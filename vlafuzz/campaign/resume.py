@@ -14,7 +14,7 @@ from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
-from vlafuzz.worlds.place import elsewhere
+from vlafuzz.worlds.provenance import elsewhere
 
 _ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command says them anew
 

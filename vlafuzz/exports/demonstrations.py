@@ -23,7 +23,7 @@ from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.store.records import Manifest, Solution
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import place, provenance, world_of
+from vlafuzz.worlds import provenance, world_of
 
 UNSOLVED = "the expert does not solve it"
 UNPLAYED = "a replay of the expert's actions does not solve it"
@@ -126,7 +126,7 @@ def _key(run: Manifest) -> str:
     world = world_of(run.task)
     here = {
         "versions": provenance.versions(),
-        "place": place.here("expert", world.solvers()["expert"].spec, world.renderer),
+        "place": provenance.here("expert", world.solvers()["expert"].spec, world.renderer),
     }
     text = json.dumps([run.task, run.values(Role.SIMULATION), interface_of(run.policy, run.spec).key, here])
     return hashlib.blake2b(text.encode(), digest_size=12).hexdigest()

@@ -20,7 +20,7 @@ from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.place import by_place, in_words
+from vlafuzz.worlds.provenance import by_place, in_words
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 _SEVERAL = (

@@ -22,7 +22,7 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film
-from vlafuzz.worlds.place import elsewhere
+from vlafuzz.worlds.provenance import elsewhere
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.evaluator import SceneEvaluator

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from vlafuzz.common.plugins import source_digest
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.space import Space
@@ -38,8 +39,13 @@ def make_evaluator(
 
 
 def here(name: str, policy: Policy, space: Space, *, workers: bool = False) -> dict[str, Any]:
-    """The fields of conditions that come with what is installed; see ``provenance.here``."""
+    """The fields of conditions that come with what is installed (``Origin.HERE``)."""
     world = world_of(space.task.name)
-    installed = provenance.here(name, policy, world.renderer, workers=workers)
+    installed = {
+        "spec": provenance.described(policy.spec),
+        "source": source_digest(name, policy),
+        "commit": provenance.commit(),
+        "place": provenance.here(name, policy.spec, world.renderer, workers=workers),
+    }
     made_of = {field: value for field, value in space.conditions.items() if field == "catalogue_digest"}
     return installed | made_of | {"simulator": world.simulator}

@@ -14,7 +14,7 @@ from vlafuzz.failures.corpus.corpus import Control
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.manipulation.operator_set import operators_json
-from vlafuzz.worlds.place import here
+from vlafuzz.worlds.provenance import here
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.renderer import in_use
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

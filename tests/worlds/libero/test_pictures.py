@@ -20,7 +20,7 @@ from vlafuzz.worlds.libero.setting import Setting
 from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
 from vlafuzz.worlds.libero.world import WORLD
-from vlafuzz.worlds.place import here, in_words
+from vlafuzz.worlds.provenance import here, in_words
 
 pytestmark = pytest.mark.libero
 TASK = "libero_goal/8"
