@@ -130,7 +130,7 @@ def filled(config: RunConfig) -> Filled:
     task = world.task(wanted)
     robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
     if robot not in world.robots:
-        hint = world.former.get(robot) or suggestion(robot, world.robots)
+        hint = suggestion(robot, world.robots)
         raise UsageError(f"--robot {robot}: not for {wanted}", hint=hint)
     _check_scenes(config, scenes, "robot", robot)
     strategy = config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)

@@ -84,7 +84,6 @@ class World(ABC):
         policies: those that come with the world, by name, described by their docstrings' first sentences. action_width:
         how many numbers an action has; 7 are a hand's motion and a gripper, see ``ActionSpec``. settings: conditions of
         its own, which decide outcomes beside the scene.
-        former: names that robots had before, with what replaces them.
     """
 
     usual: bool = False
@@ -93,7 +92,6 @@ class World(ABC):
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {}
     action_width: int = ActionSpec().width
     settings: Sequence[Setting[Any]] = ()
-    former: ClassVar[Mapping[str, str]] = {}
 
     @property
     def objects(self) -> Collection[str]:

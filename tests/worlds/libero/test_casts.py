@@ -13,7 +13,6 @@ from vlafuzz.worlds.libero.suites import REST, LiberoTask
 BOWL = LiberoTask(
     suite="libero_goal",
     number=8,
-    name="put_the_bowl_on_the_plate",
     instruction="put the bowl on the plate",
     bddl=Path("bowl.bddl"),
     initial=(("on", "akita_black_bowl_1", "main_table_bowl_region"),),

@@ -63,10 +63,6 @@ class Control:
         """Forget earlier actions: controller and gripper are as they were built."""
         vars(self._controller).update({name: copy(value) for name, value in self._start.items()})
         self._gripper.current_action = copy(self._first_command)
-        self.note()
-
-    def note(self) -> None:
-        """Note what robosuite's observations of this moment are made from."""
         self.seen, self.seen_fingers = self._data.qpos.copy(), self._data.qpos[self._finger_positions].copy()
 
     def step(self, action: Array) -> None:

@@ -41,7 +41,6 @@ class LiberoTask:
 
     suite: str
     number: int
-    name: str
     instruction: str
     bddl: Path
     initial: tuple[Atom, ...]
@@ -114,7 +113,7 @@ def _suite(name: str) -> Any:
 @cache
 def _task(suite: str, number: int) -> LiberoTask:
     benchmark = _suite(suite)
-    found, file = benchmark.get_task(number), Path(benchmark.get_task_bddl_file_path(number))
+    file, words = Path(benchmark.get_task_bddl_file_path(number)), benchmark.get_task(number).language
     if not file.is_file():
         hint = "`libero-pro list` shows which suites are complete"
         raise UsageError(f"LIBERO's suite {suite!r} has no file for its task {number}", hint=hint)
@@ -125,8 +124,7 @@ def _task(suite: str, number: int) -> LiberoTask:
     return LiberoTask(
         suite=suite,
         number=number,
-        name=found.name,
-        instruction=" ".join(problem["language_instruction"]) if suite.endswith(REWORDED) else found.language,
+        instruction=" ".join(problem["language_instruction"]) if suite.endswith(REWORDED) else words,
         bddl=file,
         initial=_atoms(problem["initial_state"]),
         goal=goal,

@@ -26,7 +26,7 @@ from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
-from vlafuzz.worlds.manipulation.rigs import FORMER, LIBERO
+from vlafuzz.worlds.manipulation.rigs import LIBERO
 from vlafuzz.worlds.manipulation.space import TableWorld
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ class Libero(TableWorld):
     """The world of LIBERO; its tasks are named ``SUITE/NUMBER``."""
 
     robots = (LIBERO.robot,)
-    former = dict.fromkeys(FORMER, "--config quality=fast draws such pictures")
     settings = (*TableWorld.settings, QUALITY)
     tasks = tuple(f"{suite}/{number}" for suite in SUITES for number in range(10))
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
