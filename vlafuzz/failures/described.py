@@ -4,7 +4,8 @@ import pathlib
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
+from typing import Any
 
 from vlafuzz.common.text import interval, named
 from vlafuzz.errors import SceneError
@@ -12,7 +13,7 @@ from vlafuzz.failures.corpus.corpus import Case, Corpus
 from vlafuzz.failures.corpus.folder import SCENES
 from vlafuzz.failures.triage.path import Path, deviating, free_genes
 from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Causes, Rate, Witness
+from vlafuzz.model.evidence import Causes, Failure, Rate, Witness
 from vlafuzz.model.phrasing import failing_range
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS, Space
@@ -69,7 +70,7 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DescribedFailure:
+class DescribedFailure(Failure):
     """A failing scene, or several with the same minimal scene, and what triage says of it.
 
     Attributes:
@@ -78,9 +79,7 @@ class DescribedFailure:
         alike: digests of others that this one stands for: near-duplicates, and failures that only add operators to it.
         run: that found the first of them; ``number``: its number in the store, None in a corpus.
         bucket: one of ``BUCKETS``.
-        operators: in which the scene differs from its reference; the confounder operators count as one.
         reference: the passing scene that it is compared with; None for the nominal one.
-        counterpart_rates: how often the policy fails around the scene without an operator, by operator.
         rate: how often the policy fails around the scene; None if unknown.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
@@ -94,11 +93,7 @@ class DescribedFailure:
     number: int | None = None
     bucket: str
     lost_stage: str
-    signature: str | None = None
-    operators: tuple[str, ...]
     deviations: tuple[Deviation, ...]
-    causes: Causes = field(default_factory=Causes)
-    counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
     reference: Scene | None = None
     witness: Witness | None = None
     rate: Rate | None = None
@@ -136,30 +131,27 @@ def described(
             run=run,
             number=finding.run,
             bucket="observed",
+            repeats=1,
+            failures=1,
             lost_stage=lost_stage,
             operators=operators,
             deviations=deviations(space, finding.scene, Causes()),
             detail="failed once; not triaged",
             replay=_replay(store, finding.scene, run.policy),
         )
-    minimal = triaged.shrunk if triaged.bucket == "minimal" else None
-    scene = minimal or triaged.scene
-    causes = triaged.causes if minimal else Causes()
-    reference = triaged.reference if minimal else None
-    rate = triaged.certified if triaged.bucket == "minimal" else triaged.rate
+    known = _known(triaged) | {"lost_stage": triaged.lost_stage or lost_stage, "reference": triaged.reference}
+    scene, rate = triaged.shrunk, triaged.certified
+    if triaged.bucket != "minimal" or scene is None:
+        known |= {"operators": triaged.deviating, "causes": Causes(), "counterpart_rates": {}, "reference": None}
+        scene, rate = triaged.scene, triaged.rate
     return DescribedFailure(
+        **known,
         scene=scene,
         found=(triaged.scene.digest,),
         run=run,
         number=finding.run,
         bucket=triaged.bucket,
-        lost_stage=triaged.lost_stage or lost_stage,
-        signature=triaged.signature,
-        operators=triaged.operators if minimal else triaged.deviating,
-        deviations=deviations(space, scene, causes, reference),
-        causes=causes,
-        counterpart_rates=triaged.counterpart_rates if minimal else {},
-        reference=reference,
+        deviations=deviations(space, scene, known["causes"], known["reference"]),
         witness=triaged.witness,
         rate=rate,
         detail=_evidence(triaged, rate),
@@ -171,16 +163,12 @@ def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Spac
     """A failure of a corpus, which is minimal."""
     run = corpus.runs[case.run]
     return DescribedFailure(
+        **_known(case),
         scene=case.scene,
         found=(case.found,),
         run=run,
         bucket="minimal",
-        lost_stage=case.lost_stage,
-        signature=case.signature,
-        operators=case.operators,
         deviations=deviations(space, case.scene, case.causes, case.reference),
-        causes=case.causes,
-        counterpart_rates=case.counterpart_rates,
         reference=case.reference,
         witness=case.witness,
         rate=case.certified,
@@ -188,6 +176,10 @@ def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Spac
         replay=_replay(folder / SCENES, case.scene, run.policy),
         picture=case.thumbnail,
     )
+
+
+def _known(failure: Failure) -> dict[str, Any]:
+    return {part.name: getattr(failure, part.name) for part in fields(Failure)}
 
 
 def _evidence(triaged: Triaged, rate: Rate | None) -> str:
