@@ -8,7 +8,7 @@ from tests.cli.typed import told, typed
 from vlafuzz.cli import lint, main
 from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.model.scene_lines import write_scenes
-from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
+from vlafuzz.worlds.capabilities import AuditedSuite, AuditedTask, Defect
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")
 CROWDED = Scene("pick-up", FAIR.targets, "pick up apple", confounders=(Placement("orange", "resting", 0.1, 0.0),))

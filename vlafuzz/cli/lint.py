@@ -14,8 +14,7 @@ from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
 from vlafuzz.errors import UsageError, check_number, sentence
 from vlafuzz.model.scene_lines import is_document
 from vlafuzz.worlds import known_worlds, world_with
-from vlafuzz.worlds.audit import CHECKS, AuditedSuite
-from vlafuzz.worlds.capabilities import Audited, FileVerdicts, Frame, SceneFormats
+from vlafuzz.worlds.capabilities import CHECKS, Audited, AuditedSuite, FileVerdicts, Frame, SceneFormats
 
 FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
 

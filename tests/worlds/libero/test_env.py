@@ -6,7 +6,7 @@ from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet
 from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.stages import Moment, find_stages, monitor_of
-from vlafuzz.worlds.libero.suites import find_task
+from vlafuzz.worlds.libero.suites import find_task, find_tasks, initial_states
 
 pytestmark = pytest.mark.libero
 ACTIONS = np.random.default_rng(0).uniform(-1, 1, (8, 7))
@@ -85,3 +85,22 @@ def test_an_unusable_action_or_state_is_refused(bowls):
         bowls.step(np.full(7, np.nan))
     with pytest.raises(UsageError, match="no initial state 50"):
         bowls.reset(50)
+
+
+def test_a_suite_has_its_tasks_with_instruction_goal_and_initial_states():
+    task = find_tasks("libero_object")[0]
+    assert str(task) == "libero_object/0"
+    assert task.instruction == "pick up the alphabet soup and place it in the basket"
+    assert task.goal == (("in", "alphabet_soup_1", "basket_1_contain_region"),)
+    assert task.horizon == 280
+    assert len(initial_states(task)) == 50
+
+
+@pytest.mark.parametrize(
+    ("name", "hint"),
+    [("libero_objects/0", "libero_object"), ("libero_object/10", "libero_object/9"), ("libero_object", "/9")],
+)
+def test_an_unknown_task_is_named_with_a_hint(name, hint):
+    with pytest.raises(UsageError) as raised:
+        find_task(name)
+    assert hint in str(raised.value.hint)

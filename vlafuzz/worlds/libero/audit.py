@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.worlds.audit import AuditedSuite, AuditedTask, Defect
+from vlafuzz.worlds.capabilities import AuditedSuite, AuditedTask, Defect
 from vlafuzz.worlds.libero.casts import kind_of
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.packages import versions

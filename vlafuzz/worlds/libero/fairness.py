@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Light, Placement, Scene
-from vlafuzz.worlds.audit import Defect
+from vlafuzz.worlds.capabilities import Defect
 from vlafuzz.worlds.libero.audit import defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface

@@ -15,8 +15,8 @@ from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
-from vlafuzz.worlds.audit import AuditedSuite
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
+from vlafuzz.worlds.capabilities import AuditedSuite
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert

@@ -1,4 +1,4 @@
-from vlafuzz.worlds.audit import AuditedTask, Defect
+from vlafuzz.worlds.capabilities import AuditedTask, Defect
 
 SLID = Defect(0, "slides", "bowl slides by 1.2 cm", 0.012)
 SLID_MORE = Defect(3, "slides", "bowl slides by 6.2 cm", 0.062)
