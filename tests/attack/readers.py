@@ -26,7 +26,7 @@ from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file
-from vlafuzz.worlds.tabletop.world import TableLinter
+from vlafuzz.worlds.tabletop.world import WORLD
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
@@ -101,7 +101,7 @@ def policy_name(rng: Rng, folder: Path) -> None:
 
 
 def _lint(path: Path, frame: Any) -> None:
-    verdicts = TableLinter(CATALOGUE).lint(path, frame, None, SILENT, settle=False)
+    verdicts = WORLD.lint(path, frame, None, (), SILENT, settle=False)
     json.dumps(verdicts.counts, allow_nan=False)
 
 

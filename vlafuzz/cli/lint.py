@@ -67,11 +67,11 @@ def lint(
     if min_distance is not None and not min_distance >= 0:
         raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     check_frame(frame, files)
-    linter, judged = world_with(SceneFormats).linter(opened(pack)), list[FileVerdicts]()
+    world, packs, judged = world_with(SceneFormats), opened(pack), list[FileVerdicts]()
     with Bar() as bar:
         for path in files:
             quick = is_document(path) if static is None else static
-            judged.append(linter.lint(path, frame or "fit", min_distance, bar, settle=not quick))
+            judged.append(world.lint(path, frame or "fit", min_distance, packs, bar, settle=not quick))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         problems_of = ([asdict(problem) for problem in file.problems] for file in judged)
@@ -84,10 +84,10 @@ def lint(
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:
             counted = [
-                {"": key, "scenes": value, "are": linter.means.get(key, "")} for key, value in file.counts.items()
+                {"": key, "scenes": value, "are": world.lint_means.get(key, "")} for key, value in file.counts.items()
             ]
             print_rows(counted, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
-    stderr().print(f"a target counts as visible with at least {linter.visibility}")
+    stderr().print(f"a target counts as visible with at least {world.visibility}")
     if missing := sum(bool(re.match("unknown object '[^']+:", problem.reason)) for _, problem in problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if problems:

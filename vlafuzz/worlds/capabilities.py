@@ -191,30 +191,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class FileVerdicts:
-    """The verdicts on the scenes of a file; ``counts`` of scenes by what ``Linter.means`` explains."""
+    """The verdicts on the scenes of a file; ``counts`` of scenes by what ``SceneFormats.lint_means`` explains."""
 
     path: Path
     counts: Mapping[str, int]
     problems: Sequence[Problem]
-
-
-class Linter(Protocol):
-    """Judges files of scenes."""
-
-    @property
-    def means(self) -> Mapping[str, str]:
-        """What is counted, by the keys of the counts."""
-
-    @property
-    def visibility(self) -> str:
-        """The bounds within which a target counts as visible."""
-
-    def lint(self, path: Path, frame: Frame, min_distance: float | None, watch: Watch, *, settle: bool) -> FileVerdicts:
-        """Check all scenes of a file.
-
-        ``min_distance``: to keep between the centres of any two objects, metres; None for the usual one. ``settle``:
-        whether the scenes are simulated, too.
-        """
 
 
 @runtime_checkable
@@ -224,5 +205,19 @@ class SceneFormats(Protocol):
     def import_scenes(self, path: Path, frame: Frame) -> Imported:
         """The scenes of a file in the other format; a SceneError if it is none."""
 
-    def linter(self, packs: Sequence[Any]) -> Linter:
-        """What judges files of scenes with objects of the catalogue and of packs."""
+    @property
+    def lint_means(self) -> Mapping[str, str]:
+        """What ``lint`` counts, by the keys of the counts."""
+
+    @property
+    def visibility(self) -> str:
+        """The bounds within which a target counts as visible."""
+
+    def lint(
+        self, path: Path, frame: Frame, min_distance: float | None, packs: Sequence[Any], watch: Watch, *, settle: bool
+    ) -> FileVerdicts:
+        """Check all scenes of a file, with objects of the catalogue and of packs.
+
+        ``min_distance``: to keep between the centres of any two objects, metres; None for the usual one. ``settle``:
+        whether the scenes are simulated, too.
+        """

@@ -33,7 +33,7 @@ from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
 from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json, stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
@@ -48,61 +48,22 @@ if TYPE_CHECKING:
 
 
 BROKEN = "broken"  # a line that is no scene
-MEANS = {
-    "left out": "not read: an object has no counterpart here",
-    "valid": "fair",
-    "semantic": "with an unknown object, rest pose or task",
-    "geometry": "with objects off the table, in each other, or too close",
-    "unseen": "with a target that cannot be seen in the first picture",
-    "settling": "in which something falls, rolls or shifts in the first second",
-    "solved": "that are solved before the robot moves",
-    BROKEN: "lines that hold no scene",
-}
-
-
-class TableLinter:
-    """A ``Linter`` of scenes with the objects of a catalogue."""
-
-    means = MEANS
-
-    def __init__(self, catalogue: Catalogue) -> None:
-        self._catalogue, self._usual = catalogue, load_operators()
-
-    @property
-    def visibility(self) -> str:
-        return str(self._usual.visible)
-
-    def lint(self, path: Path, frame: Frame, min_distance: float | None, watch: Watch, *, settle: bool) -> FileVerdicts:
-        source, problems = read_scene_file(path, self._catalogue, frame), list[Problem]()
-        if not (source.lines or source.left_out):
-            raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-        apart = self._usual.min_distance if min_distance is None else min_distance
-        for done, (number, scene) in enumerate(source.lines):
-            watch.progress(path.name, done, len(source.lines))
-            if isinstance(scene, SceneError):
-                problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
-                continue
-            rejection = check_static(scene, self._catalogue, apart, self._usual.visible)
-            if settle and rejection is None:
-                from vlafuzz.worlds.tabletop.sim.world import settled
-
-                rejection = settled(scene, self._catalogue)
-            if rejection:
-                problems.append(Problem(number, rejection.check, rejection.reason))
-        failed = Counter(problem.check for problem in problems)
-        scenes = len(source.lines) - failed[BROKEN]
-        counts = {
-            "scenes": scenes,
-            "left out": source.left_out,
-            "valid": scenes - sum(failed[check] for check in CHECKS),
-        }
-        return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
 
 
 class Tabletop(TableWorld):
     """The world of VLATest's tasks, ``Equipped`` and ``Catalogued``, with ``SceneFormats``."""
 
     usual = True
+    lint_means: ClassVar[Mapping[str, str]] = {
+        "left out": "not read: an object has no counterpart here",
+        "valid": "fair",
+        "semantic": "with an unknown object, rest pose or task",
+        "geometry": "with objects off the table, in each other, or too close",
+        "unseen": "with a target that cannot be seen in the first picture",
+        "settling": "in which something falls, rolls or shifts in the first second",
+        "solved": "that are solved before the robot moves",
+        BROKEN: "lines that hold no scene",
+    }
     tasks, robots = tuple(TASKS), tuple(RIGS)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "mini": mini,
@@ -236,8 +197,38 @@ class Tabletop(TableWorld):
     def import_scenes(self, path: Path, frame: Frame) -> Imported:
         return read_vlatest(path, load_catalogue(), frame=frame)
 
-    def linter(self, packs: Sequence[Pack]) -> TableLinter:
-        return TableLinter(load_catalogue(packs=packs))
+    @property
+    def visibility(self) -> str:
+        return str(load_operators().visible)
+
+    def lint(
+        self, path: Path, frame: Frame, min_distance: float | None, packs: Sequence[Pack], watch: Watch, *, settle: bool
+    ) -> FileVerdicts:
+        catalogue, usual = load_catalogue(packs=packs), load_operators()
+        source, problems = read_scene_file(path, catalogue, frame), list[Problem]()
+        if not (source.lines or source.left_out):
+            raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+        apart = usual.min_distance if min_distance is None else min_distance
+        for done, (number, scene) in enumerate(source.lines):
+            watch.progress(path.name, done, len(source.lines))
+            if isinstance(scene, SceneError):
+                problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
+                continue
+            rejection = check_static(scene, catalogue, apart, usual.visible)
+            if settle and rejection is None:
+                from vlafuzz.worlds.tabletop.sim.world import settled
+
+                rejection = settled(scene, catalogue)
+            if rejection:
+                problems.append(Problem(number, rejection.check, rejection.reason))
+        failed = Counter(problem.check for problem in problems)
+        scenes = len(source.lines) - failed[BROKEN]
+        counts = {
+            "scenes": scenes,
+            "left out": source.left_out,
+            "valid": scenes - sum(failed[check] for check in CHECKS),
+        }
+        return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
 
 
 def _is_robots_only(folder: Path) -> bool:
