@@ -49,8 +49,7 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.sim.arm import MetricArm
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
-from vlafuzz.worlds.tabletop.sim.objects import place
-from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World
+from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World, place
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS, State
 

@@ -11,7 +11,7 @@ import sapien
 from PIL import Image, ImageDraw, ImageFont
 
 from vlafuzz.worlds.tabletop.objects import ObjectModel, StablePose, load_catalogue, open_packs
-from vlafuzz.worlds.tabletop.sim.objects import looks
+from vlafuzz.worlds.tabletop.sim.world import looks
 
 CELL = 256
 COLUMNS = 6

@@ -16,7 +16,7 @@ from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.packs import find_pack, packs_of, spoken
-from vlafuzz.worlds.tabletop.sim.objects import place
+from vlafuzz.worlds.tabletop.sim.world import place
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STICK = box(0.03, 0.03, 0.08)

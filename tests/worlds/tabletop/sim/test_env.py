@@ -8,8 +8,7 @@ import pytest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SimulatorError
 from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement
-from vlafuzz.worlds.tabletop.sim.objects import models_of
-from vlafuzz.worlds.tabletop.sim.world import settle
+from vlafuzz.worlds.tabletop.sim.world import models_of, settle
 from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, TASKS, task
 
 SHOWN = pick_up(

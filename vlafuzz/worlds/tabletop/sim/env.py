@@ -22,10 +22,9 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
-from vlafuzz.worlds.tabletop.sim.objects import CONTACT_OFFSET, models_of, place
 from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.world import World, substeps
+from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
