@@ -2,7 +2,7 @@
 
 CPU PhysX is bitwise repeatable only in a fresh PhysX scene. Rebuilding everything takes 185 ms in ManiSkill; here robot
 and table move into a new, empty PhysX scene (0.2 ms) and only the objects are rebuilt. Moving the objects too, or
-emptying the old scene, changes trajectories. Here are also the objects as SAPIEN has them, their contacts, and settling.
+emptying the old scene, changes trajectories. Here are also objects as SAPIEN has them, their contacts, and settling.
 """
 
 import hashlib
