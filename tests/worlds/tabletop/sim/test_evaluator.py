@@ -17,7 +17,7 @@ from tests.worlds.tabletop.sim.meddling import (
     lets_go_at,
 )
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, pick_up, put
-from vlafuzz.errors import Cause, PolicyError
+from vlafuzz.errors import Cause, PolicyError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -32,6 +32,7 @@ from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.world import World
 from vlafuzz.worlds.tabletop.space import load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.world import WORLD
 
 
 def test_the_instruction_changes_once_a_stage_is_reached():
@@ -284,6 +285,12 @@ def test_an_option_that_was_not_applied_is_an_error(expert_on, monkeypatch):
     (outcome,) = evaluator.evaluate([NOMINAL])
     assert outcome.verdict is Verdict.ERROR
     assert "pose of pepsi_can: asked for" in outcome.detail
+
+
+def test_conditions_under_which_objects_were_dropped_are_refused():
+    dropped = Conditions(task="pick-up", world={"placement": "published"})
+    with pytest.raises(UsageError, match="placement published: objects are no longer dropped"):
+        WORLD.evaluator(dropped, Frozen(), None, recording=None, checked=True)
 
 
 def test_an_interruption_passes():
