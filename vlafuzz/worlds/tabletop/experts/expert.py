@@ -24,7 +24,8 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
 
-Acting = Callable[[Observation], NDArray[np.float64]]  # gives actions (7,)
+Array = NDArray[np.float64]
+Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +127,6 @@ def _belief(known: object) -> Belief:
         held=state.held == 0,
         done=known.done,
     )
-
-
-Array = NDArray[np.float64]
 
 
 class Pose(NamedTuple):

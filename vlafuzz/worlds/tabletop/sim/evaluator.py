@@ -118,14 +118,17 @@ class ManiSkillEvaluator(SceneEvaluator):
             self._env = None
 
 
-Array = NDArray[np.float64]
 HAND = 255  # label; objects are counted from 1, 0 is the background
 
 
 def outlines(
     models: Sequence[ObjectModel], state: State, view: CameraPose, light: float, table: Sequence[float] = COLOUR
 ) -> Outlines:
-    """Outlines of objects and hand in a view; colours, and the ``table``'s, are times ``light``, up to 1."""
+    """A camera's view without a renderer: outlines of objects and hand, with their colours under the light.
+
+    Each convex part is painted, farthest object first, into a label image 256 pixels wide. Colours, and the
+    ``table``'s, are times ``light``, up to 1.
+    """
     depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
     bodies = [
         [part @ turn.T + place for part in model.parts]
