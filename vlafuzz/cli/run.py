@@ -17,9 +17,9 @@ from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
     from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.forecast import Speed
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
-    from vlafuzz.doctor.exam import Checked
 
 
 @with_run_options
@@ -107,7 +107,7 @@ def _begin_early(policy: str | None, workers: int | None, executor: str | None) 
         forks.load_early()
 
 
-def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> Checked:
+def _checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> tuple[Plan, Speed | None]:
     """The plan after the check of its policy."""
     from vlafuzz.doctor.exam import checked_plan
 
@@ -176,10 +176,10 @@ def _run_tasks(
         foreseen, remaining = 0, len(tasks) - number
         if first is None:
             first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining
-            plan = first.plan
+            plan = first[0]
         elif plan.resume is None:
-            plan = replace(plan, manifest=replace(plan.manifest, checkup=first.plan.manifest.checkup))
-        runs.append(run_plan(plan, first.speed, until.after(1 / remaining), tasks=foreseen, again=again))
+            plan = replace(plan, manifest=replace(plan.manifest, checkup=first[0].manifest.checkup))
+        runs.append(run_plan(plan, first[1], until.after(1 / remaining), tasks=foreseen, again=again))
         if runs[-1].interrupted:
             Bar.note(f"hint: `{again}` does the other tasks")
             break

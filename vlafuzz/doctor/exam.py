@@ -12,7 +12,6 @@ from itertools import count, cycle, islice
 from multiprocessing import get_context
 from pathlib import Path
 from statistics import fmean, median
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -264,9 +263,12 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
     After the deadline no rollout is begun but the first.
     """
     assert run.policy
-    policy = _make(run.policy)
-    if isinstance(policy, Check):
-        yield policy
+    try:
+        policy = make_policy(run.policy)
+    except UsageError:
+        raise
+    except VlafuzzError as error:
+        yield Check("connects", error.message, "refuse", error.hint or "")
         return
     with closing(policy):
         manifest = config.plan(run, policy=policy).manifest
@@ -281,20 +283,16 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
                 yield check
                 watch.progress("checks", number, None)
                 if check.check == "speed":
-                    watch.note(_duration(exam.speed(1), most, n))
+                    speed = exam.speed(1)
+                    seconds = most / speed.actions * (speed.answer + speed.simulator)
+                    first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
+                    watch.note(f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}")
                     if not (deadline and deadline.passed):
                         yield check_answers(manifest, policy.spec, exam.moments(), remote=is_remote(policy))
 
 
-class Checked(NamedTuple):
-    """A plan that may be run, and the speed of its policy if that is known."""
-
-    plan: Plan
-    speed: Speed | None
-
-
-def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Checked:
-    """The plan of a run, labelled with what seconds of checks find wrong with its policy.
+def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple[Plan, Speed | None]:
+    """The plan of a run, labelled with what seconds of checks find wrong with its policy, and its speed if known.
 
     Built-in policies skip this check: their tests cover it, and loading the simulator takes as long as a hundred of
     their rollouts. A resumed run keeps its label, and is not checked if it was not before.
@@ -308,13 +306,13 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> Check
     if plan.resume and manifest.alone:
         watch.note(f"note: {manifest.policy}: what answers now has to be the model with which the run began")
     if is_built_in(manifest.policy) or manifest.checkup == UNCHECKED:
-        return Checked(plan, usual_speed(plan))
+        return plan, usual_speed(plan)
     if plan.resume is None:
         _say(plan, watch)
     label, speed = (UNCHECKED, None) if unchecked else _label(plan, watch)
     if plan.resume is None:
         plan = replace(plan, manifest=replace(manifest, checkup=label))
-    return Checked(plan, speed)
+    return plan, speed
 
 
 def _say(plan: Plan, watch: Watch) -> None:
@@ -341,36 +339,16 @@ def speed_of(plan: Plan) -> Speed | None:
 
 def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
     """What the checks find wrong with the policy, and how fast it is."""
-    name = plan.manifest.policy
-    checks: list[Check] = []
-    with closing(Exam(plan.manifest, plan.policy)) as exam:
-        for check in exam.quick():
-            checks.append(check)
-            watch.progress("checkup", len(checks), None)
-        speed = None if checks[-1].verdict == "refuse" else exam.speed(at_a_time(plan))
+    name, warnings = plan.manifest.policy, list[str]()
     doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
-    for check in checks:
-        if check.verdict == "refuse":
-            hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
-            raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
-        if check.verdict == "warn" and not check.follows.startswith("guessed"):  # that was said
-            watch.note(f"note: {name}: {check.found}: {check.follows}")
-    assert speed is not None
-    return "; ".join(check.follows for check in checks if check.verdict == "warn") or "ok", speed
-
-
-def _duration(speed: Speed, most: int, n: int) -> str:
-    """How long the doctor's rollouts take at most."""
-    seconds = most / speed.actions * (speed.answer + speed.simulator)
-    first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
-    return f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}"
-
-
-def _make(name: str) -> Policy | Check:
-    """The policy, or a refused check that says why it cannot be made; UsageError for an unknown one."""
-    try:
-        return make_policy(name)
-    except UsageError:
-        raise
-    except VlafuzzError as error:
-        return Check("connects", error.message, "refuse", error.hint or "")
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        for number, check in enumerate(exam.quick(), start=1):
+            watch.progress("checkup", number, None)
+            if check.verdict == "refuse":
+                hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
+                raise PrerequisiteError(f"{name} is not run: {check.found}", hint)
+            if check.verdict == "warn":
+                warnings.append(check.follows)
+                if not check.follows.startswith("guessed"):  # that was said
+                    watch.note(f"note: {name}: {check.found}: {check.follows}")
+        return "; ".join(warnings) or "ok", exam.speed(at_a_time(plan))

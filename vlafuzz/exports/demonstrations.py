@@ -18,7 +18,7 @@ from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.exports.selection import Wanted
 from vlafuzz.model.conditions import Role
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.policies.clients.interface import interface_of
+from vlafuzz.policies.clients.model import interface_of
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.store.records import Manifest, Solution

@@ -13,7 +13,7 @@ from vlafuzz.model.evidence import Actions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.clients.interface import Interface, Written, interface_of
+from vlafuzz.policies.clients.model import Interface, Written, interface_of
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest, Solution

@@ -15,7 +15,7 @@ from vlafuzz.exports.selection import Failure, Which, around, at_random, failure
 from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionSpec
-from vlafuzz.policies.clients.interface import Interface, interface_of
+from vlafuzz.policies.clients.model import Interface, interface_of
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 

@@ -180,7 +180,7 @@ class Solution:
 
     Attributes:
         attempt: that solved it, by its number; None if none did.
-        actions: ``(steps, n)`` as a policy writes them, see ``clients.interface``; none if none solved it.
+        actions: ``(steps, n)`` as a policy writes them, see ``clients.model``; none if none solved it.
     """
 
     attempt: int | None

@@ -20,7 +20,7 @@ from vlafuzz.policies.base import ActionSpec, Policy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 
 if TYPE_CHECKING:
-    from vlafuzz.policies.clients.interface import Interface, Written
+    from vlafuzz.policies.clients.model import Interface, Written
     from vlafuzz.worlds.recording import Recording
 
 

@@ -1,25 +1,22 @@
 """Faulty servers: relays in front of a real one that lose, corrupt and delay its replies."""
 
+import io
 import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
-import msgpack
 import numpy as np
-import zmq
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, parts, served
 from tests.policies.clients.served import websocket
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.clients.groot import GrootOptions
-from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.policies.clients.wire import ROLLOUT
 
 HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
-NAMES, TASK = GrootOptions().action_key.split(","), GrootOptions().instruction_key
 
 
 class Drifting:
@@ -102,36 +99,17 @@ def relayed(name: str, faults: Faults) -> Iterator[str]:
 @contextmanager
 def groot(faults: Faults) -> Iterator[str]:
     """The name of a faulty server of GR00T's protocol with ``Drifting`` behind it."""
-    context, policy = zmq.Context(), Drifting()
-    modality = {"delta_indices": [0], "modality_keys": [*NAMES]}
-    config = {"state": modality, "action": modality, "language": modality | {"modality_keys": [TASK]}}
-    line = context.socket(zmq.ROUTER)  # unlike REP it need not answer
-    port = line.bind_to_random_port("tcp://127.0.0.1")
 
-    def answer(request: Any) -> Any:
-        if request["endpoint"] == "get_modality_config":
-            return config
-        if request["endpoint"] == "reset":
-            return {}
+    def reply(request: Any) -> Any:
         message = request["data"]["observation"]
-        state = np.concatenate([message["state"][key][0, 0] for key in NAMES])
-        moves = policy.moves(message["language"][TASK][0][0], state).astype(np.float32)
-        return [{key: moves[None, :, [number]] for number, key in enumerate(NAMES)}, {}]
+        files = [io.BytesIO(message["state"][key]["as_npy"]) for key in NAMES]
+        state = np.concatenate([np.load(file)[0, 0] for file in files])
+        moves = Drifting().moves(message["language"][TASK][0][0], state).astype(np.float32)
+        fault = faults.next()
+        replies = {"garbage": GARBAGE, "huge": HUGE, "error": {"error": "error"}}
+        # What is cut is never sent either: ZeroMQ hides connections.
+        return None if fault in ("drop", "cut") else replies.get(fault, [parts(moves[None]), {}])
 
-    def serve() -> None:
-        while not faults.over.is_set():
-            if line.poll(20):
-                client, empty, frame = line.recv_multipart()
-                reply, fault = pack_groot(answer(unpack(frame))), faults.next()
-                replies = {"garbage": GARBAGE, "huge": HUGE, "error": msgpack.packb({"error": "error"})}
-                if fault not in ("drop", "cut"):  # what is cut is never sent either: ZeroMQ hides connections
-                    line.send_multipart([client, empty, replies.get(fault, reply)])
-        context.destroy(linger=0)
-
-    thread = threading.Thread(target=serve)
-    thread.start()
-    try:
-        yield f"groot:tcp://127.0.0.1:{port}?camera=0&state=1&state_key={','.join(NAMES)}"
-    finally:
+    with served(reply, modalities=config(MODALITIES | {"video": [], "state": [*NAMES]})) as (name, _):
+        yield f"{name}?camera=0&state=1&state_key={','.join(NAMES)}"
         faults.over.set()
-        thread.join()

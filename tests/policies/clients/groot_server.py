@@ -41,11 +41,11 @@ def parts(moves: np.ndarray, write: Callable[[np.ndarray], Any] = npy, prefix: s
 def served(*replies: Any, modalities: Any = None, port: int = 0) -> Iterator[tuple[str, list]]:
     """A server with scripted replies to observations; its name, and the requests that it got.
 
-    A reply is raw bytes, a value to pack, or None for no reply.
+    A reply is raw bytes, a value to pack, or None for no reply; a single function makes them of all requests.
     """
     left, requests, over = list(replies), [], threading.Event()
     context = zmq.Context()
-    line = context.socket(zmq.REP)
+    line = context.socket(zmq.ROUTER)  # unlike REP it need not answer
     line.setsockopt(zmq.LINGER, 0)
     line.bind(f"tcp://127.0.0.1:{port or '*'}")
     url = line.getsockopt_string(zmq.LAST_ENDPOINT)
@@ -56,16 +56,15 @@ def served(*replies: Any, modalities: Any = None, port: int = 0) -> Iterator[tup
         if request["endpoint"] == "reset":
             return {}
         requests.append(request)
-        return left.pop(0)
+        return left[0](request) if callable(left[0]) else left.pop(0)
 
     def serve() -> None:
         while not over.is_set():
             if line.poll(20):
-                reply = answer(msgpack.unpackb(line.recv()))
-                if reply is None:
-                    break
-                line.send(reply if isinstance(reply, bytes) else msgpack.packb(reply))
-        over.wait()
+                *to, frame = line.recv_multipart()
+                reply = answer(msgpack.unpackb(frame))
+                if reply is not None:
+                    line.send_multipart([*to, reply if isinstance(reply, bytes) else msgpack.packb(reply)])
         context.destroy(linger=0)
 
     thread = threading.Thread(target=serve)

@@ -69,7 +69,7 @@ def test_three_numbers_are_scaled_to_radians():
 @pytest.mark.parametrize("rotation", ["quaternion_xyzw", "rot6d"])
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_numbers_that_are_no_rotation_are_refused(rotation, value):
-    width = 4 + ROTATIONS[rotation][0]
+    width = 4 + len(ROTATIONS[rotation].names)
     with pytest.raises(ValueError, match=r"not finite|zero norm|no rotation"):
         Convention(True, False, rotation, 1.0, 1.0).moves(np.full((1, width), value), HAND)
 

@@ -8,8 +8,7 @@ import pytest
 
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.clients.interface import interface_of
-from vlafuzz.policies.clients.model import Model
+from vlafuzz.policies.clients.model import Model, interface_of
 from vlafuzz.policies.clients.servers import options_of
 from vlafuzz.worlds.provenance import described
 

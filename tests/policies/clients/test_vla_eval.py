@@ -22,7 +22,7 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.policies.base import ActionSpec, CameraRequest
+from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.mini.policy import Mini
@@ -49,15 +49,8 @@ class TestRollouts:
             there.close()
             here.close()
 
-    def test_chunks_that_are_executed_whole(self):
-        self.same_as_in_process(Attentive)
-
     def test_chunks_that_the_server_keeps(self):
         self.same_as_in_process(Attentive, chunk_size=3)
-
-    def test_conventions_that_the_server_declares(self):
-        action = ActionSpec(rotation="rpy", gripper="close_01")
-        self.same_as_in_process(lambda: Attentive(action=action))
 
     @pytest.mark.render
     def test_mini(self):

@@ -48,37 +48,40 @@ def _quaternions(turns: Rotation) -> Array:
 
 
 class Numbers(NamedTuple):
-    """A rotation as ``width`` numbers: how they are read, and how they are written."""
+    """A rotation as numbers: how they are called, read and written."""
 
-    width: int
+    names: tuple[str, ...]
     read: Callable[[Array], Rotation]
     write: Callable[[Rotation], Array]
 
 
-def _euler(axes: str) -> Numbers:
+def _euler(axes: str, *names: str) -> Numbers:
     def angles(turns: Rotation) -> Array:
         """``(n, 3)`` Euler angles, the first one from -90 to 270 degrees."""
         written = turns.as_euler(axes)
         written[written[:, 0] < -np.pi / 2, 0] += 2 * np.pi
         return np.asarray(written)
 
-    return Numbers(3, lambda n: Rotation.from_euler(axes, n), angles)
+    return Numbers(names, lambda n: Rotation.from_euler(axes, n), angles)
 
 
+PLACE, TURN, SIX = ("x", "y", "z"), ("rx", "ry", "rz"), ("r0", "r1", "r2", "r3", "r4", "r5")
 ROTATIONS = {
-    "axis_angle": Numbers(3, Rotation.from_rotvec, _vectors),
-    "rpy": _euler("xyz"),
-    "euler_xyz": _euler("XYZ"),
-    "quaternion_xyzw": Numbers(4, Rotation.from_quat, _quaternions),
+    "axis_angle": Numbers(TURN, Rotation.from_rotvec, _vectors),
+    "rpy": _euler("xyz", "roll", "pitch", "yaw"),
+    "euler_xyz": _euler("XYZ", "ex", "ey", "ez"),
+    "quaternion_xyzw": Numbers(("qx", "qy", "qz", "qw"), Rotation.from_quat, _quaternions),
     "quaternion_wxyz": Numbers(
-        4, lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)), lambda turns: np.roll(_quaternions(turns), 1, axis=1)
+        ("qw", "qx", "qy", "qz"),
+        lambda n: Rotation.from_quat(np.roll(n, -1, axis=1)),
+        lambda turns: np.roll(_quaternions(turns), 1, axis=1),
     ),
-    "rot6d": Numbers(6, _two_columns, lambda turns: turns.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)),
+    "rot6d": Numbers(SIX, _two_columns, lambda turns: turns.as_matrix()[:, :, :2].transpose(0, 2, 1).reshape(-1, 6)),
     "rot6d_interleaved": Numbers(  # in row-major order
-        6, lambda n: _two_columns(n[:, [0, 2, 4, 1, 3, 5]]), lambda turns: turns.as_matrix()[:, :, :2].reshape(-1, 6)
+        SIX, lambda n: _two_columns(n[:, [0, 2, 4, 1, 3, 5]]), lambda turns: turns.as_matrix()[:, :, :2].reshape(-1, 6)
     ),
 }
-SCALED = tuple(name for name, numbers in ROTATIONS.items() if numbers.width == 3)
+SCALED = tuple(name for name, numbers in ROTATIONS.items() if len(numbers.names) == 3)
 
 
 @dataclass(frozen=True)
@@ -116,13 +119,14 @@ class Convention:
         Raises:
             ValueError: wrong number of values, not finite, or not a rotation.
         """
-        width, read, _ = ROTATIONS[self.rotation]
-        if actions.ndim != 2 or actions.shape[1] != 4 + width:
-            raise ValueError(f"actions of shape {actions.shape}, expected (steps, {4 + width}) with {self.rotation}")
+        names, read, _ = ROTATIONS[self.rotation]
+        if actions.ndim != 2 or actions.shape[1] != 4 + len(names):
+            expected = f"(steps, {4 + len(names)}) with {self.rotation}"
+            raise ValueError(f"actions of shape {actions.shape}, expected {expected}")
         if not np.isfinite(actions).all():
             raise ValueError(f"an action is not finite: {actions[~np.isfinite(actions).all(axis=1)][0]}")
         shifts = actions[:, :3] * self.position_scale
-        turns = read(actions[:, 3:-1] * (self.rotation_scale if width == 3 else 1.0))
+        turns = read(actions[:, 3:-1] * (self.rotation_scale if self.rotation in SCALED else 1.0))
         now = Rotation.from_rotvec(hand[3:6])
         if self.pose:
             shifts, turns = shifts - hand[:3], turns * now.inv()
@@ -174,6 +178,12 @@ LAYOUTS: dict[str, Callable[[State], State]] = {
     "eef_pos3_quat4_gripper1": _quaternion,
     "eef_pos3_rpy3_pad1_gripper1": _from_down,
 }
+STATES = {  # what the numbers are called; opening: 1 for wide open
+    OWN: (*PLACE, *TURN, "opening"),
+    MEASURED: (*PLACE, *TURN, "left", "right"),
+    "eef_pos3_quat4_gripper1": (*PLACE, "qw", "qx", "qy", "qz", "opening"),
+    "eef_pos3_rpy3_pad1_gripper1": (*PLACE, "roll", "pitch", "yaw", "pad", "opening"),
+}
 
 
 def sent(layout: str, seen: Observation) -> State:
@@ -182,8 +192,3 @@ def sent(layout: str, seen: Observation) -> State:
     if layout == MEASURED and seen.fingers is not None:
         return np.concatenate([seen.state[:6], seen.fingers])
     return LAYOUTS[layout](seen.state)
-
-
-def layout_width(layout: str) -> int:
-    """The number of values in a layout."""
-    return len(LAYOUTS[layout](np.zeros(7, dtype=np.float32)))

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
-from vlafuzz.policies.clients.conventions import layout_width
+from vlafuzz.policies.clients.conventions import STATES
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
@@ -51,7 +51,7 @@ class GrootOptions(ProfiledOptions):
 
     def refusals(self) -> list[tuple[str, str]]:
         problems, layout = super().refusals(), self.layout
-        total, expected = sum(parts_of(self.state_key).values()), layout_width(layout) if layout else 0
+        total, expected = sum(parts_of(self.state_key).values()), len(STATES[layout]) if layout else 0
         if layout and total != expected:
             message = f"state_key: its parts have {total} numbers, {layout} has {expected}"
             problems.append((message, "such as state_key=x,y,z,roll,pitch,yaw,gripper:2"))

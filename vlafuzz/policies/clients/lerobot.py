@@ -13,7 +13,7 @@ from pydantic import Field
 
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.clients.conventions import ROTATIONS, layout_width
+from vlafuzz.policies.clients.conventions import ROTATIONS, STATES
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
@@ -130,11 +130,11 @@ def fitted(name: str, options: LeRobotOptions, config: Any) -> LeRobotOptions:
         raise UsageError(f"{name}: the policy has no actions", hint="name the folder of a policy")
     pictures, layout = _pictures(name, options, config), options.layout
     state = int(config.robot_state_feature.shape[0]) if config.robot_state_feature else 0
-    width = layout_width(layout) if layout else 0
+    width = len(STATES[layout]) if layout else 0
     if state != width:
         message = f"{name}: the policy takes {state} numbers of state, state={layout or 0} has {width}"
         raise UsageError(message, hint="name their layout: state=…")
-    actions, expected = int(config.action_feature.shape[0]), 4 + ROTATIONS[options.rotation].width
+    actions, expected = int(config.action_feature.shape[0]), 4 + len(ROTATIONS[options.rotation].names)
     if actions != expected:
         message = f"its actions have {actions} numbers, a hand's have {expected} with {options.rotation}"
         raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")

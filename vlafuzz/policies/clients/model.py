@@ -1,13 +1,27 @@
-"""A model as its options describe it: its spec, and the translation of observations and actions."""
+"""A model in its own terms: what is sent to it and what comes back, and how both are written down to train it with."""
 
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
+from vlafuzz.common.reading import read_json, validated
+from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.clients.conventions import sent
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, PLACE, ROTATIONS, STATES, Convention, sent
 from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
+from vlafuzz.policies.clients.servers import options_of
+
+PICTURES = "observation.images."
+_GRIPPER = {"open_positive": (-1.0, 1.0), "close_positive": (1.0, -1.0), "open_01": (0.0, 1.0), "close_01": (1.0, 0.0)}
+Written = NDArray[np.float32]
 
 
 class Model:
@@ -65,3 +79,107 @@ def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
         wrist = options.wrist_camera or (size if cameras else (SIDE, SIDE))
         cameras.append(CameraRequest("wrist", *wrist, role="wrist"))
     return tuple(cameras)
+
+
+class _Config(BaseModel):
+    """Of a policy that lerobot saved: what it takes, by name."""
+
+    input_features: dict[str, Any] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """What a policy sees and how it acts.
+
+    Attributes:
+        spec: of the policy; one without cameras gets a third-person picture.
+        convention: of its actions, as it writes them.
+        layout: of its state, a name of ``LAYOUTS``; our own where it asks for none.
+        pictures: names of its pictures, by camera.
+    """
+
+    spec: PolicySpec
+    convention: Convention
+    layout: str
+    pictures: Mapping[str, str]
+
+    @property
+    def action_names(self) -> list[str]:
+        """Of the numbers of an action; ``d`` begins those of a move."""
+        numbers = (*PLACE, *ROTATIONS[self.convention.rotation].names)
+        return [*(name if self.convention.pose else f"d{name}" for name in numbers), "gripper"]
+
+    @property
+    def state_names(self) -> list[str]:
+        return list(STATES[self.layout])
+
+    def state(self, seen: Observation) -> Written:
+        """What the policy is told of the robot, in its layout."""
+        return sent(self.layout, seen)
+
+    def written(self, action: NDArray[np.float64], hand: Written) -> Written:
+        """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it.
+
+        ``hand``: its state, ``(7,)`` as ``PolicySpec.state``.
+        """
+        numbers = self.convention.written(action[None], hand[:6].astype(np.float64))[0]
+        numbers[-1] = _GRIPPER[self.spec.action.gripper][int(action[6] > 0)]
+        return np.asarray(numbers, dtype=np.float32)
+
+    def answer(self, written: Written, hand: Written) -> NDArray[np.float64]:
+        """``(7,)`` in the units of the spec: what the policy answers where it writes this action."""
+        return written.astype(np.float64) if self.convention.plain else self.metric(written, hand)
+
+    def metric(self, written: Written, hand: Written) -> NDArray[np.float64]:
+        """``(7,)`` metres and radians; the gripper as it is written."""
+        (action,) = self.convention.moves(written[None].astype(np.float64), hand[:6].astype(np.float64))
+        return np.asarray(action)
+
+    @property
+    def key(self) -> str:
+        """All that decides which actions are written, as JSON."""
+        return json.dumps([asdict(self.convention), asdict(self.spec.action)], sort_keys=True)
+
+
+def interface_of(policy: str, spec: str) -> Interface:
+    """The interface of a policy by its name and its spec as JSON, as runs keep them. Connects to nothing.
+
+    Raises:
+        UsageError: the name has options or a spec that this version does not know, or a profile that is gone.
+    """
+    own, options = _spec(policy, json.loads(spec)), options_of(policy)
+    action, state = own.action, own.provenance.get("state", "")
+    units = {name: getattr(action, name) for name in ("rotation", "position_scale", "rotation_scale")}
+    convention = Convention(pose=False, tool=False, **units)
+    if isinstance(options, ProfiledOptions):
+        convention = options.convention
+    pictures = {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras}
+    return Interface(own, convention, state if state in LAYOUTS else OWN, pictures)
+
+
+def _spec(policy: str, written: Mapping[str, Any]) -> PolicySpec:
+    known = {part.name for part in fields(PolicySpec)} - {"action", "cameras"}
+    others = {"name": policy} | {name: value for name, value in written.items() if name in known}
+    try:
+        cameras = tuple(CameraRequest(**camera) for camera in written.get("cameras", ()))
+        action = ActionSpec(**written.get("action", {}))
+    except TypeError as error:
+        problem = f"{policy} is described as another version does: {error}"
+        raise UsageError(problem, hint="use the version that began the run") from None
+    return PolicySpec(**others, action=action, cameras=cameras or (CameraRequest("front", SIDE, SIDE),))
+
+
+def _picture(camera: str, policy: str, options: Any) -> str:
+    """The name of a camera's picture: our own, but for policies from a folder, which have theirs."""
+    if getattr(options, "protocol", None) != "lerobot":
+        return camera
+    key = "wrist_key" if camera == "wrist" else "image_key"
+    if key in options.model_fields_set:
+        return str(getattr(options, key)).removeprefix(PICTURES)
+    folder = policy.partition(":")[2].partition("?")[0]
+    config, hint = Path(folder).expanduser() / "config.json", "name the folder that lerobot saved"
+    if not config.is_file():
+        return camera
+    saved = validated(_Config, read_json(config, UsageError, hint), config, UsageError, hint)
+    names = [name.removeprefix(PICTURES) for name in saved.input_features if name.startswith(PICTURES)]
+    return names[0] if len(names) == 1 else camera

@@ -20,7 +20,7 @@ from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.libero.suites import PLACING, Atom
 
 if TYPE_CHECKING:
-    from vlafuzz.policies.clients.interface import Interface, Written
+    from vlafuzz.policies.clients.model import Interface, Written
 
 
 Array = NDArray[np.float64]

@@ -30,7 +30,7 @@ from vlafuzz.worlds.manipulation.rigs import LIBERO
 from vlafuzz.worlds.manipulation.space import TableWorld
 
 if TYPE_CHECKING:
-    from vlafuzz.policies.clients.interface import Interface
+    from vlafuzz.policies.clients.model import Interface
     from vlafuzz.worlds.recording import Recording
 
 

@@ -43,7 +43,7 @@ from vlafuzz.worlds.tabletop.tasks import task as task_named
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
 
 if TYPE_CHECKING:
-    from vlafuzz.policies.clients.interface import Interface
+    from vlafuzz.policies.clients.model import Interface
     from vlafuzz.worlds.recording import Recording
 
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.clients.interface import Interface, Written
+from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
