@@ -14,7 +14,7 @@ from tests.rollouts.models import Counter
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.batching import Request
 from vlafuzz.policies.serving.serve import PROTOCOLS, serving
-from vlafuzz.policies.serving.sessions import RequestGatherer
+from vlafuzz.policies.serving.sessions import ServedPolicy
 from vlafuzz.rollouts.policies import make_policy
 
 CLIENTS, STEPS = 8, 4
@@ -46,9 +46,9 @@ def act(instruction: str = "move") -> Request:
     return Request(act=[Observation("one", 0, instruction)])
 
 
-def rolling(policy: Counter, callers: int, wait: float = LONG) -> RequestGatherer:
+def rolling(policy: Counter, callers: int, wait: float = LONG) -> ServedPolicy:
     """A gatherer with as many live rollouts."""
-    gathered = RequestGatherer(policy, wait)
+    gathered = ServedPolicy(policy, wait)
     for caller in range(callers):
         gathered.ask(caller, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
     return gathered
@@ -103,7 +103,7 @@ def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():
         def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
             raise KeyboardInterrupt
 
-    gathered = RequestGatherer(Gone())
+    gathered = ServedPolicy(Gone())
     gathered.ask(0, Request(begin=[EpisodeStart("one", "move", "pick-up", 0)]))
     with pytest.raises(KeyboardInterrupt):
         gathered.ask(0, act())

@@ -16,7 +16,7 @@ from PIL import Image
 from pydantic import BaseModel, Field
 
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
+from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy
 from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
 from vlafuzz.policies.clients.options import ProfiledOptions
 from vlafuzz.policies.clients.wire import short
@@ -43,19 +43,34 @@ class _Pending:
     answer: Answer | None = None
 
 
-class RequestGatherer:
-    """One policy for many threads; it has no thread of its own.
+class ServedPolicy:
+    """One policy for many connections, each with a thread; it has no thread of its own.
 
     The first caller, while nobody else is being served, gathers the requests of the others until none has come for
     ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the answers. Requests
     that arrive meanwhile are gathered by the next caller.
+
+    Raises:
+        UsageError: the policy needs what no client can send.
     """
 
     def __init__(self, policy: Policy, wait: float = WAIT) -> None:
+        if policy.spec.privileged or policy.spec.silhouettes:
+            what = "the simulator's state" if policy.spec.privileged else "outlines"
+            hint = "serve one that takes pictures, proprioception and words, such as mini"
+            raise UsageError(f"{policy.spec.name} cannot be served: it wants {what}", hint)
+        self.spec, self._numbers = policy.spec, itertools.count()
         self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
         self._changed, self._busy, self._took = Condition(), False, 0.0
         self._pending: list[_Pending] = []
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
+
+    def session(self, header: str | None = None) -> ClientSession:
+        """The session of a new connection; ValueError when its header is malformed or continues a rollout."""
+        rollout = RolloutHeader.model_validate(json.loads(header or "{}"))
+        if sent := rollout.observations_sent:
+            raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")
+        return ClientSession(self, rollout, next(self._numbers))
 
     def ask(self, caller: int, request: Request) -> Sequence[ActionChunk]:
         """One chunk per observation; blocks until they are there, and raises what the policy raised."""
@@ -97,30 +112,11 @@ class RequestGatherer:
                 self._changed.notify_all()
 
 
-class ServedPolicy:
-    """A policy that serves many connections; UsageError when it needs what no client can send."""
-
-    def __init__(self, policy: Policy) -> None:
-        if policy.spec.privileged or policy.spec.silhouettes:
-            what = "the simulator's state" if policy.spec.privileged else "outlines"
-            hint = "serve one that takes pictures, proprioception and words, such as mini"
-            raise UsageError(f"{policy.spec.name} cannot be served: it wants {what}", hint)
-        self.spec, self.policy = policy.spec, RequestGatherer(policy)
-        self._numbers = itertools.count()
-
-    def session(self, header: str | None = None) -> ClientSession:
-        """The session of a new connection; ValueError when its header is malformed or continues a rollout."""
-        rollout = RolloutHeader.model_validate(json.loads(header or "{}"))
-        if sent := rollout.observations_sent:
-            raise ValueError(f"{sent} observations of this rollout came on a connection that is gone")
-        return ClientSession(self.spec, self.policy, rollout, next(self._numbers))
-
-
 class ClientSession:
     """A connection with its rollout."""
 
-    def __init__(self, spec: PolicySpec, policy: RequestGatherer, header: RolloutHeader, number: int) -> None:
-        self._spec, self._policy, self._header, self._number = spec, policy, header, number
+    def __init__(self, policy: ServedPolicy, header: RolloutHeader, number: int) -> None:
+        self._spec, self._policy, self._header, self._number = policy.spec, policy, header, number
         self._start: EpisodeStart | None = None
         self._begun = self._step = 0
 
