@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
+from tests.policies.rolled import outcomes
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement, Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS, GRASPS, Expert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 AROUND = (put("sprite_can", 0.02, 0.24), put("apple", -0.16, -0.22), put("sponge", 0.06, -0.20, 30.0))
 ON = [("plate", "sponge"), ("table_cloth", "coke_can"), ("large_plate", "apple"), ("plate", "carrot")]
@@ -65,9 +64,7 @@ class Slippery(Expert):
 
 
 def test_it_tries_again_when_the_object_slips():
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), Slippery(), CATALOGUE)
-    (outcome,) = evaluator.evaluate([pick_up(put("sponge", -0.05, 0.05))])
-    evaluator.close()
+    (outcome,) = outcomes(Slippery(), pick_up(put("sponge", -0.05, 0.05)))
     trace = outcome.rollouts[0].actions[:, 6]
     assert (np.diff(trace) < 0).sum() >= 2, "it closed only once"
     assert outcome.verdict is Verdict.PASSED
@@ -99,9 +96,7 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
 def test_it_comes_from_above_and_leaning_either_way(attempt: int):
     expert = Expert()
     expert.attempt = attempt
-    evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.0}), expert, CATALOGUE)
-    (outcome,) = evaluator.evaluate([nominal()])
-    evaluator.close()
+    (outcome,) = outcomes(expert, nominal(), min_distance=0.0)
     assert outcome.verdict is Verdict.PASSED
     (rollout,) = outcome.rollouts
     turned = np.abs(rollout.actions[:, 3:5]).max()

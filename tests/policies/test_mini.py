@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.policies.rolled import outcomes
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
@@ -23,7 +23,6 @@ from vlafuzz.policies.mini.policy import CAMERA, CARD, SHIPPED, WEIGHTS, Mini, r
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import default_policy
 from vlafuzz.worlds.tabletop.renderer import Renderer
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
@@ -37,12 +36,7 @@ class Blind(Mini):
 
 
 def verdict(scene: Scene, policy: Mini | None = None) -> Verdict:
-    evaluator = ManiSkillEvaluator(
-        Conditions(task=scene.task, world={"min_distance": 0.15}, stop_early=True), policy or Mini(), CATALOGUE
-    )
-    (outcome,) = evaluator.evaluate([scene])
-    evaluator.close()
-    return outcome.verdict
+    return outcomes(policy or Mini(), scene, stop_early=True)[0].verdict
 
 
 @pytest.mark.render

@@ -1,27 +1,18 @@
 """The pinhole fails for physical reasons, and for no others."""
 
 import dataclasses
-from contextlib import closing
 
 import numpy as np
 import pytest
 
+from tests.policies.rolled import outcomes
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole, _named
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 SCENE = nominal("pick-up")
-
-
-@pytest.fixture(scope="module")
-def evaluator():
-    conditions = Conditions(task="pick-up", world={"min_distance": 0.15})
-    with closing(ManiSkillEvaluator(conditions, Pinhole(), CATALOGUE)) as opened:
-        yield opened
 
 
 SPOON = {"targets": (Placement("spoon", "lying", -0.05, 0.0),), "instruction": "pick up spoon"}
@@ -39,14 +30,9 @@ SPOON = {"targets": (Placement("spoon", "lying", -0.05, 0.0),), "instruction": "
         (SPOON | {"light": Light(20.0)}, Verdict.FAILED),
     ],
 )
-def test_a_camera_that_is_moved_and_glare_make_it_miss(evaluator, changes, expected):
-    assert evaluator.evaluate([dataclasses.replace(SCENE, **changes)])[0].verdict is expected
-
-
-def test_the_same_scene_gives_the_same_trajectory(evaluator):
-    turned = dataclasses.replace(SCENE, camera=Camera(roll=2.0, yaw=-1.5))
-    hashes = {evaluator.evaluate([turned])[0].rollouts[0].states_hash for _ in range(2)}
-    assert len(hashes) == 1
+def test_a_camera_that_is_moved_and_glare_make_it_miss(changes, expected):
+    (outcome,) = outcomes(Pinhole(), dataclasses.replace(SCENE, **changes))
+    assert outcome.verdict is expected
 
 
 def test_a_wording_that_names_the_objects_in_another_order_swaps_them():
@@ -59,10 +45,8 @@ def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
     two = nominal("put-on")
     stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
     never = dataclasses.replace(stepwise, then=())
-    evaluator = ManiSkillEvaluator(Conditions(task="put-on", world={"min_distance": 0.15}), Pinhole(), CATALOGUE)
-    plain, named_later, never_named = (outcome.verdict for outcome in evaluator.evaluate([two, stepwise, never]))
-    evaluator.close()
-    assert (plain, named_later, never_named) == (Verdict.PASSED, Verdict.PASSED, Verdict.FAILED)
+    verdicts = [outcome.verdict for outcome in outcomes(Pinhole(), two, stepwise, never)]
+    assert verdicts == [Verdict.PASSED, Verdict.PASSED, Verdict.FAILED]
 
 
 def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
@@ -72,11 +56,8 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
         Placement("apple", "resting", -0.071, 0.008, -51.0),
     )
     targets = (Placement("eggplant", "lying", -0.058, -0.048, -19.0), Placement("basket", "flat", -0.05, 0.18, 158.0))
-    evaluator = ManiSkillEvaluator(Conditions(task="put-in", world={"min_distance": 0.0}), Pinhole(), CATALOGUE)
-    (mixed_up,) = evaluator.evaluate(
-        [Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)]
-    )
-    evaluator.close()
+    scene = Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)
+    (mixed_up,) = outcomes(Pinhole(), scene, min_distance=0.0)
     assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")
 
 

@@ -205,7 +205,7 @@ class WebSocketConnection:
         self.url, self._timeout = url, timeout
         self._stack = ExitStack()
         with self._blamed(min(timeout, OPENING)):
-            self._socket = self._stack.enter_context(
+            self._socket = self._stack.enter_context(  # as a function, `connect` is deprecated
                 client.connect(
                     url,
                     open_timeout=min(timeout, OPENING),
