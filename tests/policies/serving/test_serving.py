@@ -33,7 +33,7 @@ from vlafuzz.policies.clients.openvla import decode, encode
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen, Random
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.policies.serving import http
+from vlafuzz.policies.serving import serve
 from vlafuzz.policies.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.experts.expert import Expert
@@ -304,8 +304,8 @@ def connected(name: str) -> socket.socket:
 
 def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, monkeypatch):
     over = threading.Semaphore(0)
-    close = http._Server.shutdown_request
-    monkeypatch.setattr(http._Server, "shutdown_request", lambda *given: (close(*given), over.release()))
+    close = serve._Server.shutdown_request
+    monkeypatch.setattr(serve._Server, "shutdown_request", lambda *given: (close(*given), over.release()))
     with serving(echo, "http") as name:
         for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
             with connected(name) as client:
