@@ -18,44 +18,31 @@ from tests.policies.clients.served import (
     start,
     still_open,
 )
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
-SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
 STILL = [0.0] * 6 + [1.0]
 
 
 class TestRollouts:
     """Whole rollouts in the simulator are the same over the wire as without it."""
 
-    def same_as_in_process(self, make, options: str = "", verdict: Verdict = Verdict.FAILED, **server: object) -> None:
-        conditions = Conditions(task="pick-up", world={"min_distance": 0.15})
-        with serving(Served(make(), **server)) as name:
-            there = ManiSkillEvaluator(conditions, make_policy(name + options), CATALOGUE)
-            here = ManiSkillEvaluator(conditions, make(), CATALOGUE)
-            for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
-                assert verdict is far.verdict is near.verdict, far.detail
-                assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
-                assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
-            there.close()
-            here.close()
-
     def test_chunks_that_the_server_keeps(self):
-        self.same_as_in_process(Attentive, chunk_size=3)
+        with serving(Served(Attentive(), chunk_size=3)) as name:
+            check_same_as_in_process(name, Attentive, Verdict.FAILED)
 
     @pytest.mark.render
     def test_mini(self):
-        options = "?camera=128&execute=1&relative_to=current&state=1"
-        self.same_as_in_process(Mini, options, Verdict.PASSED)
+        with serving(Served(Mini())) as name:
+            options = "?camera=128&execute=1&relative_to=current&state=1"
+            check_same_as_in_process(name + options, Mini, Verdict.PASSED)
 
 
 class TestWire:

@@ -22,10 +22,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.policies.clients.served import STATE, Attentive, asked, failure, seen, start
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
 from vlafuzz.errors import PolicyError, UsageError
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
@@ -37,10 +36,8 @@ from vlafuzz.policies.serving import serve
 from vlafuzz.policies.serving.serve import PROTOCOLS, says_of, serving
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
-SCENES = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
 
 
 @pytest.fixture(params=PROTOCOLS)
@@ -71,17 +68,8 @@ SERVED = {
     "served", [pytest.param(name, marks=pytest.mark.render if name in ("pictures", "mini") else ()) for name in SERVED]
 )
 def test_whole_rollouts_are_those_in_process_action_for_action(served, protocol):
-    make, conditions = SERVED[served], Conditions(task="pick-up", world={"min_distance": 0.15})
-    with serving(make(), protocol) as name:
-        there = ManiSkillEvaluator(conditions, make_policy(name), CATALOGUE)
-        here = ManiSkillEvaluator(conditions, make(), CATALOGUE)
-        for far, near in zip(there.evaluate(SCENES), here.evaluate(SCENES), strict=True):
-            assert far.verdict is near.verdict, far.detail
-            assert near.verdict is (Verdict.PASSED if served == "mini" else Verdict.FAILED)
-            assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
-            assert far.rollouts[0].states_hash == near.rollouts[0].states_hash
-        there.close()
-        here.close()
+    with serving(SERVED[served](), protocol) as name:
+        check_same_as_in_process(name, SERVED[served], Verdict.PASSED if served == "mini" else Verdict.FAILED)
 
 
 class Echo:
