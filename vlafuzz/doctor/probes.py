@@ -108,9 +108,9 @@ class Recorder(Lent):
         self._ended = time.perf_counter()
         self.seconds.append(self._ended - began)
         self._answers += 1
-        self.longest = max(self.longest, len(answer))
+        self.longest = max(self.longest, len(answer.actions))
         if self.most is not None:
-            self.moments.append(Moment(self._start, observations[0], answer[: self.spec.execute]))
+            self.moments.append(Moment(self._start, observations[0], answer.actions[: self.spec.execute]))
         return chunks
 
     @contextmanager
@@ -313,7 +313,8 @@ def _answers(policy: Policy, moments: Sequence[Moment], steps: int) -> Iterator[
                 pairs = zip(moments, begun, strict=True)
                 shown = [replace(of.seen, episode=start.episode, step=step) for of, start in pairs]
                 spec = policy.spec
-                yield check_chunks(policy.act(shown), len(shown), spec.name, spec.action.width)
+                chunks = check_chunks(policy.act(shown), len(shown), spec.name, spec.action.width)
+                yield [chunk.actions for chunk in chunks]
     finally:
         finish(policy, begun)
 

@@ -109,7 +109,7 @@ class BatchingPolicy:
         try:
             with blamed_on(self._name):
                 width = self._policy.spec.action.width
-                chunks = check_chunks(self._policy.act(batch), len(batch), self._name, width)
+                return check_chunks(self._policy.act(batch), len(batch), self._name, width)
         except PartlyAnsweredError as partly:
             return [_plain(answer) if isinstance(answer, PolicyError) else answer for answer in partly.answers]
         except PolicyError as error:
@@ -117,7 +117,6 @@ class BatchingPolicy:
                 return [_plain(error)]
             # One observation's error must not cost the others their answers.
             return [chunk for observation in batch for chunk in self._act([observation])]
-        return [ActionChunk(chunk) for chunk in chunks]
 
     def _finish(self, names: Sequence[str]) -> None:
         finish(self._policy, [self._live.pop(name) for name in names if name in self._live])

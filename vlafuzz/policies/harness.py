@@ -67,7 +67,7 @@ def ask(policy: Policy, observation: Observation) -> ActionChunk:
     """
     name = policy.spec.name
     with blamed_on(name):
-        return ActionChunk(check_chunks(policy.act([observation]), 1, name, policy.spec.action.width)[0])
+        return check_chunks(policy.act([observation]), 1, name, policy.spec.action.width)[0]
 
 
 class PartlyAnsweredError(PolicyError):
@@ -139,15 +139,15 @@ class Gripper:
         return self._now
 
 
-def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str, width: int = WIDTH) -> list[Array]:
-    """The actions of each chunk, ``(steps, width)``; PolicyError for a wrong number, shape or value."""
+def check_chunks(chunks: Sequence[ActionChunk], expected: int, name: str, width: int = WIDTH) -> list[ActionChunk]:
+    """The chunks with actions as floats, ``(steps, width)``; PolicyError for a wrong number, shape or value."""
     if len(chunks) != expected:
         message = f"{name}: {expected} observations, {len(chunks)} chunks of actions"
         raise PolicyError(message, "answer every observation with one chunk", "bad_action")
     return [_check(chunk, name, width) for chunk in chunks]
 
 
-def _check(chunk: ActionChunk, name: str, width: int) -> Array:
+def _check(chunk: ActionChunk, name: str, width: int) -> ActionChunk:
     given = np.asarray(getattr(chunk, "actions", chunk))
     if given.dtype.kind in _NOT_REAL:
         raise PolicyError(f"{name}: actions are {given.dtype.name}, not real numbers", cause="bad_action")
@@ -156,7 +156,7 @@ def _check(chunk: ActionChunk, name: str, width: int) -> Array:
         message = f"{name}: actions of shape {actions.shape}"
         raise PolicyError(message, f"expected (steps, {width}), at least one step", "bad_action")
     _check_finite(actions, name)
-    return actions
+    return ActionChunk(actions)
 
 
 def _check_finite(actions: Array, name: str) -> None:

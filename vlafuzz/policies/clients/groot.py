@@ -115,8 +115,7 @@ class Groot:
         with wire.read(self._name, "bad_action"):
             pairs = zip(self._joined(reply[0], len(observations)), observations, strict=True)
             chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
-        check_chunks(chunks, len(observations), self._name)
-        return chunks
+        return check_chunks(chunks, len(observations), self._name)
 
     def close(self) -> None:
         if self._connection is not None:

@@ -79,7 +79,7 @@ class LeRobot:
         for seen in observations:
             try:
                 with blamed_on(self._name):
-                    answers += map(ActionChunk, check_chunks([ActionChunk(self._act(seen))], 1, self._name))
+                    answers += check_chunks([ActionChunk(self._act(seen))], 1, self._name)
             except PolicyError as error:
                 answers.append(error)
         return answered(answers)

@@ -118,7 +118,7 @@ class Sessions(ABC):
 
     def _answer(self, until: float, session: Session, seen: Observation) -> ActionChunk:
         chunk = ActionChunk(self._receive(session, seen, until - time.monotonic()))
-        return ActionChunk(*check_chunks([chunk], 1, self._name))
+        return check_chunks([chunk], 1, self._name)[0]
 
     def _tried(self, step: Callable[[Session, Observation], T], seen: Observation) -> T | PolicyError:
         """What a step of a live rollout gives, or why it gives nothing: then its connection is closed."""
