@@ -84,7 +84,7 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
     with faulty(protocol, faults) as name:
         executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout={STALL / 2}"), lanes=3)
         faults.begin()
-        outcomes = executor.evaluate(sampled(4), [0] * 4)
+        ((_, outcomes),) = executor.run([(0, sampled(4))])
         executor.close()
     broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
     assert faults.came[:2] == ["drop", "garbage"]
