@@ -11,20 +11,21 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from math import ceil, log2
+from typing import Any
 
 import numpy as np
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import percent
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.breaking import Belief, Shape, believe, likeliest
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.regress import Comparison, Progress, compare
+from vlafuzz.failures.corpus.regress import Comparison, compare
 from vlafuzz.failures.corpus.sides import Answers, Recorded, Side
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
 CLEAR = 10  # a comparison ends where its checkpoint is broken or works but for this part of the error
-Watch = Callable[[str, int, int], None]  # a checkpoint, its rollouts, and their largest number
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +146,7 @@ def bisect(
     error: float = 0.05,
     comparisons: int | None = None,
     deadline: Deadline | None = None,
-    watch: Watch = lambda checkpoint, done, most: None,
+    watch: Watch = SILENT,
 ) -> Bisection:
     """Name the first broken one of checkpoints in the order of their training.
 
@@ -158,7 +159,6 @@ def bisect(
         error: the search ends where the probability that anything else happened is at most this. comparisons: at most;
         by default ``most_comparisons``.
         deadline: after which no rollout is begun.
-        watch: called after every rollout.
 
     Raises:
         UsageError: there are fewer than two checkpoints, or one twice.
@@ -216,9 +216,7 @@ class _Search:
     def begin(self, side: Side, alpha: float) -> Comparison:
         """Compare the last checkpoint with the baseline until it is shown to be worse."""
         last = len(self._checkpoints) - 1
-        compared = compare(
-            self._probes, side, self._baseline, alpha=alpha, deadline=self._deadline, watch=self._progress(last)
-        )
+        compared = self._compared(last, self._probes, side, alpha=alpha)
         if not compared.tells:
             raise unjudged(side, compared)
         self._see(last, compared)
@@ -244,9 +242,7 @@ class _Search:
         clear = self._error / CLEAR
         located = self.belief.if_one_step.max() >= 1 - self._error
         while block := self._probes[self.ran[index] :][:BLOCK]:
-            compared = compare(
-                block, side, self._baseline, whole=True, deadline=self._deadline, watch=self._progress(index)
-            )
+            compared = self._compared(index, block, side, whole=True)
             over = compared.stopped == "time"
             if not (compared.controls.policy.of or over):
                 raise unjudged(side, compared)
@@ -256,6 +252,10 @@ class _Search:
             if over or told or self._certain:
                 break
         self._end(index, blocks)
+
+    def _compared(self, index: int, probes: Sequence[Probe], side: Side, **options: Any) -> Comparison:
+        options |= {"deadline": self._deadline, "watch": self._watch, "doing": f"rollouts of {side.name}"}
+        return compare(probes, side, self._baseline, before=self.ran[index], most=len(self._probes), **options)
 
     @property
     def _certain(self) -> bool:
@@ -287,10 +287,6 @@ class _Search:
     def _broken(self, index: int) -> float:
         """The probability that a checkpoint is broken, if the loss comes in one step."""
         return min(float(self.belief.if_one_step[: index + 1].sum()), 1.0)
-
-    def _progress(self, index: int) -> Callable[[Progress], None]:
-        begun, name = self.ran[index], self._checkpoints[index]
-        return lambda now: self._watch(name, begun + now.done, len(self._probes))
 
 
 def unjudged(side: Side, compared: Comparison) -> PrerequisiteError:

@@ -5,12 +5,13 @@ regresses to its mean. So a cause of the first policy is fixed only if the secon
 same jittered scenes, and one of the second policy is new likewise.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 from pathlib import Path
 from typing import Literal
 
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
@@ -27,7 +28,6 @@ from vlafuzz.store.store import Store
 PAIRS = 8  # rollouts of each policy for a cause, at least; five of five or seven of eight show a change
 Standing = Literal["fixed", "remaining", "new", "unclear", "not judged"]
 ORDER: tuple[Standing, ...] = ("new", "remaining", "fixed", "unclear", "not judged")
-Watch = Callable[[int, int], None]  # rollouts done, and all
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -178,13 +178,7 @@ def _of_store(store: Store, run: int | None, label: str) -> Known:
 
 
 def diff(
-    a: Known,
-    b: Known,
-    in_a: tuple[Side, Side],
-    in_b: tuple[Side, Side],
-    *,
-    alpha: float = 0.05,
-    watch: Watch = lambda done, most: None,
+    a: Known, b: Known, in_a: tuple[Side, Side], in_b: tuple[Side, Side], *, alpha: float = 0.05, watch: Watch = SILENT
 ) -> Difference:
     """Roll out both policies in the scenes of the first one's failures, and in those of the second one's.
 
@@ -214,7 +208,8 @@ def roll_out(known: Known, other: Side, own: Side, alpha: float, watch: Watch) -
         alpha=alpha,
         repeats=known.repeats,
         whole=True,
-        watch=lambda now: watch(now.done, now.most),
+        watch=watch,
+        doing="rollouts where one of the policies fails",
     )
 
 

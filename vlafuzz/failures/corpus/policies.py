@@ -55,9 +55,6 @@ def compare_policies(
     _check_power(folder, corpus, scenes[:max_rollouts], baseline, alpha, watch)
     most = rollouts_of(scenes, max_rollouts)
 
-    def progress(now: regress.Progress) -> None:
-        watch.progress(f"rollouts, {now.worse} worse, {now.better} better", now.done, now.most)
-
     with ExitStack() as stack:
         new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
         old = _baseline(folder, corpus, baseline, stack, watch)
@@ -67,7 +64,7 @@ def compare_policies(
             f"at most {most if baseline is None else 2 * most} rollouts"
         )
         return regress.compare(
-            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=progress
+            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=watch
         )
 
 
@@ -101,9 +98,6 @@ def diff_policies(
     rollouts = sum(2 * sum(tested.repeats) for tested in (first, second))
     watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
 
-    def progress(done: int, most: int) -> None:
-        watch.progress("rollouts where one of the policies fails", done, most)
-
     with ExitStack() as stack:
 
         def side(model: Model, tested: Known) -> Side:
@@ -111,7 +105,7 @@ def diff_policies(
             return stack.enter_context(closing(Rerun(model.short, tested.runs, make)))
 
         in_a, in_b = ((side(one, tested), side(other, tested)) for tested in (first, second))
-        return diff.diff(first, second, in_a, in_b, alpha=alpha, watch=progress)
+        return diff.diff(first, second, in_a, in_b, alpha=alpha, watch=watch)
 
 
 def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str | None) -> tuple[Model, Model]:
@@ -162,9 +156,6 @@ def bisect_checkpoints(
         f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
     )
 
-    def progress(checkpoint: str, done: int, most: int) -> None:
-        watch.progress(f"rollouts of {checkpoint}", done, most)
-
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
         # The last one is opened first; the others' notes are the same.
@@ -183,7 +174,7 @@ def bisect_checkpoints(
             error=error,
             comparisons=most,
             deadline=deadline,
-            watch=progress,
+            watch=watch,
         )
 
 

@@ -6,12 +6,13 @@ the corpus's own policy, so that any other one regresses to its mean in them. Th
 but never raise an alarm.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.statistics import Interval, newcombe
+from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.failures.corpus.pairs import Change, Compared, Group, Pair, Probe, Tally, change
 from vlafuzz.failures.corpus.sides import Recorded, Side
 from vlafuzz.failures.corpus.sign_test import SignTest
@@ -19,15 +20,6 @@ from vlafuzz.failures.corpus.sign_test import SignTest
 REPEATS = 3  # of each scene that is no control
 PATIENCE = 10  # give up after so many pairs if none of them could be judged
 Stopped = Literal["worse", "unjudged", "time", "done"]
-
-
-class Progress(NamedTuple):
-    """State of a comparison: pairs done, of at most ``most``, and the controls that differ."""
-
-    done: int
-    most: int
-    worse: int
-    better: int
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -165,7 +157,10 @@ def compare(
     max_rollouts: int | None = None,
     whole: bool = False,
     deadline: Deadline | None = None,
-    watch: Callable[[Progress], None] = lambda progress: None,
+    watch: Watch = SILENT,
+    doing: str = "rollouts",
+    before: int = 0,
+    most: int | None = None,
 ) -> Comparison:
     """Roll out both in every control once, then some times in each of the other scenes, round by round.
 
@@ -176,7 +171,7 @@ def compare(
         max_rollouts: of the policy; None for all of these.
         whole: do not stop at an alarm.
         deadline: after which no rollout is begun.
-        watch: called after every pair.
+        doing: for ``watch``, which is told after every pair; ``before`` it were so many, of ``most`` in all.
     """
     order = _order(probes, repeats)[:max_rollouts]
     controls = sum(probes[index].group == "control" for index, _ in order)
@@ -195,7 +190,8 @@ def compare(
         if pair.discordant and probes[index].group == "control":
             test.see(worse=pair.worse)
         test.whole = done >= controls
-        watch(Progress(done, len(order), test.worse, test.better))
+        counts = f", {test.worse} worse, {test.better} better" if controls else ""
+        watch.progress(doing + counts, before + done, most or len(order))
         if (test.alarm and not whole) or (done >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break
