@@ -97,6 +97,7 @@ class World:
 
     Attributes:
         rate: of failure inside a fault; below 1 the policy is flaky.
+        background: rate of failure where no fault is, by chance.
         signal: what times of success tell: ``smooth``, how near a fault is; ``flat``, nothing; ``noise``.
     """
 
@@ -105,6 +106,11 @@ class World:
     rate: float
     signal: Signal
     seed: int
+    background: float = 0.0
+
+    def fails(self, scene: Scene) -> float:
+        """The true failure rate in a scene."""
+        return 1 - (1 - self.background) * (1 - self.rate * bool(self.met(scene)))
 
     def met(self, scene: Scene) -> list[int]:
         """The faults whose conditions a scene meets."""
@@ -119,8 +125,9 @@ class World:
         rng = np.random.default_rng([self.seed, int(scene.digest[:16], 16), number])
         met = self.met(scene)
         noise = float(rng.random())
-        if met and rng.random() < self.rate:
-            reached = stages[: min(self.faults[index].stage for index in met)]
+        lost = min((self.faults[index].stage for index in met), default=0)
+        if (met and rng.random() < self.rate) or rng.random() < self.background:
+            reached = stages[:lost]
             return Outcome.of((_rollout(scene, (len(reached) + 0.5 * noise) / len(stages), reached, LATEST),), stages)
         late = {"smooth": self._nearness(scene), "flat": 0.5, "noise": noise}[self.signal]
         steps = SOONEST + round(late * (LATEST - SOONEST))
@@ -132,7 +139,7 @@ class World:
             sum(condition.margin(values, spans) for condition in fault.conditions) / len(fault.conditions)
             for fault in self.faults
         ]
-        return float(1 - min(1.0, 2 * min(margins)))
+        return float(1 - min(1.0, 2 * min(margins, default=1.0)))
 
 
 def _rollout(scene: Scene, progress: float, reached: Sequence[str], steps: int) -> Rollout:

@@ -73,7 +73,7 @@ class Triages:
 
     def __init__(self, world: World, tried: Sequence[Tried]) -> None:
         self._world, self._tried = world, tried
-        self._passing = [scene for scene, judged in self._tried if not judged.failed]
+        self._trials = [(scene, judged.failed) for scene, judged in self._tried]
         self._done: dict[str, Done] = {}
 
     def course(self, split: float, budget: int, *, certified: bool) -> Course:
@@ -82,7 +82,7 @@ class Triages:
         tried = self._tried[:spent]
         course, verdicts, known = Course(), list[Verdict](), set[tuple[str, int]]()
         course.touched.append((spent, touched(self._world, tried)))
-        for scene in _cells_first([pair for pair in tried if pair[1].failed]):
+        for scene in cells_first([pair for pair in tried if pair[1].failed]):
             if spent >= budget:
                 break
             done = self._triage(scene)
@@ -96,7 +96,7 @@ class Triages:
     def _triage(self, scene: Scene) -> Done:
         if scene.digest not in self._done:
             runner = Runner(self._world)
-            triaged = Triager(runner, passing=self._passing).triage(Finding(scene, "", 0, 0, ""))
+            triaged = Triager(runner, trials=self._trials).triage(Finding(scene, "", 0, 0, ""))
             verdict = None
             if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)
@@ -112,7 +112,7 @@ def _shrinking(tries: Sequence[tuple[str, int]]) -> Sequence[tuple[str, int]]:
     return [(digest, number) for digest, number in tries[:last] if number < CERTIFYING]
 
 
-def _cells_first(failures: Sequence[Tried]) -> list[Scene]:
+def cells_first(failures: Sequence[Tried]) -> list[Scene]:
     """As triage orders findings: the first of every cell before the second of any."""
     cells = defaultdict(list)
     for scene, judged in failures:

@@ -118,7 +118,7 @@ def _read_store(rng: Rng, path: Path) -> None:
         runs = store.runs()
         for run in runs:
             trials = list(store.trials(run.id))
-            store.stored(run.id, 0, 10), store.passing(run.id), store.causes(run.id), store.findings(run.id)
+            store.stored(run.id, 0, 10), store.outcomes_by_scene(run.id), store.causes(run.id), store.findings(run.id)
             if trials:
                 store.known(trials[0].scene, run.manifest.key())
         store.triaged(), store.findings()

@@ -31,7 +31,7 @@ def changed(path: Path, original: bytes, *statements: str) -> Path:
 def read_all(path: Path) -> None:
     with Store.open(path) as store:
         for run in store.runs():
-            list(store.trials(run.id)), store.passing(run.id), store.causes(run.id), store.findings(run.id)
+            list(store.trials(run.id)), store.outcomes_by_scene(run.id), store.causes(run.id), store.findings(run.id)
         store.triaged()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import count_of, interval, percent, plural
 from vlafuzz.failures.described import DescribedFailure, Spaces, described, title_of
-from vlafuzz.failures.triage.oracle import ONE_HALF
+from vlafuzz.failures.triage.contrast import HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
@@ -235,14 +235,19 @@ def _target_types(space: Space, cause: FoundCause, triaged: Triaged | None) -> t
     if cause.scene is None or space.subject not in cause.operators:
         return ()
     without = _without_types(space, triaged)
-    if without and without.low > ONE_HALF:  # it fails with the nominal objects, too
-        return ()
+    if triaged and triaged.certified and without and _differ(triaged.certified, without) < HOPELESS:
+        return ()  # it fails with the nominal objects, too
     return tuple(space.subjects(cause.scene))
 
 
 def _without_types(space: Space, triaged: Triaged | None) -> Rate | None:
     """How often the policy fails with the nominal targets in the scene; None if that was not tried."""
     return triaged.counterpart_rates.get(space.subject) if triaged else None
+
+
+def _differ(rate: Rate, without: Rate) -> float:
+    """The probability that a rate is above another one by more than the least effect of a cause."""
+    return likely(rate.failures, rate.rollouts, without.failures, without.rollouts)
 
 
 def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, triaged: Triaged | None) -> tuple[str, ...]:
@@ -252,7 +257,8 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
         without, evidence = _without_types(space, triaged), ""
         if certified and without and without.rollouts:
             counts = f"with the nominal objects {without.failures} of {without.rollouts} rollouts fail"
-            evidence = f" ({'not certified: ' * (without.high >= ONE_HALF)}{counts})"
+            shown = triaged is not None and triaged.certified and _differ(triaged.certified, without) > 1 - HOPELESS
+            evidence = f" ({'' if shown else 'not certified: '}{counts})"
         elif certified:
             evidence = " (not certified)"
         parts.append(f"{space.subject}: {subjects}{evidence}")

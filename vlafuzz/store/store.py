@@ -172,14 +172,14 @@ class Store:
                 trial = rows.to_trial(row, self._rollouts(row["id"]))
             yield trial
 
-    def passing(self, run: int) -> list[Scene]:
-        """The scenes in which the policy passed in a run, each once."""
+    def outcomes_by_scene(self, run: int) -> list[tuple[Scene, bool]]:
+        """The scenes that passed or failed in a run, each once, and whether the policy failed."""
         query = (
-            "SELECT * FROM scene WHERE digest IN"
-            " (SELECT scene FROM trial WHERE run = ? AND verdict = 'passed') ORDER BY digest"
+            "SELECT scene.*, max(verdict = 'failed') AS failed FROM scene JOIN trial ON trial.scene = scene.digest"
+            " WHERE run = ? AND verdict IN ('passed', 'failed') GROUP BY digest ORDER BY digest"
         )
         with intact(self.path):
-            return [rows.to_scene(row) for row in self._select(query, run)]
+            return [(rows.to_scene(row), bool(row["failed"])) for row in self._select(query, run)]
 
     def count(self, run: int) -> int:
         """Number of trials of a run."""

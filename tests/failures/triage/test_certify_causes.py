@@ -85,7 +85,7 @@ def test_the_next_commonest_cause_takes_the_place_of_one_that_does_not_hold(stor
 
 
 def test_no_cause_takes_the_place_of_another_once_the_rollouts_of_the_run_are_spent(store):
-    (found,) = certified(store(SLIGHT, dark(0)), PlantedRunner([TILTED], rate=0.5))
+    (found,) = certified(store(SLIGHT, dark(0)), PlantedRunner([TILTED], rate=0.4))
     assert found.bucket != "minimal"
     assert found.policy_rollouts > 60
 
@@ -103,4 +103,5 @@ def test_a_cause_that_the_targets_type_is_part_of_is_tried_with_the_nominal_targ
     (found,) = certified(opened, PlantedRunner([DARK, other]))
     rate = found.counterpart_rates["target-type"]
     assert (found.bucket, found.operators, set(found.counterparts)) == ("minimal", ("light",), {"light"})
-    assert (rate.failures, rate.rollouts) == (0 if needs_type else 5, 5)
+    assert rate.rollouts >= 4
+    assert rate.failures == (0 if needs_type else rate.rollouts)

@@ -64,7 +64,7 @@ class Job(NamedTuple):
     run: Run
     findings: Sequence[Finding]
     max_rollouts: int | None
-    passing: Sequence[Scene]
+    trials: Sequence[tuple[Scene, bool]]
     blamed: Mapping[Scene, Sequence[str]]
     known: Sequence[Triaged] | None
     repeats: Repeats
@@ -72,7 +72,7 @@ class Job(NamedTuple):
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
         until = deadline or Deadline()
-        about = runner, self.max_rollouts, self.passing, self.blamed
+        about = runner, self.max_rollouts, self.trials, self.blamed
         return Triager(*about, repeats=self.repeats, lessen=self.lessen, deadline=until)
 
 

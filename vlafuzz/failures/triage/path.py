@@ -67,7 +67,7 @@ class Path:
         self._space, self._scene = space, scene
         self._values, self._start = space.values(scene), _start(space, reference)
         self._away = {
-            gene: _steps(gene, self._start[gene.path], self._values[gene.path])
+            gene: steps(gene, self._start[gene.path], self._values[gene.path])
             for gene in genes
             if gene.kind != "category"
         }
@@ -91,7 +91,7 @@ class Path:
         return self._space.compose(values)
 
 
-def _steps(gene: Gene, start: float, value: float) -> int:
+def steps(gene: Gene, start: float, value: float) -> int:
     """Number of levels from one value to another; angles go the shorter way round."""
     grid = gene.grid
     away = grid.snap(value) - grid.snap(start)

@@ -127,7 +127,7 @@ def triage(
             runs[number],
             list(some),
             max_rollouts,
-            store.passing(number),
+            store.outcomes_by_scene(number),
             _blamed(store, by_key[runs[number].manifest.key()]),
             None,
             store.repeats(number, made),
@@ -162,7 +162,7 @@ def triage(
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     """The job of some findings of a run, with what that run knows; they know nothing of each other."""
-    return Job(run, findings, None, store.passing(run.id), _blamed(store, [run.id]), None, {})
+    return Job(run, findings, None, store.outcomes_by_scene(run.id), _blamed(store, [run.id]), None, {})
 
 
 def certify_causes(

@@ -36,9 +36,14 @@ class Crossing:
         self._weight = np.sqrt(self._width) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
         self._weight /= self._weight.sum()
 
-    def add(self, step: float, failures: int, rollouts: int) -> None:
-        """Take the outcomes of rollouts at one step into account."""
+    def add(self, step: float, failures: int, rollouts: int, otherwise: float = 0.0) -> None:
+        """Take the outcomes of rollouts at one step into account.
+
+        Args:
+            otherwise: probability that such a rollout fails for another reason.
+        """
         rate = self._low + (self._high - self._low) / (1 + np.exp(-self._scaled(step)))
+        rate = otherwise + (1 - otherwise) * rate
         self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
         self._weight /= self._weight.sum()
 

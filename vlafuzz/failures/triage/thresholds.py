@@ -14,6 +14,7 @@ PLACES = 7  # along a path, from the reference to the end of the range
 NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower,
 NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
 MOST = 12  # rollouts that narrow down a crossing, where the failure rate rises slowly
+FEW, SELDOM = 8, 0.25  # outcomes of a run that make a survey superfluous; of those beyond the scene, so few pass
 AGREE, DISAGREE = 5, 2  # a surprising answer stands if it comes five times before the other one comes twice
 _INTERVAL = (0.025, 0.975)  # 95 %
 _LIKELY = (1 / 3, 2 / 3)  # the next rollouts are where the crossing is below with these probabilities
@@ -50,16 +51,36 @@ class Located(NamedTuple):
     ranges: tuple[tuple[int, int | None], ...]
 
 
-def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Located | None:
+class Seen(NamedTuple):
+    """Outcomes of a run in scenes in which all else that matters is as in the failing scene, or farther off.
+
+    Attributes:
+        outcomes: how far each scene is along the path, in its steps, and whether it failed.
+        otherwise: failure rate of scenes that are off in the other direction, or not at all.
+    """
+
+    outcomes: Sequence[tuple[float, bool]] = ()
+    otherwise: float = 0.0
+
+    def suffices(self, path: Path) -> bool:
+        """Whether they show that it mostly fails up to the end of the range."""
+        beyond = [failed for step, failed in self.outcomes if step >= path.length]
+        return len(self.outcomes) >= FEW and len(beyond) >= 2 and beyond.count(False) <= len(beyond) * SELDOM
+
+
+UNSEEN = Seen()
+
+
+def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate, seen: Seen = UNSEEN) -> Located | None:
     """Find where a path to a failing scene starts to fail.
 
-    First there is one rollout at each of some places, up to the end of the range. Places that pass beyond a failing one
-    are tried again, which leaves the ranges that fail. Then rollouts near the crossing into the first range narrow it
-    down.
+    First there is one rollout at each of some places, up to the end of the range, unless enough was seen in the run.
+    Places that pass beyond a failing one are tried again, which leaves the ranges that fail. Then rollouts near the
+    crossing into the first range narrow it down.
 
     Args:
-        first: failure rate of the path's first scene, which passes; None where it still has to be tried. last: failure
-        rate of the scene that it leads to.
+        first: failure rate of the path's first scene, which passes; None where it still has to be tried.
+        last: failure rate of the scene that it leads to.
 
     Returns:
         None if the first scene does not pass, or there are too few rollouts left.
@@ -67,8 +88,9 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Loca
     survey = _Survey(path, sampler)
     if not path.length or not (first or survey.start_passes()):
         return None
-    survey.look({round(path.end * place / PLACES) for place in range(1, PLACES + 1)} - {0, path.length})
-    survey.settle()
+    if not seen.suffices(path):
+        survey.look({round(path.end * place / PLACES) for place in range(1, PLACES + 1)} - {0, path.length})
+        survey.settle()
     if survey.broke:
         return None
     survey.sharpen()
@@ -81,6 +103,9 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate) -> Loca
     for step, failures, rollouts in counts:
         if until is None or step <= until:
             crossing.add(step, failures, rollouts)
+    for far, failed in seen.outcomes:
+        if far <= (path.end if until is None else until):
+            crossing.add(far, int(failed), 1, seen.otherwise)
     survey.narrow(crossing, upper)
     low, high = crossing.quantiles(*_INTERVAL)
     (middle,) = crossing.quantiles(0.5)

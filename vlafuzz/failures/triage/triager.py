@@ -4,28 +4,17 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from typing import Any
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import Shrunk, certify
+from vlafuzz.failures.triage.certify import Shrunk, certify, certify_one
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.failures.triage.known import by_known_cause
-from vlafuzz.failures.triage.oracle import (
-    LEAD,
-    MOST,
-    MOST_TO_CERTIFY,
-    ONE_HALF,
-    UNFAIR,
-    Answer,
-    Certificate,
-    Jitter,
-    Oracle,
-)
+from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Certificate, Jitter, Oracle
 from vlafuzz.failures.triage.outward import outward
 from vlafuzz.failures.triage.path import deviating
-from vlafuzz.failures.triage.reference import find_reference
+from vlafuzz.failures.triage.reference import Reference, find_reference
 from vlafuzz.failures.triage.shrink import shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model.evidence import Rate
@@ -37,8 +26,7 @@ from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 
 # Rollouts to shrink, certify and attribute a finding; of a stochastic policy, an answer takes 3 to 20.
 MAX_ROLLOUTS, MAX_OF_STOCHASTIC = 200, 1000
-FIRMLY = 5  # failures more than passes in a scene farther out that is triaged in place of a finding
-_OF_FINDING = ("scene", "repeats", "failures", "rate", "deviating", "policy_rollouts", "expert_rollouts")
+FIRST = 2  # failures more than passes in a cause's scene, or one farther out, before it is certified
 TO_SHRINK, TO_CERTIFY = 0.5, 0.8  # shares of them after which shrinking and certifying end
 
 
@@ -62,8 +50,8 @@ class Triager:
     """Works through the findings of one run.
 
     Attributes:
-        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default. passing: scenes
-        in which the policy has passed.
+        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
+        trials: scenes of the run, and whether the policy failed in each.
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther out, if it
             can be.
         rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own as if it
@@ -78,7 +66,7 @@ class Triager:
 
     runner: SceneRunner
     max_rollouts: int | None = None
-    passing: Sequence[Scene] = ()
+    trials: Sequence[tuple[Scene, bool]] = ()
     blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
     rolled: Repeats = field(default_factory=dict)
     repeats: Repeats = field(default_factory=dict, kw_only=True)
@@ -91,9 +79,10 @@ class Triager:
         began = time.monotonic()
         alone = replace(self, rolled={})
         try:
-            triaged = alone._triage(finding)
-            if _at_threshold(triaged):
-                triaged = alone._move_outward(finding, triaged)
+            spent, triaged = alone._of_cause(finding)
+            if triaged is None:
+                triaged = alone._triage(finding)
+                triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + spent)
         except _UnjudgedError as error:
             return error.why
         return replace(triaged, seconds=time.monotonic() - began)
@@ -112,6 +101,50 @@ class Triager:
         answers = [self.rolled.get(key) or self.repeats.get(key) or judged[key] for key in tries]
         self.rolled |= {key: self.repeats[key]._replace(rollouts=0) for key in tries if key in self.repeats}
         return answers
+
+    def _of_cause(self, finding: Finding) -> tuple[int, Triaged | None]:
+        """The rollouts to certify the operators of a cause at once, without a search; and the finding if they hold.
+
+        At a threshold the policy fails in one scene and passes in the next: then a scene farther out is certified.
+        """
+        space, scene = self.runner.space, finding.scene
+        names = [name for name in self.blamed.get(scene, ()) if name in space.groups]
+        deviating = self._deviating(scene)
+        if not names or deviating is None:
+            return 0, None
+        oracle = self._oracle(space.jittered)
+        most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
+        oracle.budget = round(most * TO_SHRINK)
+        others = [operator for name in deviating if name not in names for operator in space.group(name)]
+        alone = space.reset(scene, others)
+        farther = [alone, *(moved for moved, _ in outward(space, alone, names))]
+        firm = next((one for one in farther if oracle.answers([one], lead=FIRST)[0] is Answer.FAILS), None)
+        if firm is None:
+            return oracle.spent, None
+        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages))
+        if not shrunk.minimal:
+            return oracle.spent, None
+        search, rate = self._search(shrunk.scene), shrunk.rate if firm == alone else oracle.rate(alone)
+        detail = f"farther out than it was found, where {rate.failures} of {rate.rollouts} rollouts around it fail"
+        triaged = Triaged(
+            scene=scene,
+            policy_key=finding.policy_key,
+            bucket="witnessed" if search.witness else "unproven",
+            repeats=rate.rollouts,
+            failures=rate.failures,
+            rate=rate,
+            lost_stage=shrunk.lost,
+            deviating=deviating,
+            expert_rollouts=search.rollouts,
+            witness=search.witness,
+            detail="" if firm == alone else detail,
+        )
+        oracle.budget = most
+        if search.witness:
+            triaged = self._attribute(triaged, shrunk, oracle, shrunk.scene)
+        else:
+            triaged = replace(triaged, detail="the expert fails, too")
+        return oracle.spent, replace(triaged, shrink_rollouts=oracle.spent, policy_rollouts=oracle.spent)
 
     def _triage(self, finding: Finding) -> Triaged:
         scene = finding.scene
@@ -137,29 +170,6 @@ class Triager:
             around = f"in its neighbourhood {rate.failures} of {rate.rollouts} rollouts fail"
             triaged = replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
         return triaged
-
-    def _move_outward(self, finding: Finding, triaged: Triaged) -> Triaged:
-        """The finding, if possible with a minimal scene from farther out in the direction of its cause."""
-        space, oracle = self.runner.space, self._oracle(self.runner.space.jittered)
-        operators = [name for name in self.blamed.get(finding.scene, ()) if name in space.groups]
-        beyond = outward(space, finding.scene, operators, triaged.reference)
-        firm = (scene for scene, _ in beyond if oracle.answers([scene], lead=FIRMLY)[0] is Answer.FAILS)
-        scene = next(firm, None)
-        triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + oracle.spent)
-        if scene is None:
-            return triaged
-        triager = replace(self, blamed={scene: self.blamed[finding.scene]})
-        moved = triager._triage(replace(finding, scene=scene))
-        triaged = replace(
-            triaged,
-            policy_rollouts=triaged.policy_rollouts + moved.policy_rollouts,
-            expert_rollouts=triaged.expert_rollouts + moved.expert_rollouts,
-        )
-        if moved.bucket != "minimal":
-            return triaged
-        found: dict[str, Any] = {name: getattr(triaged, name) for name in _OF_FINDING}
-        around = f"{triaged.failures} of {triaged.repeats} rollouts around it fail"
-        return replace(moved, **found, detail=f"farther out than it was found, where {around}")
 
     def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
         """Repeat a finding until it is clear whether it mostly fails.
@@ -210,7 +220,7 @@ class Triager:
         space, confirmed = self.runner.space, oracle.spent
         most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
         oracle.budget = confirmed + round(most * TO_SHRINK)
-        reference = find_reference(triaged.scene, oracle, space, self.passing)
+        reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
             nominal = space.nominal(like=triaged.scene)
             lost = oracle.lost(nominal)
@@ -224,16 +234,15 @@ class Triager:
             shrunk = certify(way, oracle, space, reference)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
-        rates = dict(shrunk.rates)
+        oracle.budget = confirmed + most
+        return self._attribute(triaged, shrunk, oracle, triaged.scene)
+
+    def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle, proved: Scene) -> Triaged:
+        """Name the cause of a shrunk failure, and look for thresholds that are not known yet."""
+        space, rates = self.runner.space, dict(shrunk.rates)
         if shrunk.minimal and space.subject in self.blamed.get(triaged.scene, ()):
             others = space.reset(shrunk.scene, [space.subject])
-            rates[space.subject] = oracle.certify([others], reference.stages, most=MOST)[0].rate
-        oracle.budget = confirmed + most
-        return self._attribute(triaged, replace(shrunk, rates=rates), oracle)
-
-    def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle) -> Triaged:
-        """Name the cause of a shrunk failure, and look for thresholds that are not known yet."""
-        space = self.runner.space
+            rates[space.subject] = oracle.contrasts(shrunk.scene, [others], most=MOST)[0].rate
         operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
         name = signature(triaged.scene.task, shrunk.lost, operators)
         located = any(name == one.signature and one.causes.thresholds for one in self.known)
@@ -242,20 +251,20 @@ class Triager:
             shrunk=shrunk.scene,
             lost_stage=shrunk.lost,
             operators=shrunk.operators,
-            causes=attribute(shrunk, oracle, space, located=located),
+            causes=attribute(shrunk, oracle, space, self.trials, located=located),
             certified=shrunk.rate,
             counterparts=shrunk.counterparts,
-            counterpart_rates=shrunk.rates,
+            counterpart_rates=rates,
             reference=shrunk.reference,
             signature=name,
         )
         if not shrunk.minimal:
             return replace(triaged, detail=shrunk.problem)
-        return self._crown(triaged, shrunk.scene)
+        return self._crown(triaged, shrunk.scene, proved)
 
-    def _crown(self, triaged: Triaged, scene: Scene) -> Triaged:
-        """A shrunk scene is minimal when it has a witness of its own."""
-        if scene == triaged.scene:
+    def _crown(self, triaged: Triaged, scene: Scene, proved: Scene) -> Triaged:
+        """A shrunk scene is minimal when it has a witness of its own; ``proved`` is the scene that has one."""
+        if scene == proved:
             return replace(triaged, bucket="minimal")
         search = self._search(scene)
         triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
@@ -290,11 +299,3 @@ def repeat(runner: SceneRunner, scene: Scene, first: int = 0) -> tuple[Answer, R
     except _UnjudgedError:
         return Answer.BROKEN, Rate.of_counts(0, 0), None
     return answer, rate, oracle.lost(scene) if rate.failures else None
-
-
-def _at_threshold(triaged: Triaged) -> bool:
-    """Whether a finding fails now and then, but not mostly, or what is left of it does."""
-    if triaged.bucket in ("edge", "flaky"):
-        return triaged.bucket == "edge" or triaged.failures > 0
-    rate = triaged.certified
-    return triaged.bucket == "witnessed" and rate is not None and rate.low <= ONE_HALF

@@ -13,7 +13,7 @@ from vlafuzz.search.causes.units import Levels
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
 LARGEST = 4  # units of a cause
 FEW, MOST = (12, 30), (22, 45)  # tests of a firm failure and of others: by suspicion, and in all
-LONGER = 3.0  # times the background: so much longer do attributions take where policies fail by chance
+LONGER = 1.0  # times the background: so much longer do attributions take where policies fail by chance
 BY_CHANCE = 0.95  # probability that a failure is one by chance from which it is given up
 REPEATED = 4  # rollouts of a scene before it is said to show a cause
 QUIET = 0.06  # background up to which an answer may rest on the tests that it was chosen by
@@ -50,6 +50,11 @@ class Attribution:
         self._answer: Mask | None = None
         self._failures: Counter[bytes] = Counter()  # of the tests that confirm the answer
         self._passes: Counter[bytes] = Counter()
+
+    @property
+    def answered(self) -> bool:
+        """Whether there was an answer to confirm."""
+        return self._answer is not None
 
     def next_test(self, rng: np.random.Generator) -> Mask | None:
         """The units to keep in the next test; None if no further one is needed."""
@@ -94,7 +99,7 @@ class Attribution:
         scene = self.suspects.ratio(failures, passes, self._background.chances)
         if scene < -self._confirmed:
             return None
-        if scene < self._confirmed or failures + passes < REPEATED:
+        if scene < self._confirmed or self.suspects.rollouts(answer) < REPEATED:
             return answer
         needed = answer.copy()
         for unit in np.flatnonzero(answer):

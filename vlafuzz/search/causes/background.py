@@ -14,7 +14,7 @@ RAREST, SUREST = 0.05, 0.98  # least such share, and most probability that a fai
 
 
 class Background:
-    """Learns from the reference, and from attributions: scenes in which nothing is left of what is to blame.
+    """Learns from the reference alone: in scenes that are partly reset another cause may be left.
 
     Attributes:
         failures: of the reference.
@@ -49,10 +49,6 @@ class Background:
         self.failures += failed
         self.passes += not failed
         self._log += np.log(RATES if failed else 1 - RATES)
-
-    def learn_likelihood(self, log_likelihood: Numbers) -> None:
-        """Learn what an attribution tells of each of ``RATES``."""
-        self._log += log_likelihood
 
     def learn_draw(self, unexplained: float, *, failed: bool) -> None:
         """Learn the outcome of a draw, by the probability that no known cause explains a failure there."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
-from vlafuzz.search.causes.attribution import BY_CHANCE, QUIET, Attribution
+from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import STRETCHED, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
@@ -35,8 +35,8 @@ SHARE = 30  # proposals for each of them: few where the budget is small
 PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 TRIALS = 6  # of a rule on a failure, at most
 RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is worth
-# Likelihood ratio that tests of an answer have to show, times the square of the odds that an attribution ends
-# without one, as many of those are chances to be wrong; and its least logarithm.
+# Likelihood ratio that tests of an answer have to show, times the square of the odds that one is refuted, as many of
+# those are chances to be wrong; and its least logarithm.
 CONFIRMED, LEAST_CONFIRMED = 20.0, 2.3
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
 NEARBY = 20  # known scenes beside which a new one is looked for
@@ -88,6 +88,7 @@ class Causes:
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
         self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
+        self._refuted = 0  # answers that did not hold when they were tested
 
     def ask(self, n: int) -> list[Proposal]:
         """Up to ``n`` proposals: tests that are due, then draws unless there are failures to attribute."""
@@ -168,7 +169,8 @@ class Causes:
     def _at_once(self) -> int:
         """How many attributions there may be: one for each outstanding outcome, fewer at the end."""
         left = math.inf if self._budget is None else self._budget - self._asked
-        return int(max(1, min(len(self._out) + 1, left // TESTS)))
+        takes = TESTS * (1 + LONGER * self._background.rate)
+        return int(max(1, min(len(self._out) + 1, left // takes)))
 
     def _nominal_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         """The reference again, a few times: how often the policy fails there is the background."""
@@ -217,7 +219,7 @@ class Causes:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             alike = self._units.alike(self._units.deviations(scenes), deviations)
             suspects.learn_scenes(alike, failed, otherwise)
-        odds = (len(self._given_up) + 1) / (len(self._rules) + 1)
+        odds = (self._refuted + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
         about = levels, suspects, self._background
         self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1))
@@ -336,8 +338,8 @@ class Causes:
     def _end(self, attribution: Attribution) -> None:
         """Make a rule of what an attribution has found."""
         self._active.remove(attribution)
-        self._background.learn_likelihood(attribution.suspects.told_of_backgrounds)
         if attribution.cause is None or attribution.scene is None:
+            self._refuted += attribution.answered
             self._given_up.append(attribution.levels)
             return
         self._rates = self._rates + attribution.suspects.rates

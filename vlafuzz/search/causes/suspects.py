@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import cache
 from itertools import combinations
 
 import numpy as np
@@ -23,6 +24,7 @@ RIVALS = 12  # most likely suspects whose unions and differences are considered
 FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to three
 LEAST_EFFECT = 0.2  # by which a scene fails more often inside a fault than outside
 NOISY, OFTEN = 0.08, 10  # background from which a test may be repeated, and how often
+TEMPER = 0.6  # power of the likelihood of other scenes: how alike two of them are is a guess
 SETTLED = 2.0  # log likelihood ratio, 7 to 1, from which tests show on which side of a fault a set is
 
 
@@ -48,20 +50,15 @@ class Suspects:
         self._rows = np.argwhere(effects >= LEAST_EFFECT)  # a background and a rate each
         self._outside = BACKGROUNDS[self._rows[:, 0]]
         self._inside = self._outside + effects[tuple(self._rows.T)]
-        units = np.flatnonzero(self.deviating)
-        masks, prior = [], []
-        for size, weight in enumerate(SIZES[: len(units)], 1):
-            chosen = [list(members) for members in combinations(units, size)]
-            masks += [np.isin(np.arange(len(severity)), members) for members in chosen]
-            plausible = np.array([severity[members].prod() for members in chosen])
-            prior.append(weight * plausible / plausible.sum())
-        self.masks = np.array(masks)
-        sets = np.concatenate(prior)
+        inside, weights = _sets(int(self.deviating.sum()))
+        self.masks = np.zeros((len(inside), len(severity)), dtype=bool)
+        self.masks[:, self.deviating] = inside
+        plausible, sizes = np.where(inside, severity[self.deviating], 1.0).prod(axis=1), inside.sum(axis=1)
+        sets = weights * plausible / np.bincount(sizes, plausible)[sizes]
         row = backgrounds[self._rows[:, 0]] * rates[self._rows[:, 1]]
         self._log = np.log(row / row.sum())[:, None] + np.log(sets / sets.sum() * (1 - by_chance))
         self._log_chance = np.log(backgrounds * by_chance)
         self._weigh()
-        self._backgrounds_before = self.backgrounds
         self.tests, self.smallest = 0.0, self.deviating
         self._failures: Counter[bytes] = Counter()
         self._passes: Counter[bytes] = Counter()
@@ -71,11 +68,6 @@ class Suspects:
     def backgrounds(self) -> Numbers:
         """``(10,)`` the probability of each of ``BACKGROUNDS``."""
         return np.asarray(self._by_chance + np.bincount(self._rows[:, 0], self._row, len(BACKGROUNDS)))
-
-    @property
-    def told_of_backgrounds(self) -> Numbers:
-        """``(10,)`` log likelihood of what was learnt since the beginning, by each of ``BACKGROUNDS``."""
-        return np.asarray(np.log(self.backgrounds + 1e-12) - np.log(self._backgrounds_before + 1e-12))
 
     @property
     def by_chance(self) -> float:
@@ -104,10 +96,9 @@ class Suspects:
         for number, rate in enumerate(RATES):
             failing = rate * inside + (1 - rate * inside) * otherwise[:, None]
             likely = np.where(failed[:, None], failing, 1 - failing)
-            self._log[self._rows[:, 1] == number] += np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
-        self._log_chance += np.log(np.where(failed, otherwise, 1 - otherwise)).sum()
+            self._log[self._rows[:, 1] == number] += TEMPER * np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
+        self._log_chance += TEMPER * np.log(np.where(failed, otherwise, 1 - otherwise)).sum()
         self._weigh()
-        self._backgrounds_before = self.backgrounds
 
     def learn_test(self, kept: Mask, *, failed: bool) -> None:
         """Learn from the scene itself with all units reset but these."""
@@ -217,6 +208,15 @@ class Suspects:
         """Whether a test may still tell something: a sure answer is not asked for again."""
         mark = kept.tobytes()
         return mark not in self._unfair and self._failures[mark] + self._passes[mark] < most
+
+
+@cache
+def _sets(units: int) -> tuple[Mask, Numbers]:
+    """``(n, units)`` all sets of up to four units, and ``(n,)`` the prior of their size."""
+    sizes = range(1, min(len(SIZES), units) + 1)
+    chosen = [list(members) for size in sizes for members in combinations(range(units), size)]
+    masks = np.array([np.isin(np.arange(units), members) for members in chosen])
+    return masks, np.array([SIZES[len(members) - 1] for members in chosen])
 
 
 def _mask(mark: bytes) -> Mask:

@@ -1,0 +1,158 @@
+#!/usr/bin/env python
+"""Lists of causes and certificates in worlds with planted faults, by how often the policy fails by chance.
+
+Without physics. A row of a list is true if resetting any one of its operators lowers the true failure rate by at least
+20 points. Seeds from 100 on are for tuning; figures are reported for those below.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
+
+from strategies.faults import Density, World, space_of, world
+from strategies.search import search
+from strategies.triaged import Runner, cells_first
+
+from vlafuzz.common.statistics import Share
+from vlafuzz.failures.triage.jobs import WAVE
+from vlafuzz.failures.triage.known import certified
+from vlafuzz.failures.triage.triager import Triager
+from vlafuzz.model.evidence import Threshold
+from vlafuzz.model.scene import Scene
+from vlafuzz.search import registry
+from vlafuzz.search.base import causes, looks_for_causes
+from vlafuzz.store.records import Finding, Triaged
+
+EFFECT = 0.2  # by which a reset lowers the rate where a row is true
+Row = dict[str, float]
+
+
+class Job(NamedTuple):
+    density: Density
+    background: float
+    seed: int
+    options: argparse.Namespace
+
+
+def run(job: Job) -> Row:
+    """Search, then certification of what was found, the commonest first, with as many rollouts as are given."""
+    options = job.options
+    here = replace(world(job.density, job.seed), background=job.background)
+    if options.flat:
+        here = replace(here, faults=())
+    space = space_of(here.task)
+    strategy = registry.strategy_factory(options.strategy)(space, job.seed, options.budget)
+    tried = [pair for batch in search(space, here.evaluate, strategy, options.budget) for pair in batch]
+    listed = sorted(causes(strategy), key=lambda cause: -(cause.share.value if cause.share else 0))
+    scenes = [(space.decode(cause.genome), cause.operators) for cause in listed]
+    true = [is_true(here, scene, operators) for scene, operators in scenes]
+    faults = {met[0] for scene, _ in scenes if len(met := here.met(scene)) == 1}
+    rows: Row = {"rows": len(scenes), "true": sum(true), "faults": len(faults), "planted": len(here.faults)}
+    if not looks_for_causes(strategy):
+        scenes = [(scene, ()) for scene in cells_first([pair for pair in tried if pair[1].failed])]
+    trials = [(scene, judged.failed) for scene, judged in tried]
+    return rows | certify(here, dict(scenes), trials, options.certifying)
+
+
+def certify(here: World, scenes: Mapping[Scene, Sequence[str]], trials: list[tuple[Scene, bool]], left: int) -> Row:
+    """Certify scenes in turn until no rollouts are left; how many hold, are true, and have a true threshold."""
+    done, true, takes, distinct, located = list[Triaged](), 0, list[int](), set[int](), list[bool]()
+    for scene in scenes:
+        if left <= 0:
+            break
+        runner = Runner(here)
+        runner.deterministic = runner.deterministic and not here.background
+        known = certified(done[: len(done) // WAVE * WAVE])
+        triager = Triager(runner, trials=trials, blamed=scenes, known=known)
+        triaged = triager.triage(Finding(scene, "", 0, 0, ""))
+        if not isinstance(triaged, Triaged):
+            continue
+        left -= triaged.policy_rollouts
+        takes.append(triaged.policy_rollouts)
+        if triaged.bucket == "minimal" and triaged.shrunk and left >= 0:
+            done.append(triaged)
+            true += is_true(here, triaged.shrunk, triaged.operators)
+            distinct.update(here.met(triaged.shrunk))
+            located += [within for one in triaged.causes.thresholds for within in is_within(here, triaged.shrunk, one)]
+    spent = {"takes": median(takes)} if takes else {}
+    counts = {"certified": len(done), "certified true": true, "distinct": len(distinct)}
+    return {**counts, "thresholds": len(located), "thresholds true": sum(located), **spent}
+
+
+def is_within(here: World, scene: Scene, threshold: Threshold) -> list[bool]:
+    """Whether the true threshold lies in the interval, a grid step wider; nothing where there is no single one."""
+    space, faults = space_of(here.task), [here.faults[index] for index in here.met(scene)]
+    if len(threshold.at) != 1 or len(faults) != 1:
+        return []
+    ((path, _),), gene = threshold.at, space.by_path[threshold.at[0][0]]
+    conditions = [one for one in faults[0].conditions if one.path in (path, path.partition(".")[0]) and not one.options]
+    level, start = gene.grid.snap(space.values(scene)[path]), gene.grid.nominal_level
+    found = []
+    for condition in conditions:
+        bound = condition.low if level > start else condition.high
+        if math.isfinite(bound):
+            true = gene.grid.snap(2**bound if condition.path == "light" else bound)
+            low, high = sorted(gene.grid.snap(dict(ends)[path]) for ends in (threshold.low, threshold.high))
+            found.append(low - 1 <= true <= high + 1)
+    return found
+
+
+def is_true(here: World, scene: Scene, operators: tuple[str, ...]) -> bool:
+    """Whether resetting any one of the operators lowers the true failure rate enough."""
+    space, rate = space_of(here.task), here.fails(scene)
+    resets = [space.reset(scene, space.groups.get(name, (name,))) for name in operators]
+    return all(rate - here.fails(reset) >= EFFECT for reset in resets)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--backgrounds", nargs="+", type=float, default=[0.0, 0.1, 0.2, 0.4])
+    parser.add_argument("--densities", nargs="+", default=["dense", "middling", "sparse"])
+    parser.add_argument("--strategy", default="causes", help="causes, or one whose failures are triaged")
+    parser.add_argument("--flat", action="store_true", help="plant no fault: then nothing should be listed")
+    parser.add_argument("--repeats", type=int, default=8, help="worlds of each density")
+    parser.add_argument("--seed", type=int, default=100, help="of the first world")
+    parser.add_argument("--budget", type=int, default=300, help="rollouts of a run")
+    parser.add_argument("--certifying", type=int, default=300, help="rollouts of certification")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--out", type=Path, help="JSON file for the raw results")
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.repeats)
+    several = product(options.backgrounds, options.densities, seeds)
+    jobs = [Job(density, background, seed, options) for background, density, seed in several]
+    with ProcessPoolExecutor(options.workers) as pool:
+        results = list(zip(jobs, pool.map(run, jobs), strict=True))
+    for background in options.backgrounds:
+        print(f"background {background:.0%}: {summary([row for job, row in results if job.background == background])}")
+    if options.out:
+        options.out.write_text(json.dumps([(job[:3], row) for job, row in results]), encoding="utf-8")
+
+
+def summary(rows: list[Row]) -> str:
+    total = {name: int(sum(row[name] for row in rows)) for name in rows[0] if name != "takes"}
+    takes = [row["takes"] for row in rows if "takes" in row]
+    empty = sum(row["rows"] == 0 for row in rows)
+    return (
+        f"{len(rows)} runs, {empty} lists empty; rows true {Share.of_counts(total['true'], total['rows'])}; "
+        f"{total['faults']} of {total['planted']} faults; certified {total['certified']}, "
+        f"{total['certified true']} of them true, {total['distinct']} faults, "
+        f"{total['distinct'] / len(rows):.2f} a run; thresholds true {total['thresholds true']} of "
+        f"{total['thresholds']}; a cause takes {median(takes) if takes else 0:g} rollouts"
+    )
+
+
+if __name__ == "__main__":
+    main()
