@@ -11,7 +11,7 @@ from typing import Any
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import count_of, interval, percent, plural
 from vlafuzz.failures.described import DescribedFailure, Spaces, described, title_of
-from vlafuzz.failures.triage.contrast import HOPELESS, likely
+from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
@@ -29,8 +29,7 @@ EVIDENCE: Mapping[str, str] = {
     "base": "confirmed",
     "unproven": "confirmed, but the expert fails, too",
     "observed": "not certified",
-    "edge": "not confirmed: edge",
-    "flaky": "not confirmed: flaky",
+    "flaky": "not confirmed",
 }
 NEARLY_NOMINAL = 0.1  # severity below which a scene is nominal but for a jitter, which adds about 0.01
 
@@ -235,7 +234,7 @@ def _target_types(space: Space, cause: FoundCause, triaged: Triaged | None) -> t
     if cause.scene is None or space.subject not in cause.operators:
         return ()
     without = _without_types(space, triaged)
-    if triaged and triaged.certified and without and _differ(triaged.certified, without) < HOPELESS:
+    if triaged and triaged.certified and without and triaged.certified.share - without.share < EFFECT:
         return ()  # it fails with the nominal objects, too
     return tuple(space.subjects(cause.scene))
 
@@ -245,11 +244,6 @@ def _without_types(space: Space, triaged: Triaged | None) -> Rate | None:
     return triaged.counterpart_rates.get(space.subject) if triaged else None
 
 
-def _differ(rate: Rate, without: Rate) -> float:
-    """The probability that a rate is above another one by more than the least effect of a cause."""
-    return likely(rate.failures, rate.rollouts, without.failures, without.rollouts)
-
-
 def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, triaged: Triaged | None) -> tuple[str, ...]:
     """What it takes, in words: of a certified cause what is left, else what the strategy blames."""
     certified, parts = failure.bucket == "minimal", list[str]()
@@ -257,7 +251,8 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
         without, evidence = _without_types(space, triaged), ""
         if certified and without and without.rollouts:
             counts = f"with the nominal objects {without.failures} of {without.rollouts} rollouts fail"
-            shown = triaged is not None and triaged.certified and _differ(triaged.certified, without) > 1 - HOPELESS
+            rate = failure.rate or without
+            shown = likely(rate.failures, rate.rollouts, without.failures, without.rollouts) > 1 - HOPELESS
             evidence = f" ({'' if shown else 'not certified: '}{counts})"
         elif certified:
             evidence = " (not certified)"
@@ -285,7 +280,7 @@ def _united(one: ListedCause, other: ListedCause) -> ListedCause:
 
 
 def _rank(cause: ListedCause) -> tuple[bool, float, int]:
-    return (cause.bucket in ("edge", "flaky"), -cause.share.value if cause.share else 0.0, -cause.failures)
+    return (cause.bucket == "flaky", -cause.share.value if cause.share else 0.0, -cause.failures)
 
 
 def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:

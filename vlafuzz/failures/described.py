@@ -27,7 +27,6 @@ BUCKETS: Mapping[str, str] = {
     "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
     "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "mostly fails, but the expert fails, too",
-    "edge": "fails exactly as it is, but not in scenes that hardly differ",
     "flaky": "passes in most repeats, or in about half",
     "observed": "failed once; not triaged",
 }
@@ -186,8 +185,6 @@ def _evidence(triaged: Triaged, rate: Rate | None) -> str:
     """How often the scene fails, and what else triage says of it."""
     if rate is None:
         return triaged.detail or _repeats(triaged.failures, triaged.repeats)
-    if triaged.bucket == "edge":
-        return f"fails exactly as it is, but {_around(rate)}"
     more = f"; {triaged.detail}" if triaged.detail and triaged.bucket != "flaky" else ""
     return f"fails {_around(rate)}{more}"
 

@@ -36,6 +36,11 @@ class Rate:
         if not 0 <= self.failures <= self.rollouts:
             raise ValueError(f"{self.failures} failures in {self.rollouts} rollouts")
 
+    @property
+    def share(self) -> float:
+        """Of the rollouts, those that failed; 0 where there are none."""
+        return self.failures / max(self.rollouts, 1)
+
     @classmethod
     def of_counts(cls, failures: int, rollouts: int) -> Self:
         return cls(failures, rollouts, *sequential_interval(failures, rollouts))

@@ -117,7 +117,7 @@ class _Certifier:
                 break
             way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
             tried.append(self.test(way[-1]))
-        return way, max(tried, key=lambda one: (one.firm, _share(one)))
+        return way, max(tried, key=lambda one: (one.firm, one.rate.share))
 
     def test(self, scene: Scene) -> Shrunk:
         """The evidence for a scene: against all of its operators reset, then against each of them reset."""
@@ -196,7 +196,3 @@ class _Certifier:
         if answer is Answer.FAILS:
             return f"fails at {self.oracle.lost(scene, self.reference.stages)}"
         return str(answer.value)
-
-
-def _share(shrunk: Shrunk) -> float:
-    return shrunk.rate.failures / max(shrunk.rate.rollouts, 1)

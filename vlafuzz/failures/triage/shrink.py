@@ -49,6 +49,14 @@ def shrink(
     return shrinker.way
 
 
+def drop_values(scene: Scene, oracle: Oracle, space: Space) -> Scene:
+    """The failing scene without the confounders and single values that do not matter; its operators stay."""
+    shrinker = _Shrinker(space, oracle, None, [scene])
+    shrinker.drop_confounders()
+    shrinker.drop_values()
+    return shrinker.best
+
+
 def drop_confounders(scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None) -> Scene:
     """The failing scene without the confounders that do not matter."""
     shrinker = _Shrinker(space, oracle, reference, [scene])
@@ -80,7 +88,7 @@ class _Shrinker:
             before = self.best
             self.drop_confounders()
             if self.values:
-                self._drop_values()
+                self.drop_values()
             for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
                 for gene in self._free(self.space.group(name)):
                     self._lessen(gene)
@@ -115,7 +123,7 @@ class _Shrinker:
             if self._fails([places])[0]:
                 self._go_to(places)
 
-    def _drop_values(self) -> None:
+    def drop_values(self) -> None:
         """Reset values one by one; the confounders' by operator first, as they have twenty values."""
         left = self._left()
         if CONFOUNDERS in left:

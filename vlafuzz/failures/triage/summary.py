@@ -65,7 +65,7 @@ class TriageSummary:
 
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
-        confirmed: findings that mostly fail in their neighbourhood: all that are neither edge nor flaky. witnessed:
+        confirmed: findings that mostly fail in their neighbourhood: all that are not flaky. witnessed:
         confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did. distinct_cells: cells
         in which the findings lie, before triage.
         signatures: findings by signature, after triage; without ``base``.
@@ -108,7 +108,7 @@ def summarise(store: Store, task: str | None = None) -> TriageSummary:
         findings=len(findings),
         triaged=len(triaged),
         buckets={name: buckets[name] for name in get_args(Bucket)},
-        confirmed=len(triaged) - buckets["flaky"] - buckets["edge"],
+        confirmed=len(triaged) - buckets["flaky"],
         witnessed=len(witnesses),
         by_sight=sum(witness.solver == "seeing" for witness in witnesses),
         distinct_cells=len({(finding.scene.task, finding.cell) for finding in findings}),

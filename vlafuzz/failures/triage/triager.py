@@ -11,16 +11,17 @@ from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import Shrunk, certify, certify_one
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.failures.triage.known import by_known_cause
-from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Certificate, Jitter, Oracle
+from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Certificate, Oracle
 from vlafuzz.failures.triage.outward import outward
-from vlafuzz.failures.triage.path import deviating
+from vlafuzz.failures.triage.path import deviating, free_genes
 from vlafuzz.failures.triage.reference import Reference, find_reference
-from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.shrink import drop_values, shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import signature
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Judged, Repeats, Triaged
 
@@ -112,19 +113,24 @@ class Triager:
         deviating = self._deviating(scene)
         if not names or deviating is None:
             return 0, None
-        oracle = self._oracle(space.jittered)
+        oracle = self._oracle()
         most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
         oracle.budget = round(most * TO_SHRINK)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
         farther = [alone, *(moved for moved, _ in outward(space, alone, names))]
         firm = next((one for one in farther if oracle.answers([one], lead=FIRST)[0] is Answer.FAILS), None)
-        if firm is None:
+        firm = firm or max(farther, key=lambda one: oracle.rate(one).share)
+        if not oracle.rate(firm).failures:
             return oracle.spent, None
+        farther_out = firm != alone
+        free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
+        if CONFOUNDERS in names or len(free) > len(names):
+            firm = drop_values(firm, oracle, space)
         shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages))
         if not shrunk.minimal:
             return oracle.spent, None
-        search, rate = self._search(shrunk.scene), shrunk.rate if firm == alone else oracle.rate(alone)
+        search, rate = self._search(shrunk.scene), oracle.rate(alone) if farther_out else shrunk.rate
         detail = f"farther out than it was found, where {rate.failures} of {rate.rollouts} rollouts around it fail"
         triaged = Triaged(
             scene=scene,
@@ -137,7 +143,7 @@ class Triager:
             deviating=deviating,
             expert_rollouts=search.rollouts,
             witness=search.witness,
-            detail="" if firm == alone else detail,
+            detail=detail if farther_out else "",
         )
         oracle.budget = most
         if search.witness:
@@ -148,7 +154,7 @@ class Triager:
 
     def _triage(self, finding: Finding) -> Triaged:
         scene = finding.scene
-        oracle = self._oracle(self.runner.space.jittered)
+        oracle = self._oracle()
         answer, rate = self._confirm(scene, oracle)
         triaged = Triaged(
             scene=scene,
@@ -161,15 +167,7 @@ class Triager:
             policy_rollouts=oracle.spent,
             detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
-        if answer is Answer.FAILS:
-            return self._prove(triaged, oracle)
-        exactly = self._oracle(None)
-        at_edge = self._at_edge(scene, answer, exactly)
-        triaged = replace(triaged, policy_rollouts=oracle.spent + exactly.spent)
-        if at_edge:
-            around = f"in its neighbourhood {rate.failures} of {rate.rollouts} rollouts fail"
-            triaged = replace(triaged, bucket="edge", detail=f"it fails exactly as it is; {around}")
-        return triaged
+        return self._prove(triaged, oracle) if answer is Answer.FAILS else triaged
 
     def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
         """Repeat a finding until it is clear whether it mostly fails.
@@ -185,20 +183,9 @@ class Triager:
             return longer
         return Certificate(answer, rate)
 
-    def _oracle(self, jitter: Jitter | None) -> Oracle:
+    def _oracle(self) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
-        return Oracle(self.roll, self.runner.stages, jitter, budget=MOST + UNFAIR, lead=lead)
-
-    def _at_edge(self, scene: Scene, answer: Answer, exactly: Oracle) -> bool:
-        """Whether a scene that does not mostly fail in its neighbourhood does so as it is.
-
-        A stochastic policy has to pass in the neighbourhood and to fail in the scene, both for certain: with one rate
-        in both, luck would put it at an edge.
-        """
-        if self.runner.deterministic:
-            return exactly.fails([scene])[0]
-        exactly.budget = MOST_TO_CERTIFY
-        return answer is Answer.PASSES and exactly.certify([scene])[0].answer is Answer.FAILS
+        return Oracle(self.roll, self.runner.stages, self.runner.space.jittered, budget=MOST + UNFAIR, lead=lead)
 
     def _prove(self, triaged: Triaged, oracle: Oracle) -> Triaged:
         """Witness, shrink, certify and attribute a confirmed failure."""

@@ -52,7 +52,7 @@ def certified(findings: Sequence[Finding], known: Known, limit: int) -> Certifie
     return Certified(
         causes=causes,
         triaged=len(within),
-        confirmed=sum(result.bucket not in ("flaky", "edge") for result in within),
+        confirmed=sum(result.bucket != "flaky" for result in within),
         certified=sum(result.bucket == "minimal" for result in within),
         rollouts=min(spent, limit),
     )
