@@ -34,6 +34,7 @@ from vlafuzz.failures.corpus.diff import Difference
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies, diff_policies
 from vlafuzz.failures.corpus.regress import Comparison
+from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
@@ -109,13 +110,12 @@ def film(
     path = Path(store)
     with Store.open(path) as opened:
         run = next(run for run in opened.runs() if run.id == finding.run)
-        keys = {one.scene.digest: one.key for one in opened.findings(run.id)}
-        rows = {row.key: row.witness for row in opened.triaged()}
-        scene, solution = opened.scene(finding.scene), rows.get(keys[finding.found])
+        failure = next(one for one in failures_of(opened, run.id) if finding.found in one.found)
+    solution = failure.witness
     if witness and solution is None:
         raise UsageError(f"{finding.found}: has no witness", hint="`vlafuzz triage` looks for one")
     with trusting(*[EVERYTHING] * trust), closing(_runner(path, policy, run)) as runner:
-        made = runner.film(scene, solution.actions if witness and solution else None)
+        made = runner.film(failure.scene, solution.actions if witness and solution else None)
     if made is None:
         raise UsageError(f"{finding.scene}: cannot be rolled out", hint="`vlafuzz replay` says why")
     return made

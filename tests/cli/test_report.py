@@ -126,6 +126,7 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
         (["a.db", "--out", "empty"], "error: empty: is a folder"),
         (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
         (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
+        (["none.db", "--follow"], "error: none.db: no such store or corpus"),
         (["a.db", "--follow", "--limit", "3"], "error: --limit 3: has no effect with --follow"),
         (["a.db", "--limit", "-1"], "error: --limit: expected at least 0"),
         (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit 3: has no effect on a table"),

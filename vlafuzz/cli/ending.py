@@ -4,7 +4,7 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NoReturn, TextIO
 
@@ -89,21 +89,17 @@ class Checked:
         self._stream = stream
 
     def write(self, text: str) -> int:
-        with _checked():
-            return self._stream.write(text)
+        return int(self._checked(self._stream.write, text))
 
     def flush(self) -> None:
-        with _checked():
-            self._stream.flush()
+        self._checked(self._stream.flush)
+
+    def _checked(self, act: Callable[..., Any], *given: str) -> Any:
+        try:
+            return act(*given)
+        except OSError as error:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for Python's flush at its end
+            raise StdoutError(error) from None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
-
-
-@contextmanager
-def _checked() -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for Python's flush at its end
-        raise StdoutError(error) from None

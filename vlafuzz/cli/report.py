@@ -199,12 +199,13 @@ def _follow(source: Path, out: Path) -> None:
     from vlafuzz.report.page import check_place, render, write_page
     from vlafuzz.report.sources import view_of
 
+    source = _checked(source)
     check_place(out)
     sys.stderr.write(f"following {source}: open {out} in a browser; Ctrl-C ends it\n")
     try:
         while True:
             began = time.monotonic()
-            write_page(out, render(view_of(_checked(source)), refresh=REFRESH))
+            write_page(out, render(view_of(source), refresh=REFRESH))
             time.sleep(max(REFRESH, TIMES * (time.monotonic() - began)))
     except KeyboardInterrupt:
         write_page(out, render(view_of(source)))  # as it is to stay

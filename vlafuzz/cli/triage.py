@@ -168,17 +168,12 @@ def _print(summary: TriageSummary) -> None:
         "of these, by sight": share(summary.by_sight, summary.witnessed),
         **{name: share(count) for name, count in summary.buckets.items()},
         "distinct causes": summary.distinct_signatures,
-        "operators not nominal before, median": summary.deviating_before,
-        "operators left, median": summary.deviating_after,
-        "rollouts to shrink one, median": summary.shrink_rollouts,
         "policy rollouts": summary.policy_rollouts,
         "expert rollouts": summary.expert_rollouts,
         "seconds": round(summary.seconds, 1),
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
-    if summary.signatures:
-        causes = [{"cause": name, "failures": count} for name, count in summary.signatures.items()]
-        print_rows(causes, title="failures by cause")
+    print_lines(f"`{shlex.join(['vlafuzz', 'report', summary.store])}` lists the failures with what each takes")
 
 
 def print_causes(found: CauseList) -> None:
