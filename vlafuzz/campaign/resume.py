@@ -22,7 +22,7 @@ _ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command s
 def resume(flags: Mapping[str, Any]) -> Plan:
     """Plan the rest of the newest run of a store that ended early and fits the flags; all else is as stored.
 
-    ``flags`` are the fields of a ``RunConfig`` that the user gives. UsageError if no stored run fits, or several.
+    ``flags`` are the fields of a ``RunConfig`` that the user gives. StoreError if no stored run fits.
     """
     asked = RunConfig(**flags)
     named = filled(asked)
@@ -57,7 +57,7 @@ def begun(flags: Mapping[str, Any]) -> Run | None:
 
 
 def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
-    """The newest run that ended early and fits; several have to be the same run."""
+    """The newest run that ended early and fits."""
     runs = store.runs()
     early = [run for run in runs if run.status in UNFINISHED]
     if not early:
@@ -70,11 +70,6 @@ def _unfinished(store: Store, flags: Mapping[str, Any]) -> Run:
         problem = f"no run that ended early fits: run {newest} has {misfits[newest]}"
         hint = f"give the flags of run {newest}, or --store alone to take them from it"
         raise StoreError(f"{store.path}: {problem}", hint)
-    if len({(_shown(run.manifest), run.manifest.operators_digest) for run in fitting}) > 1:
-        shown = "; ".join(f"run {run.id}: {_shown(run.manifest)}" for run in fitting)
-        alike = len({_shown(run.manifest) for run in fitting}) == 1
-        hint = "give --operators or --vary" if alike else "give those flags in which they differ"
-        raise StoreError(f"{store.path}: {len(fitting)} runs that ended early fit ({shown})", hint)
     return fitting[-1]
 
 
@@ -111,11 +106,6 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     if asked.keys() - {"packs"} and now["operators_digest"] != manifest.operators_digest:
         return "other operators, or other ranges"
     return None
-
-
-def _shown(manifest: Manifest) -> str:
-    """What may tell two runs apart, as the flags that give it."""
-    return ", ".join(f"{name} {value}" for name, value in _flags(manifest).items())
 
 
 def _flags(manifest: Manifest) -> dict[str, Any]:
