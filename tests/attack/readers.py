@@ -101,7 +101,7 @@ def policy_name(rng: Rng, folder: Path) -> None:
 
 
 def _lint(path: Path, frame: Any) -> None:
-    verdicts = WORLD.lint(path, frame, None, (), SILENT, settle=False)
+    verdicts = WORLD.lint(path, frame, (), SILENT, settle=False)
     json.dumps(verdicts.counts, allow_nan=False)
 
 

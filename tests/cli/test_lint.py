@@ -55,13 +55,6 @@ def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(tmp_path:
     assert "8/255 apart from its surroundings" in " ".join(printed.err.split())
 
 
-def test_min_distance_can_be_chosen(tmp_path: Path):
-    path = scenes(tmp_path, CROWDED)
-    assert main(["lint", "--static", str(path)]) == 1
-    assert main(["lint", "--static", "--min-distance", "0.05", str(path)]) == 0
-    assert main(["lint", "--static", "--min-distance", "-1", str(path)]) == 2
-
-
 def test_a_file_that_is_not_there_is_a_usage_error(capsys):
     assert typed(capsys, "lint --static nowhere.jsonl", code=2).err.startswith("error: nowhere.jsonl: cannot be read")
 

@@ -38,9 +38,6 @@ def lint(
         ),
     ] = None,
     frame: Annotated[Frame | None, option(FRAME_HELP, "fit")] = None,
-    min_distance: Annotated[
-        float | None, option("Metres to keep between the centres of any two objects.", "0.15")
-    ] = None,
     pack: PackFlag = None,
     states: Annotated[int | None, option("Of a suite: the first initial states of each task.", "all")] = None,
     verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
@@ -59,19 +56,17 @@ def lint(
     if suites and len(suites) < len(files):
         raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
     if suites:
-        of_files = {"--static": static, "--frame": frame, "--min-distance": min_distance}
-        refuse(of_files | {"--pack": pack}, "a suite's initial states are checked as they are")
+        of_files = {"--static": static, "--frame": frame, "--pack": pack}
+        refuse(of_files, "a suite's initial states are checked as they are")
         _lint_suites(suites, states, json=json, verbose=verbose)
         return
     refuse({"--states": states}, "only suites have initial states")
-    if min_distance is not None and not min_distance >= 0:
-        raise UsageError(f"--min-distance: expected metres, got {min_distance}")
     check_frame(frame, files)
     world, packs, judged = world_with(SceneFormats), opened(pack), list[FileVerdicts]()
     with Bar() as bar:
         for path in files:
             quick = is_document(path) if static is None else static
-            judged.append(world.lint(path, frame or "fit", min_distance, packs, bar, settle=not quick))
+            judged.append(world.lint(path, frame or "fit", packs, bar, settle=not quick))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         problems_of = ([asdict(problem) for problem in file.problems] for file in judged)

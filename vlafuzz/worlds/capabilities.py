@@ -213,11 +213,5 @@ class SceneFormats(Protocol):
     def visibility(self) -> str:
         """The bounds within which a target counts as visible."""
 
-    def lint(
-        self, path: Path, frame: Frame, min_distance: float | None, packs: Sequence[Any], watch: Watch, *, settle: bool
-    ) -> FileVerdicts:
-        """Check all scenes of a file, with objects of the catalogue and of packs.
-
-        ``min_distance``: to keep between the centres of any two objects, metres; None for the usual one. ``settle``:
-        whether the scenes are simulated, too.
-        """
+    def lint(self, path: Path, frame: Frame, packs: Sequence[Any], watch: Watch, *, settle: bool) -> FileVerdicts:
+        """Check all scenes of a file, with objects of the catalogue and of packs; with ``settle`` also simulated."""

@@ -201,20 +201,17 @@ class Tabletop(TableWorld):
     def visibility(self) -> str:
         return str(load_operators().visible)
 
-    def lint(
-        self, path: Path, frame: Frame, min_distance: float | None, packs: Sequence[Pack], watch: Watch, *, settle: bool
-    ) -> FileVerdicts:
+    def lint(self, path: Path, frame: Frame, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
         catalogue, usual = load_catalogue(packs=packs), load_operators()
         source, problems = read_scene_file(path, catalogue, frame), list[Problem]()
         if not (source.lines or source.left_out):
             raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-        apart = usual.min_distance if min_distance is None else min_distance
         for done, (number, scene) in enumerate(source.lines):
             watch.progress(path.name, done, len(source.lines))
             if isinstance(scene, SceneError):
                 problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
                 continue
-            rejection = check_static(scene, catalogue, apart, usual.visible)
+            rejection = check_static(scene, catalogue, usual.min_distance, usual.visible)
             if settle and rejection is None:
                 from vlafuzz.worlds.tabletop.sim.world import settled
 
