@@ -137,14 +137,11 @@ class World(ABC):
         """Raise a PrerequisiteError if no pictures can be drawn here."""
 
     @abstractmethod
-    def operators(self, wanted: Wanted) -> Operators:
-        """The operators that a user wants, for all tasks; a CatalogueError if their file is wrong."""
-
-    @abstractmethod
     def space(self, wanted: Wanted, operators: Operators | None = None) -> Space:
         """The scenes of a task; ``operators`` replace those that the user names.
 
         Raises:
+            CatalogueError: the file of operators is wrong.
             UsageError: an operator has nothing to vary there, or the robot's files are missing.
         """
 

@@ -301,18 +301,16 @@ class ValuesWorld(World, Generic[State]):
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
         return self._space(scene.task, self.named).conditions
 
-    def operators(self, wanted: Wanted) -> Parameters:
+    def space(self, wanted: Wanted, operators: Operators | None = None) -> ValuesSpace:
+        if isinstance(operators, Parameters):
+            return ValuesSpace(self, wanted.task, operators)
         if wanted.operators is not None:
             problem = f"--operators {wanted.operators}: this world names its ranges itself"
             raise UsageError(problem, hint="--vary says which of them vary")
         for name in wanted.vary:
             if name not in self.named:
                 raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, self.named))
-        return Parameters(self.named, frozenset(wanted.vary or self.named))
-
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> ValuesSpace:
-        chosen = operators if isinstance(operators, Parameters) else self.operators(wanted)
-        return ValuesSpace(self, wanted.task, chosen)
+        return self._space(wanted.task, wanted.vary or self.named)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:
         stored = json.loads(conditions.operators)

@@ -292,33 +292,25 @@ class TableWorld(World):
     def robot(self, name: str) -> Rig:
         return rig(name)
 
-    def operators(self, wanted: Wanted) -> OperatorSet:
-        setup = rig(wanted.robot)
-        operators = load_operators(wanted.operators or setup.operators)
-        if wanted.vary:
-            return operators.only(wanted.vary)
-        if setup.photos:  # they fit one view only
-            return operators.only(operators.varied - {CameraPosition.name, CameraOrientation.name})
-        return operators
-
     def space(self, wanted: Wanted, operators: Operators | None = None) -> TableSpace:
-        chosen = self.operators(wanted) if operators is None else operators
-        assert isinstance(chosen, OperatorSet)
-        space = self.space_of(wanted, chosen)
-        check_varied(space)
+        if operators is None:
+            setup = rig(wanted.robot)
+            operators = load_operators(wanted.operators or setup.operators)
+            if wanted.vary:
+                operators = operators.only(wanted.vary)
+            elif setup.photos:  # they fit one view only
+                operators = operators.only(operators.varied - {CameraPosition.name, CameraOrientation.name})
+        assert isinstance(operators, OperatorSet)
+        space = self.space_of(wanted, operators)
+        offered = {gene.operator for gene in space.by_path.values()}
+        idle = space.operators.varied - offered
+        if idle and space.genes:  # some of a world's tasks lack what varies there by default
+            idle -= load_operators(space.rig.operators).varied
+        for name in sorted(idle):
+            hint = f"known: {', '.join(sorted(offered))}"
+            raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
         return space
 
     @abstractmethod
     def space_of(self, wanted: Wanted, operators: OperatorSet) -> TableSpace:
         """The scenes of a task with these operators."""
-
-
-def check_varied(space: TableSpace) -> None:
-    """Raise a UsageError if an operator is to vary that has nothing to vary in this task."""
-    offered = {gene.operator for gene in space.by_path.values()}
-    idle = space.operators.varied - offered
-    if idle and space.genes:  # some of a world's tasks lack what varies there by default
-        idle -= load_operators(space.rig.operators).varied
-    for name in sorted(idle):
-        hint = f"known: {', '.join(sorted(offered))}"
-        raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
