@@ -105,8 +105,11 @@ def test_operators_that_do_not_act_through_one_quantity_stay_apart():
     assert mechanisms(SPACE, causes(camera_orientation=PITCHED, target_position=NEARER), trials) == []
 
 
-def test_a_single_cause_keeps_its_name():
-    assert mechanisms(SPACE, causes(camera_orientation=PITCHED), run(lower, [PITCHED])) == []
+def test_a_single_cause_is_named_by_the_quantity_if_the_other_scenes_show_that_it_is_about_that():
+    listed, trials = causes(camera_orientation=PITCHED), run(lower, [PITCHED], draws=120)
+    (one,) = mechanisms(SPACE, listed, trials)
+    assert (one.mechanism.quantity, one.mechanism.ways) == ("down", ("camera-orientation -pitch",))
+    assert mechanisms(SPACE, listed, run(lambda scene: scene.camera.pitch < -3, [PITCHED], draws=120)) == []
 
 
 @pytest.mark.parametrize("seed", range(4))

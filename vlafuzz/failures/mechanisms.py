@@ -29,7 +29,7 @@ Mask = NDArray[np.bool_]
 
 # Chosen by bench_mechanisms.py with seeds that it does not report.
 PENALTY = 5.0  # log likelihood that a row has to be worth: a threshold, and a choice of one in a dozen
-MARGIN = 3.0  # by which a quantity has to be better than the rows that it replaces
+MARGIN, ALONE = 3.0, 10.0  # by which a quantity has to be better than the rows that it replaces, or than one row
 ENDS = np.linspace(0.3, 1.0, 15)  # where a row may begin, as a share of the way to its own scene
 INSIDE, OUTSIDE = (6.0, 1.0), (0.5, 2.0)  # failures and passes that priors are worth: in causes, and by chance
 REPEATED = 2  # rollouts of an operator alone beyond a threshold that a swap test takes
@@ -58,12 +58,12 @@ def mechanisms(
 
     Causes are merged if each one's scene lies beyond a threshold of a quantity, and no longer does so with some of its
     operators reset; and if the quantity explains the run's outcomes better than they do, by a likelihood with failures
-    by chance and a penalty for each row.
+    by chance and a penalty for each row. One alone is renamed if the quantity does so by far.
 
     Args:
         at_random: the proposals that are random scenes.
     """
-    if len(causes) < 2 or not space.quantities:
+    if not causes or not space.quantities:
         return []
     run = _Run(space, causes, [trial for trial in trials if _judged(trial)])
     found, left = list[Merged](), frozenset(range(len(causes)))
@@ -190,10 +190,15 @@ class _Candidate:
     beyond: Mask
     score: float
 
+    @property
+    def margin(self) -> float:
+        """By how much it has to be better than the rows."""
+        return MARGIN if len(self.members) > 1 else ALONE
+
 
 def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | None:
     """The quantity that explains the outcomes best in place of some rows; None if the rows do that better."""
-    if len(left) < 2:
+    if not left:
         return None
     rows = sorted(left)
     ranges = run.ranges(rows, explained)
@@ -204,26 +209,26 @@ def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | Non
         for sign in (1, -1)
         for threshold in _thresholds(run, name, sign, quantity.step, rows)
     )
-    better = [one for one in candidates if one is not None and one.score > plain + MARGIN]
+    better = [one for one in candidates if one is not None and one.score > plain + one.margin]
     return max(better, key=lambda one: one.score, default=None)
 
 
 def _thresholds(run: _Run, name: str, sign: int, step: float, rows: Sequence[int]) -> list[float]:
-    """Multiples of a step beyond the nominal value, up to the second farthest cause."""
+    """Multiples of a step beyond the nominal value, up to the farthest cause."""
     usual = sign * run.usual[name]
     values = [sign * run.rows[row].here[name] for row in rows]
     reached = sorted(value for value in values if np.isfinite(value) and value > usual)
-    if len(reached) < 2:
+    if not reached:
         return []
     first = np.floor((usual if np.isfinite(usual) else reached[0] - step) / step) + 1
-    return [round(float(step * number), 6) for number in np.arange(first, np.floor(reached[-2] / step) + 1)]
+    return [round(float(step * number), 6) for number in np.arange(first, np.floor(reached[-1] / step) + 1)]
 
 
 def _candidate(
     run: _Run, name: str, sign: int, threshold: float, rows: Sequence[int], ranges: Mask, explained: Mask
 ) -> _Candidate | None:
     members = [index for index, row in enumerate(rows) if run.rows[row].brought_by(name, sign, threshold)]
-    if len(members) < 2:
+    if not members:
         return None
     beyond = sign * run.values[name] >= threshold
     others = [index for index in range(len(rows)) if index not in members]
