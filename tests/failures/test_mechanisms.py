@@ -79,6 +79,15 @@ def test_that_each_operator_alone_makes_the_policy_fail_shows_it_by_a_swap(merge
     assert merged.mechanism.swapped
 
 
+def test_of_a_camera_that_is_off_along_several_axes_the_one_that_matters_is_named():
+    """It is 4 cm off along y, which moves the target to the side, and 3.5 cm up."""
+    aside = replace(NOMINAL, camera=replace(NOMINAL.camera, distance=0.05, azimuth=90.0, elevation=45.0))
+    listed = causes(camera_position=aside, target_position=NEARER)
+    fails = lambda scene: down(scene) >= 6  # noqa: E731
+    (one,) = mechanisms(SPACE, listed, run(fails, [aside, NEARER]))
+    assert one.mechanism.ways == ("camera-position +z", "target-position +x")
+
+
 def test_the_share_is_that_of_random_scenes_beyond_the_threshold_that_fail(merged: Merged):
     beyond = [scene for scene in _drawn() if down(scene) >= merged.mechanism.threshold]
     assert merged.share.value == pytest.approx(len(beyond) / 60, abs=0.05)

@@ -242,17 +242,23 @@ def _merged(run: _Run, best: _Candidate, at_random: Collection[int]) -> Merged:
     for member in best.members:
         row = run.rows[member]
         for operator in row.brought_by(best.name, best.sign, best.threshold):
-            ways.setdefault(operator, _way(run.space, row.scene, operator))
+            ways.setdefault(operator, _way(run.space, row.scene, operator, best.name))
     threshold, above = best.sign * best.threshold, best.sign > 0
     mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()), _swapped(run, best, list(ways)))
     return Merged(mechanism, best.members, _share(run, best.beyond, at_random))
 
 
-def _way(space: Space, scene: Scene, operator: str) -> str:
-    """An operator with its direction, if that is one."""
+def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
+    """An operator with its direction, if it has one: of a displacement along the axis that matters most."""
     if operator not in space.groups or operator == CONFOUNDERS:
         return operator
-    return f"{operator} {direction(space, scene, operator, space.nominal(like=scene))}"
+    start, here = space.nominal(like=scene), space.measured(scene)[quantity]
+    axes = space.axes(scene, operator, start)
+    if len(axes) > 1:
+        without = {axis: space.without_axes(scene, operator, [axis], start) for axis in axes}
+        most = max(axes, key=lambda axis: abs(space.measured(without[axis])[quantity] - here))
+        scene = space.without_axes(scene, operator, axes.keys() - {most}, start)
+    return f"{operator} {direction(space, scene, operator, start)}"
 
 
 def _share(run: _Run, beyond: Mask, at_random: Collection[int]) -> Probability | None:

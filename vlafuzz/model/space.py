@@ -250,6 +250,14 @@ class Space(ABC):
         """The world's own word for how a group deviates from a scene to start from, if it has one."""
         return None
 
+    def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
+        """How far a displacement goes along each of its axes, those where it does; none of a group that is no such."""
+        return {}
+
+    def without_axes(self, scene: Scene, group: str, axes: Collection[str], start: Scene) -> Scene:
+        """The scene with the displacement of a group as in another one along some axes."""
+        return scene
+
     def option(self, scene: Scene, gene: Gene, value: float) -> str:
         """What a category's value stands for, in a word."""
         name = gene.path.rpartition(".")[2]

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from tests.failures.triage.planted import SPACE, WITH_EXTRAS
+from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
 
@@ -49,6 +49,17 @@ def test_a_direction_is_one_from_the_reference():
     operators = ["light", "camera-orientation"]
     assert directed(SPACE, scene, operators) == ["light:dark", "camera-orientation:+yaw"]
     assert directed(SPACE, scene, operators, reference) == ["light:bright", "camera-orientation:-yaw"]
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 60.0, 135.0])
+def test_of_a_minimal_scene_the_camera_has_the_axis_that_matters_not_the_longest(azimuth: float):
+    """The policy fails where the camera is 1.5 cm lower, however far it is aside."""
+    scene = replace(NOMINAL, camera=Camera(0.045, azimuth, -25.0))
+    policy = Planted([lambda scene: scene.camera.offset[2] <= -0.015])
+    minimal = policy.shrunk(scene).scene
+    assert directed(SPACE, scene, ["camera-position"]) != ["camera-position:-z"]
+    assert directed(SPACE, minimal, ["camera-position"]) == ["camera-position:-z"]
+    assert minimal.camera.offset[:2] == pytest.approx((0, 0), abs=1e-9)
 
 
 def test_the_second_target_has_its_number():

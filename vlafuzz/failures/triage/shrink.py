@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations
 from typing import TypeVar
 
@@ -133,6 +134,10 @@ class _Shrinker:
         operators = [operator for name in left for operator in self.space.group(name)]
         genes = self._free(operators)
         self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
+        for name in self._left():
+            axes = self.space.axes(self.best, name, self._start)
+            if len(axes) > 1:  # the one that is left says where to it has to go
+                self._drop(list(axes), partial(self._without_axes, name))
 
     def _lessen(self, gene: Gene) -> None:
         """Move a value to some way past the threshold of the failure."""
@@ -216,6 +221,13 @@ class _Shrinker:
         if self._distance(first) <= self._distance(self.best):
             return first
         return min(orders, key=self._distance, default=first)
+
+    @property
+    def _start(self) -> Scene:
+        return self.space.nominal(like=self.best) if self.reference is None else self.reference
+
+    def _without_axes(self, name: str, gone: Sequence[str]) -> Scene:
+        return self.space.without_axes(self.best, name, gone, self._start)
 
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
         start = self.space.nominal_values if self.reference is None else self.space.values(self.reference)

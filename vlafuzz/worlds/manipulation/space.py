@@ -48,6 +48,7 @@ from vlafuzz.worlds.manipulation.operators import (
 )
 from vlafuzz.worlds.manipulation.rigs import Rig, rig
 
+_STILL = 0.0005  # metres: half a step of the camera's distance
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.
 _AROUND = (ConfounderType, ConfounderPosition, ConfounderOrientation, ConfounderCount)
@@ -193,10 +194,30 @@ class TableSpace(Space):
         if operators == Light.name:
             return "dark" if scene.light.intensity < start.light.intensity else "bright"
         if operators == CameraPosition.name:  # the axis along which it is farthest off
-            offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
-            axis, by = max(((axis, a - b) for axis, a, b in offsets), key=lambda moved: abs(moved[1]))
-            return f"{'-' if by < 0 else '+'}{axis}"
+            axes = self.axes(scene, operators, start) or {"x": 0.0}
+            axis = max(axes, key=lambda axis: abs(axes[axis]))
+            return f"{'-' if axes[axis] < 0 else '+'}{axis}"
         return None
+
+    def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
+        """Of the camera's position: x, y and z, in metres."""
+        if group != CameraPosition.name:
+            return {}
+        offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
+        return {axis: here - there for axis, here, there in offsets if abs(here - there) > _STILL}
+
+    def without_axes(self, scene: Scene, group: str, axes: Collection[str], start: Scene) -> Scene:
+        offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
+        x, y, z = (there if axis in axes else here for axis, here, there in offsets)
+        level = math.hypot(x, y)
+        polar = {
+            "distance": math.hypot(level, z),
+            "azimuth": math.degrees(math.atan2(y, x)),
+            "elevation": math.degrees(math.atan2(z, level)),
+        }
+        grids = {name: self.by_path[f"camera.{name}"].grid for name in polar}
+        placed = {f"camera.{name}": grids[name].value(grids[name].snap(value)) for name, value in polar.items()}
+        return self.compose(self.values(scene) | placed)
 
     def option(self, scene: Scene, gene: Gene, value: float) -> str:
         if gene.path.endswith(".rest"):
