@@ -1,12 +1,11 @@
 #!/usr/bin/env python
-"""Compare strategies at equal budget and with paired seeds, on five benchmarks.
+"""Compare strategies at equal budget and with paired seeds, on three benchmarks without physics.
 
-    faults    policies with planted faults, without physics: how many are identified by search and triage
-    toy       planted failures in closed form, without physics
+    faults    policies with planted faults: how many are identified by search and triage
+    toy       planted failures in closed form
     replay    published labels of real VLAs (VLATest's folder `data`) as the oracle: choose 200 of 1,000
-    pinhole   the real simulator, a scripted policy with a pinhole camera model, physics only
-    mini      the real simulator, a learned policy, with rendering
 
+`vlafuzz compare` compares strategies in the simulator.
 The n-th runs of all strategies have the same seed and are compared as pairs: ratios of means with 95 % intervals, the
 numbers of pairs with more and with fewer, and p by Wilcoxon's signed-rank test with Holm's correction for all tests of
 a command.
@@ -26,12 +25,11 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
 
-from strategies import identified, replay, results, simulated, toy
+from strategies import identified, replay, results, toy
 from strategies.arms import SPLITS, arms
 from strategies.faults import DENSITIES
 from strategies.identified_plot import plot
 
-from vlafuzz.cli.compare import print_comparison
 from vlafuzz.common.statistics import mean_ratio
 from vlafuzz.search.registry import STRATEGIES
 
@@ -93,23 +91,6 @@ def _pooled(rare: list[results.Row], name: str) -> results.Row:
     return {"ratio": results.estimate(mean_ratio(runs, base)), "runs": runs}
 
 
-def simulate(options: argparse.Namespace) -> dict[str, Any]:
-    compared = simulated.simulate(
-        options.tasks,
-        options.strategies,
-        _seeds(options),
-        policy=options.ground,
-        budget=options.budget,
-        limit=options.triage_rollouts,
-        workers=options.workers,
-        processes=options.processes,
-        folder=options.stores,
-    )
-    for comparison in compared.values():
-        print_comparison(comparison)
-    return simulated.contents(compared)
-
-
 def _run(cases: list[Any], options: argparse.Namespace) -> dict[str, dict[str, list[dict[str, float]]]]:
     return results.run(cases, options.strategies, seeds=_seeds(options), budget=options.budget, workers=options.workers)
 
@@ -137,12 +118,6 @@ def main() -> None:
     ground.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
     ground = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
     ground.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
-    for name, repeats, tasks in (("pinhole", 20, ["pick-up", "put-on"]), ("mini", 5, ["pick-up", "move-near"])):
-        ground = _ground(grounds, name, simulate, strategies=ALL, budget=300, repeats=repeats)
-        ground.add_argument("--tasks", nargs="+", default=tasks)
-        ground.add_argument("--triage-rollouts", type=int, default=0, help="of every run, see `vlafuzz compare`")
-        ground.add_argument("--processes", type=int, default=1, help="processes per run; outcomes do not depend on it")
-        ground.add_argument("--stores", type=Path, default=Path("runs") / name, help="folder of the stores")
     options = parser.parse_args()
     if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:
         options.strategies.insert(0, results.RANDOM)

@@ -8,7 +8,6 @@ from typing import Any
 
 from strategies.arms import ATTRIBUTION, HUNTING
 from strategies.results import Row
-from vlafuzz.lab.plots import plain
 
 # Okabe, Ito 2008; other strategies are grey.
 _COLOURS = ("#D55E00", "#0072B2", "#009E73", "#000000")
@@ -33,7 +32,7 @@ def plot(rows: Sequence[Row], file: Path) -> None:
         axes.minorticks_off()
         highest = max(row["identified"]["value"] for row in shown)
         axes.set_ylim(0, 1.3 * highest or 1)  # intervals of few worlds may be much higher
-        plain(axes)
+        axes.grid(color="#dddddd", linewidth=0.6)
     panels[0].set_ylabel("faults identified")
     handles, labels = panels[0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))

@@ -6,14 +6,12 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from vlafuzz.cli.flags import (
     ConfigFlag,
-    CsvFlag,
     ExecutorFlag,
     JsonFlag,
-    MarkdownFlag,
     OperatorsFlag,
     PolicyFlag,
     VaryFlag,
@@ -22,11 +20,8 @@ from vlafuzz.cli.flags import (
     option,
     option_of,
 )
-from vlafuzz.cli.output import Bar, data, interruptible, print_json, print_lines, print_rows
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number
-
-if TYPE_CHECKING:
-    from vlafuzz.lab.compare.comparison import Comparison
 
 _CONTINUES = "the same command continues"
 _ONE = 200  # rollouts that triage of one failure takes at most, about
@@ -53,10 +48,8 @@ def command(
         ),
     ] = None,
     store: Annotated[Path | None, option("Where to keep all runs.", "runs/compare-….db")] = None,
-    out: Annotated[Path | None, option("Folder for page, plots and tables.", "runs/compare-…")] = None,
+    out: Annotated[Path | None, option("Folder for plot and JSON.", "runs/compare-…")] = None,
     json: JsonFlag = False,
-    csv: CsvFlag = False,
-    markdown: MarkdownFlag = False,
     config: ConfigFlag = None,
 ) -> None:
     """Compare strategies: several runs of each with the same seeds and the same budget of rollouts.
@@ -68,8 +61,8 @@ def command(
     """
     from vlafuzz.campaign.config import MOST, RunConfig, default_store
     from vlafuzz.doctor.exam import speed_of
-    from vlafuzz.lab.compare import page
     from vlafuzz.lab.compare.compare import compare
+    from vlafuzz.lab.compare.comparison import rows, sentences, write_folder
     from vlafuzz.worlds import default_policy, default_task
 
     names, limit = _names(strategies), max(budget, _ONE) if triage_rollouts is None else triage_rollouts
@@ -77,8 +70,6 @@ def command(
     check_number("--triage-rollouts", limit, 0)
     if seed + repeats - 1 > MOST:
         raise UsageError(f"--seed: too large for {repeats} repeats, got {seed}", hint="give a smaller one")
-    if json + csv + markdown > 1:
-        raise UsageError("--json, --csv and --markdown exclude each other", hint="give one of them")
     task = task or default_task()
     policy = policy or default_policy(task)
     store = store or Path("runs") / f"compare-{default_store(task, policy, 0).stem[:-2]}.db"
@@ -100,14 +91,11 @@ def command(
         compared = compare(run, names, repeats, limit, folder, bar, speed_of)
     if json:
         print_json(asdict(compared))
-    elif csv:
-        print_rows(page.csv_rows(compared), csv=True)
-    elif markdown:
-        data().write(page.markdown(compared))
     else:
-        print_comparison(compared)
+        print_rows(rows(compared), title=compared.title)
+        print_lines(*sentences(compared))
     try:
-        written = page.write_folder(compared, folder)
+        written = write_folder(compared, folder)
     except OSError as error:
         raise UsageError(f"--out: {error}", hint=f"all runs are stored: {_CONTINUES}") from None
     Bar.note(f"written to {folder}: {', '.join(written)}")
@@ -124,14 +112,3 @@ def _names(strategies: str) -> list[str]:
     for name in names:
         strategy_factory(name)
     return names
-
-
-def print_comparison(compared: Comparison) -> None:
-    """Print the tables of a comparison; what its tests say stands below the first."""
-    from vlafuzz.lab.compare import page
-
-    lines = page.sentences(compared)
-    for table in page.tables(compared):
-        print_rows(table.rows, title=table.title)
-        print_lines(table.says, *lines)
-        lines = []

@@ -6,7 +6,7 @@ import shlex
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -18,11 +18,7 @@ from vlafuzz.model.scene_lines import is_store
 from vlafuzz.worlds import usual_world
 from vlafuzz.worlds.capabilities import Frame
 
-if TYPE_CHECKING:
-    from vlafuzz.lab.studies.sheet import StudyResult
-
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
-ALPHAS = ("linear", "log")
 
 
 def study(
@@ -36,15 +32,11 @@ def study(
     robot: RobotFlag = None,
     operators: Annotated[str | None, option_of("operators", "paper-rq1, or those of another robot")] = None,
     pack: PackFlag = None,
-    alpha: Annotated[str, option("How rq3 draws the light: linear, as the paper, or log, evenly in log2.")] = "linear",
     unseen: Annotated[
         list[str] | None, option("The pack of rq5's unseen objects, a folder or a name; may be repeated.")
     ] = None,
     seed: SeedFlag = 0,
     workers: WorkersFlag = None,
-    stores: Annotated[
-        list[Path] | None, option("Run nothing: rq1 of the runs of this store; may be repeated.", flag="--from")
-    ] = None,
     json: JsonFlag = False,
 ) -> None:
     """Do an experiment of the VLATest paper with policies, side by side.
@@ -59,13 +51,11 @@ def study(
     prompts  both steps in one instruction; and one step at a time
 
     The same command continues after an interruption. Studies with the same --out share
-    their runs. With --from, rq1 counts the stored runs of random scenes and of files
-    of scenes.
+    their runs.
     """  # noqa: D301 - click's mark for lines that stay as they are
     tasks = usual_world().tasks
-    for text, value, known in (("study", study, STUDIES), ("--alpha", alpha, ALPHAS)):
-        if value not in known:
-            raise UsageError(f"unknown {text} {value!r}", hint=suggestion(value, known))
+    if study not in STUDIES:
+        raise UsageError(f"unknown study {study!r}", hint=suggestion(study, STUDIES))
     if unknown := next((name for name in task or () if name not in tasks), None):
         raise UsageError(f"unknown task {unknown!r}", hint=suggestion(unknown, tasks))
     if (study == "rq5") != bool(unseen):
@@ -74,45 +64,35 @@ def study(
             hint="`vlafuzz lab study rq5 --unseen DIR`: the pack of objects that no policy has seen",
         )
     check_number("--scenes", scenes, 1)
-    if stores and study != "rq1":
-        raise UsageError(f"{study}: --from is for rq1 only", hint="leave it out")
-    runs = {"--task": task, "--policy": policy, "--robot": robot, "--operators": operators, "--pack": pack}
-    if stores and (flags := [flag for flag, value in runs.items() if value]):
-        raise UsageError(f"{flags[0]} and --from: nothing is run", hint="leave one of the two out")
     from vlafuzz.campaign.config import RunConfig
     from vlafuzz.doctor.exam import speed_of
-    from vlafuzz.lab.studies.study import StudyRequest, ranges_for, study_of, write
+    from vlafuzz.lab.studies.result import write
+    from vlafuzz.lab.studies.study import StudyRequest, ranges_for
     from vlafuzz.lab.studies.study import study as run_study
 
-    if stores:
-        result: StudyResult = study_of(stores)
-    else:
-        request = StudyRequest(
-            study,
-            tasks=list(dict.fromkeys(task or ())),
-            policies=[*dict.fromkeys(policy or ())] or [None],
-            alpha=alpha,  # type: ignore[arg-type] # one of ALPHAS
-            unseen=opened(unseen),
-        )
-        run = RunConfig(
-            budget=scenes,
-            seed=seed,
-            robot=robot,
-            operators=operators or ranges_for(robot),
-            packs=opened(pack),
-            workers=workers,
-            command=shlex.join(["vlafuzz", *sys.argv[1:]]),
-        )
-        with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
-            result = run_study(request, run, out, bar, speed_of)
+    request = StudyRequest(
+        study,
+        tasks=list(dict.fromkeys(task or ())),
+        policies=[*dict.fromkeys(policy or ())] or [None],
+        unseen=opened(unseen),
+    )
+    run = RunConfig(
+        budget=scenes,
+        seed=seed,
+        robot=robot,
+        operators=operators or ranges_for(robot),
+        packs=opened(pack),
+        workers=workers,
+        command=shlex.join(["vlafuzz", *sys.argv[1:]]),
+    )
+    with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
+        result = run_study(request, run, out, bar, speed_of)
     document = write(result, out)
     if json:
         print_json(document)
         return
-    tables, notes = result.sheet()
-    for table in tables:
-        print_rows(table.rows, title=table.title)
-    print_lines(*notes)
+    print_rows(result.rows(), title=result.title)
+    print_lines(*result.said())
 
 
 def coverage(
@@ -132,9 +112,9 @@ def coverage(
     """Measure how much of the space scenes or runs cover.
 
     positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first object of a
-    scene; published: the value in VLATest's paper. It grows with the number of scenes, whatever they contain. sites:
-    distinct sets of operators far from nominal, with the target's place. For runs also cells: sites with the stage at
-    which the policy was lost; failures: the cells of its failures.
+    scene, as in VLATest's paper. It grows with the number of scenes, whatever they contain. sites: distinct sets of
+    operators far from nominal, with the target's place. For runs also cells: sites with the stage at which the policy
+    was lost; failures: the cells of its failures.
     """
     from vlafuzz.lab.studies.coverage import SIZES, covered, tracks_of_files
 

@@ -36,7 +36,8 @@ OPTIONS: Mapping[str, Mapping[str, str]] = {
         "--stop-early": "--config stop-early=true",
         "--triage": "`vlafuzz triage STORE` after the run",
     },
-    "compare": _CLUSTER,
+    "lab": {"--alpha": "the `spread` of the light in --operators FILE", "--from": "`vlafuzz report STORE`"},
+    "compare": _CLUSTER | dict.fromkeys(("--csv", "--markdown"), "--json"),
 }
 
 

@@ -74,11 +74,6 @@ def corpus_dir() -> Path:
     return _folder("corpus")
 
 
-def published_dir() -> Path:
-    """The folder with the VLATest paper's findings."""
-    return _folder("published")
-
-
 def cache_dir() -> Path:
     """The cache folder: ``$VLAFUZZ_CACHE``, or the platform's default such as ``~/.cache/vlafuzz``."""
     return Path(os.environ.get("VLAFUZZ_CACHE") or user_cache_path("vlafuzz", appauthor=False))

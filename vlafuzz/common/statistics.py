@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.text import interval, percent
 
-_EXACT = 20_000  # permutations of two samples, up to which all are counted
 _STAKE = 0.7  # share of the wealth that is on a rate near 1
 _TINY = 1e-9
 _TAIL = 0.975  # of intervals of 95 %
@@ -122,31 +121,6 @@ def newcombe(k: int, n: int, other_k: int, other_n: int) -> Interval:
         share - other - math.hypot(share - mine.low, others.high - other),
         share - other + math.hypot(mine.high - share, other - others.low),
     )
-
-
-def a12(ours: Sequence[float], theirs: Sequence[float]) -> float:
-    """Probability that a value of ours is larger than one of theirs; a tie counts half.
-
-    Vargha, Delaney 2000 <https://doi.org/10.3102/10769986025002101>.
-    """
-    from scipy.stats import mannwhitneyu
-
-    u = mannwhitneyu(ours, theirs, method="asymptotic").statistic
-    return float(u) / (len(ours) * len(theirs))
-
-
-def mann_whitney(ours: Sequence[float], theirs: Sequence[float]) -> float:
-    """Two-sided p-value of Mann and Whitney's U test.
-
-    For small samples all permutations are counted, so that it is exact even with ties.
-    """
-    from scipy.stats import PermutationMethod, mannwhitneyu
-
-    if len({*ours, *theirs}) == 1 or min(len(ours), len(theirs)) < 2:
-        return 1.0
-    few = math.comb(len(ours) + len(theirs), len(ours)) <= _EXACT
-    method = PermutationMethod(n_resamples=_EXACT) if few else "asymptotic"
-    return min(1.0, float(mannwhitneyu(ours, theirs, alternative="two-sided", method=method).pvalue))
 
 
 @dataclass(frozen=True)

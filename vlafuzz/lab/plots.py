@@ -1,54 +1,56 @@
-"""Shared parts of plots. matplotlib is imported when one is drawn."""
+"""The plot of a comparison or a study: estimates with their intervals, one below the other."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from vlafuzz.common.files import replacing
 
-# Okabe, Ito 2008: distinguishable with any colour vision.
-COLOURS = ("#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#8C6D31")
+_DOT, _LINE, _CONTROL = "#0072B2", "#000000", "#D55E00"  # Okabe, Ito 2008: distinguishable with any colour vision
 
 
-def panels(title: str, number: int, columns: int, size: tuple[float, float], **options: Any) -> tuple[Any, list[Any]]:
-    """A figure with panels side by side, without spines at the top and at the right.
+@dataclass(frozen=True)
+class Line:
+    """An estimate from ``low`` to ``high``, with the single values that it is of, and that of its control."""
 
-    Args:
-        size: inches, of the whole figure.
+    label: str
+    value: float | None
+    low: float | None
+    high: float | None
+    dots: Sequence[float] = ()
+    control: float | None = None
+
+
+def draw(path: Path, title: str, panels: Mapping[str, Sequence[Line]], most: float | None = None) -> None:
+    """Write a PNG file with a panel for each name; ``most`` is the right end of all axes, by default their own.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     from matplotlib.figure import Figure
 
+    lines = [len(of_panel) for of_panel in panels.values()]
+    size = (9, 1.2 + sum(0.6 + 0.3 * number for number in lines))
     figure = Figure(figsize=size, layout="constrained")
-    every = list(figure.subplots(-(-number // columns), columns, squeeze=False, **options).flat)
-    for axes in every[number:]:
-        axes.remove()
-    for axes in every[:number]:
-        plain(axes)
     figure.suptitle(title, fontsize=11)
-    return figure, every[:number]
-
-
-def plain(axes: Any, grid: str = "both") -> None:
-    """Leave only pale grid lines, along one axis or both, and the spines at the left and the bottom."""
-    axes.grid(visible=False)
-    axes.grid(axis=grid, color="#dddddd", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
-
-
-def save(figure: Any, path: Path, columns: int = 6) -> None:
-    """Write a figure with one legend for all panels, below them."""
-    labelled: dict[str, Any] = {}
-    for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        labelled |= zip(labels, handles, strict=True)
-    if labelled:
-        place = {"loc": "outside lower center", "ncols": min(columns, len(labelled))}
-        figure.legend(labelled.values(), labelled.keys(), **place, frameon=False, fontsize=8)
+    every = figure.subplots(len(panels), 1, squeeze=False, height_ratios=[number + 1 for number in lines])[:, 0]
+    for axes, (name, of_panel) in zip(every, panels.items(), strict=True):
+        for row, line in enumerate(of_panel):
+            # Dots of runs with the same value lie beside each other.
+            offsets = [0.12 * (number % 3 - 1) for number in range(len(line.dots))]
+            axes.scatter(line.dots, [row + offset for offset in offsets], s=12, color=_DOT, alpha=0.7)
+            if line.low is not None and line.high is not None:
+                axes.plot([line.low, line.high], [row, row], color=_LINE, linewidth=1.2)
+            if line.value is not None:
+                axes.plot(line.value, row, "o", color=_LINE, markersize=5)
+            if line.control is not None:
+                axes.plot(line.control, row, "D", color=_CONTROL, markersize=5, markerfacecolor="none")
+        axes.set_title(name, fontsize=10, loc="left")
+        axes.set_yticks(range(len(of_panel)), [line.label for line in of_panel], fontsize=8)
+        axes.set_ylim(len(of_panel) - 0.5, -0.5)
+        axes.set_xlim(0, most)
+        axes.grid(axis="x", color="#dddddd", linewidth=0.6)
+        axes.set_axisbelow(True)
+        axes.spines[["top", "right"]].set_visible(False)
     with replacing(path) as unfinished:
         figure.savefig(unfinished, dpi=150, format="png")
-
-
-def coloured(names: Sequence[str], colours: Sequence[str] = COLOURS[1:]) -> dict[str, str]:
-    """A colour for each name."""
-    return {name: colours[number % len(colours)] for number, name in enumerate(dict.fromkeys(names))}

@@ -1,13 +1,27 @@
 import pytest
 
-from vlafuzz.lab.compare.figures import Figures
-from vlafuzz.lab.compare.verdicts import MEASURES, Pair, against, corrected
+from vlafuzz.common.statistics import Estimate
+from vlafuzz.lab.compare.comparison import Counted, Pair, against
 
 
-def runs(**causes: list[int]) -> dict[str, list[Figures]]:
+def counted(strategy: str, seed: int, causes: int | None, width: float | None = None) -> Counted:
+    return Counted(
+        run=1,
+        strategy=strategy,
+        seed=seed,
+        rollouts=20,
+        triage_rollouts=None,
+        triaged=None,
+        signatures=(),
+        causes=causes,
+        failures=5,
+        probability=None if width is None else Estimate(0.5, 0.5, 0.5 + width),
+    )
+
+
+def runs(**causes: list[int]) -> dict[str, list[Counted]]:
     """Runs with so many causes; they are alike in all other measures."""
-    alike = dict.fromkeys(MEASURES) | {"failures": 5}
-    return {name: [alike | {"causes": count} for count in counts] for name, counts in causes.items()}
+    return {name: [counted(name, seed, count) for seed, count in enumerate(counts)] for name, counts in causes.items()}
 
 
 def first(pairs: list[Pair]) -> Pair:
@@ -39,7 +53,6 @@ def test_where_none_is_shown_it_says_so():
 
 def test_too_few_repeats_are_said_to_be_so_whatever_they_show():
     pair = first(against(runs(random=[1, 2, 1], mine=[9, 8, 9], other=[1, 1, 1]), "random"))
-    assert not pair.tells
     assert "3 repeats are too few to tell, p is never below 1; 8 could (6.5x (" in pair.verdict
 
 
@@ -56,26 +69,17 @@ def test_p_values_are_corrected_for_every_strategy_in_every_measure():
     assert first(among).p_holm == pytest.approx(len(among) * first(among).test.p)
 
 
-def test_tests_of_several_tasks_are_corrected_together():
-    task = against(runs(**CLEAR), "random")
-    together = corrected([*task, *task])
-    assert first(together).tests == 2 * len(task)
-    assert first(together).p_holm == pytest.approx(2 * first(task).p_holm)
-    assert first(together).verdict.endswith("p 0.0078 after Holm over 4 tests")
-
-
 def test_what_a_strategy_does_not_tell_is_not_tested():
-    figures = runs(**CLEAR)
-    figures["mine"] = [{**run, "probability_width": 0.1} for run in figures["mine"]]
-    assert [pair.measure for pair in against(figures, "random")] == ["causes", "failures"]
+    of_both = {"random": [counted("random", 0, 3)], "mine": [counted("mine", 0, 4, width=0.1)]}
+    assert [pair.measure for pair in against(of_both, "random")] == ["causes", "failures"]
 
 
 def test_a_narrower_interval_of_the_failure_probability_is_better():
-    figures = {
-        name: [dict.fromkeys(MEASURES) | {"probability_width": width + 0.01 * seed} for seed in range(10)]
+    of_both = {
+        name: [counted(name, seed, None, width + 0.01 * seed) for seed in range(10)]
         for name, width in (("random", 0.2), ("mine", 0.1))
     }
-    pair = next(pair for pair in against(figures, "random") if pair.measure == "probability_width")
+    pair = next(pair for pair in against(of_both, "random") if pair.measure == "probability_width")
     assert pair.verdict.startswith("narrower interval of the failure probability than random: 0.59x")
     assert "wider in 0 and narrower in 10 of 10 pairs" in pair.verdict
     assert "worse" not in pair.verdict

@@ -1,6 +1,6 @@
 """The causes of a run: its findings are triaged within a limit of rollouts, and what is certified counts."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -16,20 +16,18 @@ Known = dict[tuple[str, str], Triaged | None]
 """Results of triage by the finding's key; None where a finding could not be judged."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Certified:
     """What triage of a run's findings has come to.
 
     Attributes:
-        causes: distinct signatures of certified findings, each with the rollouts of triage until then. triaged:
-        findings within the limit; ``confirmed`` of them mostly fail, ``certified`` are minimal, too. rollouts: of the
-        policy; all of the limit where it did not suffice for the next finding.
+        causes: distinct signatures of certified findings.
+        triaged: findings within the limit.
+        rollouts: of the policy; all of the limit where it did not suffice for the next finding.
     """
 
-    causes: Mapping[str, int]
+    causes: tuple[str, ...]
     triaged: int
-    confirmed: int
-    certified: int
     rollouts: int
 
 
@@ -39,23 +37,16 @@ def known_results(store: Store) -> Known:
 
 def certified(findings: Sequence[Finding], known: Known, limit: int) -> Certified:
     """Count the findings whose triage, one after the other, took no more rollouts than the limit."""
-    within: list[Triaged] = []
-    causes: dict[str, int] = {}
-    spent = 0
+    causes: dict[str, None] = {}
+    triaged, spent = 0, 0
     for result in filter(None, (known.get(finding.key) for finding in findings)):
         spent += result.policy_rollouts
         if spent > limit:
             break
-        within.append(result)
+        triaged += 1
         if result.bucket == "minimal" and result.signature:
-            causes.setdefault(result.signature, spent)
-    return Certified(
-        causes=causes,
-        triaged=len(within),
-        confirmed=sum(result.bucket != "flaky" for result in within),
-        certified=sum(result.bucket == "minimal" for result in within),
-        rollouts=min(spent, limit),
-    )
+            causes[result.signature] = None
+    return Certified(tuple(causes), triaged, min(spent, limit))
 
 
 def certify(

@@ -1,6 +1,6 @@
 """Compare strategies: do the runs that are missing, triage their failures, and count."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,29 +9,21 @@ from typing import NamedTuple
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.campaign.launch import SpeedOf, WantedRun, do_missing, note_places, stored_run
+from vlafuzz.campaign.launch import SpeedOf
 from vlafuzz.common.files import make_folder
+from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.jobs import runner_of_run
-from vlafuzz.lab.compare.certified import certify, uncertified
-from vlafuzz.lab.compare.comparison import Comparison, compare_runs
-from vlafuzz.lab.compare.figures import count_run, with_causes
-from vlafuzz.lab.versions import check_one_version
-from vlafuzz.model.conditions import ASKED
+from vlafuzz.failures.triage.pipeline import findings_in_order
+from vlafuzz.lab.compare.certified import Known, certified, certify, known_results, uncertified
+from vlafuzz.lab.compare.comparison import Comparison, Counted, compare_runs
+from vlafuzz.lab.runs import Wanted, complete
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.registry import Place
-from vlafuzz.store.records import UNFINISHED, Manifest, Run
+from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
-
-# Values that are too long for a message.
-_SAID = {
-    "operators_digest": "other operators, or other ranges",
-    "packs": "other packs of objects",
-    "scene_file": "another pool of scenes",
-    "label": "it may be of another model, since the policy's name has no version=",
-}
-_ELSEWHERE = "give another --store for another comparison, or the flags of the runs in there"
 
 
 class Job(NamedTuple):
@@ -42,35 +34,6 @@ class Job(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.strategy}, seed {self.seed}"
-
-
-def jobs(strategies: Sequence[str], repeats: int, seed: int) -> list[Job]:
-    """All runs, one of every strategy before the second of any: an interrupted comparison is balanced."""
-    return [Job(name, seed + number) for number in range(repeats) for name in strategies]
-
-
-def stored(path: Path, runs: Iterable[Run], here: Manifest, wanted: Sequence[Job]) -> dict[Job, Run]:
-    """The runs of a comparison that a store has, finished or not. Other strategies and seeds are ignored.
-
-    Args:
-        here: the manifest of any of its runs, as it would be made now.
-
-    Raises:
-        UsageError: the store has runs under other conditions, or runs that cannot be resumed here.
-    """
-    by_job: dict[Job, list[Run]] = {}
-    for run in runs:
-        for name in run.manifest.differences(here, origins=ASKED):
-            if name in (*Job._fields, "batch"):  # the batch is as suits a strategy
-                continue
-            was, now = run.manifest.value(name), here.value(name)
-            difference = _SAID.get(name, f"{name} {was}, not {now}")
-            raise UsageError(f"{path}: run {run.id} has other conditions: {difference}", hint=_ELSEWHERE)
-        by_job.setdefault(Job(run.manifest.strategy, run.manifest.seed), []).append(run)
-    known = {job: best for job in wanted if (best := stored_run(by_job.get(job, [])))}
-    complete = len(known) == len(wanted) and all(run.status not in UNFINISHED for run in known.values())
-    check_one_version(path, list(known.values()), None if complete else here, "--store")
-    return known
 
 
 def compare(
@@ -92,43 +55,73 @@ def compare(
     """
     assert run.store
     first = config.plan(run)
-    wanted = jobs(strategies, repeats, run.seed)
-    if run.store.exists():  # checked before it is opened to write, which may upgrade it
-        with Store.open(run.store) as store:
-            stored(run.store, store.runs(), first.manifest, wanted)
-    make_folder(folder)
-    with Store.open(run.store, "write") as store:
-        known = stored(run.store, store.runs(), first.manifest, wanted)
-        do_missing(store, _wanted(run, first.manifest, wanted, known, limit), watch, speed_of=speed_of)
-        runs = list(stored(run.store, store.runs(), first.manifest, wanted).values())
-        note_places(runs, watch)
-        counted = [count_run(store, done, first.embed) for done in runs]
-        if limit:
-            _certify(store, runs, limit, first.triage_place, watch)
-        counted = with_causes(store, counted, limit)
-    by_strategy = {name: [one for one in counted if one.run.manifest.strategy == name] for name in strategies}
-    return compare_runs(by_strategy, strategies[0], store=str(run.store), limit=limit)
 
-
-def _wanted(
-    run: RunConfig, manifest: Manifest, jobs: Sequence[Job], known: Mapping[Job, Run], limit: int
-) -> list[WantedRun]:
     def plan(job: Job) -> Plan:
         planned = config.plan(replace(run, strategy=job.strategy, seed=job.seed))
         # What is committed in the meantime does not change the code that is loaded.
-        return replace(planned, manifest=replace(planned.manifest, commit=manifest.commit))
+        return replace(planned, manifest=replace(planned.manifest, commit=first.manifest.commit))
 
-    return [
-        WantedRun(
-            name=str(job),
-            budget=manifest.budget,
+    wanted = {
+        job: Wanted(
+            manifest=replace(first.manifest, strategy=job.strategy, seed=job.seed),
             plan=partial(plan, job),
-            stored=known.get(job),
             group=job.seed,  # the executor does not depend on the strategy
             triage=limit,
         )
-        for job in jobs
-    ]
+        # One of every strategy before the second of any: an interrupted comparison is balanced.
+        for job in (Job(name, run.seed + number) for number in range(repeats) for name in strategies)
+    }
+    make_folder(folder)
+    with Store.open(run.store, "write") as store:
+        runs = list(complete(store, wanted, watch, speed_of, flag="--store").values())
+        trials = {done.id: _own_trials(store, done) for done in runs}
+        if limit:
+            _certify(store, runs, limit, first.triage_place, watch)
+        known = known_results(store) if limit else None
+        counted = [_count(store, done, trials[done.id], known, limit) for done in runs]
+    return compare_runs(counted, strategies, first.manifest, store=str(run.store), limit=limit)
+
+
+def _own_trials(store: Store, run: Run) -> list[Trial]:
+    """The trials of a run.
+
+    Raises:
+        UsageError: it reused outcomes of other runs, so that its budget does not compare.
+    """
+    trials = list(store.trials(run.id))
+    # A duplicate may precede the trial of its batch that was rolled out, so this waits for all of them.
+    own = {trial.scene.digest for trial in trials if not trial.duplicate}
+    if borrowed := len({trial.scene.digest for trial in trials} - own):
+        raise UsageError(
+            f"{store.path}: run {run.id} reused {borrowed} outcomes of other runs, at no cost",
+            hint="compare only runs that `vlafuzz compare` did from start to end: give another --store",
+        )
+    return trials
+
+
+def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None, limit: int) -> Counted:
+    """Count a stored run, with what its triage has come to."""
+    verdicts = [trial.outcome.verdict for trial in trials]
+    failed = verdicts.count(Verdict.FAILED)
+    probability = None
+    if found := store.causes(run.id):
+        probability = found.probability and Estimate(*found.probability)
+    elif run.manifest.strategy == "random" and (judged := failed + verdicts.count(Verdict.PASSED)):
+        share = Share.of_counts(failed, judged)
+        probability = Estimate(share.share, share.low, share.high)
+    made = None if known is None else certified(findings_in_order(store, run.id), known, limit)
+    return Counted(
+        run=run.id,
+        strategy=run.manifest.strategy,
+        seed=run.manifest.seed,
+        rollouts=sum(len(trial.outcome.rollouts) for trial in trials if not trial.duplicate),
+        triage_rollouts=made.rollouts if made else None,
+        triaged=made.triaged if made else None,
+        signatures=made.causes if made else (),
+        causes=len(made.causes) if made else None,
+        failures=len({trial.scene.digest for trial in trials if trial.outcome.verdict is Verdict.FAILED}),
+        probability=probability,
+    )
 
 
 def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch: Watch) -> None:

@@ -1,66 +1,102 @@
-"""Comparison: the figures, curves and tests of several strategies, from their counted runs."""
+"""Comparison: what strategies are judged by, with tests against a reference, as a table, sentences and a plot."""
 
+import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from statistics import fmean
 
-import numpy as np
+from vlafuzz.common.files import write_whole
+from vlafuzz.common.statistics import (
+    Estimate,
+    SignedRank,
+    holm,
+    mean_difference,
+    mean_estimate,
+    mean_ratio,
+    pairs_needed,
+    signed_rank,
+    smallest_p,
+)
+from vlafuzz.common.text import Row, interval, percent, plural
+from vlafuzz.lab.plots import Line, draw
+from vlafuzz.store.records import Manifest
 
-from vlafuzz.common.statistics import Estimate, mean_estimate
-from vlafuzz.lab.compare.figures import CountedRun, Figures, figures, union
-from vlafuzz.lab.compare.verdicts import Pair, against
+ALPHA = 0.05
 
-MEANS = ("causes", "triage_rollouts", "causes_per_100", "failures")
-SPREAD = (
-    "cells", "coverage", "cid", "qd_score", "sparseness", "severity", "first_failure",
-    "tenth_failure", "valid_share", "rejected", "rollouts", "seconds", "rollout_seconds",
-    "search_seconds", "search_share", "store_seconds", "store_share",
-)  # fmt: skip
-_NEVER = 1e300  # practically infinite, but quantiles between two of them are numbers
-# A run without a figure ranks last: rollouts to a failure that was never found exceed any number.
-_WITHOUT = {"cid": _NEVER, "sparseness": -_NEVER, "first_failure": _NEVER, "tenth_failure": _NEVER}
-_POINTS = 50  # of a curve
+
+@dataclass(frozen=True, kw_only=True)
+class Counted:
+    """The counts of a run; those of triage are None without triage.
+
+    Attributes:
+        rollouts: of the search; ``triage_rollouts`` are further ones.
+        triaged: failures whose triage fits into its limit.
+        signatures: the causes that it certified, by name; ``causes`` is their number.
+        failures: distinct failing scenes.
+        probability: of a failure in a random scene; None where the strategy does not tell.
+    """
+
+    run: int
+    strategy: str
+    seed: int
+    rollouts: int
+    triage_rollouts: int | None
+    triaged: int | None
+    signatures: Sequence[str]
+    causes: int | None
+    failures: int
+    probability: Estimate | None
+
+    @property
+    def probability_width(self) -> float | None:
+        known = self.probability
+        return None if known is None or known.low is None or known.high is None else known.high - known.low
+
+    def value(self, measure: str) -> float | None:
+        """One of ``MEASURES``; None where there is nothing to measure."""
+        found: float | None = getattr(self, measure)
+        return found
 
 
 @dataclass(frozen=True)
-class Spread:
-    """Median and middle half of a figure that ``runs`` of the repeats have; None where most lack it."""
+class Measure:
+    """A figure by which strategies are compared, in words, and whether more is better."""
 
-    median: float | None
-    low: float | None
-    high: float | None
-    runs: int
+    says: str
+    most: bool = True
+    more: str = "more"
+    fewer: str = "fewer"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Curve:
-    """A count as a function of rollouts, over the repeats of a strategy: median and middle half."""
-
-    strategy: str
-    what: str
-    rollouts: tuple[int, ...]
-    median: tuple[float, ...]
-    low: tuple[float, ...]
-    high: tuple[float, ...]
+# In the order in which they judge.
+MEASURES = {
+    "causes": Measure("certified causes"),
+    "failures": Measure("failures"),
+    "probability_width": Measure("interval of the failure probability", most=False, more="wider", fewer="narrower"),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Triage:
-    """What triage made of all repeats of a strategy together.
+class Pair:
+    """One strategy against another in one measure; the n-th runs of both have the same seed and are a pair.
 
     Attributes:
-        triaged: findings, counted for every run; ``confirmed`` and ``certified`` of them.
-        causes: signatures, each with the number of runs in which it was certified.
-        only: causes that no other strategy found.
+        ratio, difference: of the means, with 95 % intervals; None where undefined.
+        p_holm: corrected over all ``tests`` that are shown together.
     """
 
-    triaged: int
-    confirmed: int
-    certified: int
-    causes: Mapping[str, int]
-    only: int
+    strategy: str
+    other: str
+    measure: str
+    ratio: Estimate | None
+    difference: Estimate | None
+    test: SignedRank
+    repeats: int
+    p_holm: float = 1.0
+    tests: int = 1
+    verdict: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,18 +104,16 @@ class Standing:
     """The results of a strategy over its repeats.
 
     Attributes:
-        means: of the figures that are compared first, by name; None where a run lacks it. probability: of a failure in
-        a random scene as one run tells it: means of the runs' estimates and of
-            the bounds of their 95 % intervals.
-        triage: None if nothing was triaged.
-        figures: all others, by name.
+        means: of causes and failures; None where a run lacks them.
+        probability: of a failure in a random scene as one run tells it: means of the runs' estimates and of the bounds
+            of their 95 % intervals.
+        causes: signatures, each with the number of runs in which it was certified.
     """
 
     strategy: str
     means: Mapping[str, Estimate | None]
     probability: Estimate | None
-    triage: Triage | None
-    figures: Mapping[str, Spread]
+    causes: Mapping[str, int]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,118 +131,178 @@ class Comparison:
     repeats: int
     seeds: tuple[int, ...]
     reference: str
-    union_cells: int
     standings: tuple[Standing, ...]
     against: tuple[Pair, ...]
-    curves: tuple[Curve, ...]
-    runs: tuple[Figures, ...]
+    runs: tuple[Counted, ...]
     store: str
+
+    @property
+    def title(self) -> str:
+        budget = f"{self.budget} rollouts" + (f" and {self.triage_rollouts} of triage" * bool(self.triage_rollouts))
+        return f"{self.task}, {self.policy}, {budget}, {plural(self.repeats, 'repeat')}"
 
 
 def compare_runs(
-    counted: Mapping[str, Sequence[CountedRun]], reference: str, *, store: str, limit: int = 0
+    counted: Sequence[Counted], strategies: Sequence[str], manifest: Manifest, *, store: str, limit: int = 0
 ) -> Comparison:
-    """All figures, curves and tests.
+    """Compare counted runs of a budget and a policy; those of each strategy are in the order of their seeds.
 
     Args:
-        counted: by strategy, its runs in the order of their seeds.
-        reference: the strategy that the others are compared with.
+        strategies: the others are compared with the first.
         limit: rollouts for the triage of each run.
     """
-    all_runs = list(chain.from_iterable(counted.values()))
-    reached = union(all_runs)
-    runs = {name: [figures(run, reached) for run in repeats] for name, repeats in counted.items()}
-    manifest = all_runs[0].run.manifest
-    triage = _triage(counted)
-    standings = (
-        Standing(
-            strategy=name,
-            means={figure: _mean([run[figure] for run in repeats]) for figure in MEANS},
-            probability=_probability(counted[name]),
-            triage=triage.get(name),
-            figures={figure: spread([run[figure] for run in repeats], _WITHOUT.get(figure)) for figure in SPREAD},
-        )
-        for name, repeats in runs.items()
-    )
-    drawn = (curves(name, repeats, manifest.budget, limit) for name, repeats in counted.items())
+    runs = {name: [run for run in counted if run.strategy == name] for name in strategies}
     return Comparison(
         task=manifest.task,
         policy=manifest.policy,
         budget=manifest.budget,
         triage_rollouts=limit,
-        repeats=len(counted[reference]),
-        seeds=tuple(run.run.manifest.seed for run in counted[reference]),
-        reference=reference,
-        union_cells=len(reached),
-        standings=tuple(standings),
-        against=tuple(against(runs, reference)),
-        curves=tuple(chain.from_iterable(drawn)),
-        runs=tuple(chain.from_iterable(runs.values())),
+        repeats=len(runs[strategies[0]]),
+        seeds=tuple(run.seed for run in runs[strategies[0]]),
+        reference=strategies[0],
+        standings=tuple(_standing(name, repeats) for name, repeats in runs.items()),
+        against=tuple(against(runs, strategies[0])),
+        runs=tuple(run for repeats in runs.values() for run in repeats),
         store=store,
     )
 
 
-def _triage(counted: Mapping[str, Sequence[CountedRun]]) -> dict[str, Triage]:
-    """By strategy, the causes of all its runs; without triage none."""
-    known = {name: [run.certified for run in runs if run.certified] for name, runs in counted.items()}
-    causes = {name: Counter(chain.from_iterable(one.causes for one in all_)) for name, all_ in known.items()}
-    finders = Counter(chain.from_iterable(causes.values()))
-    return {
-        name: Triage(
-            triaged=sum(one.triaged for one in runs),
-            confirmed=sum(one.confirmed for one in runs),
-            certified=sum(one.certified for one in runs),
-            causes=dict(causes[name].most_common()),
-            only=sum(finders[cause] == 1 for cause in causes[name]),
-        )
-        for name, runs in known.items()
-        if runs
-    }
+def _standing(name: str, runs: Sequence[Counted]) -> Standing:
+    tells = [run.probability for run in runs if run.probability]
+    bounds = [(known.value, known.low or 0.0, known.high or 0.0) for known in tells]
+    return Standing(
+        strategy=name,
+        means={
+            measure: mean_estimate(values) if (values := _known(runs, measure)) else None
+            for measure in ("causes", "failures")
+        },
+        probability=Estimate(*map(fmean, zip(*bounds, strict=True))) if len(tells) == len(runs) else None,
+        causes=dict(Counter(cause for run in runs for cause in run.signatures).most_common()),
+    )
 
 
-def _mean(values: Sequence[float | None]) -> Estimate | None:
-    known = [value for value in values if value is not None]
-    return mean_estimate(known) if len(known) == len(values) else None
+def _known(runs: Sequence[Counted], measure: str) -> list[float] | None:
+    """A measure of all runs; None if one lacks it."""
+    known = [value for run in runs if (value := run.value(measure)) is not None]
+    return known if len(known) == len(runs) else None
 
 
-def _probability(runs: Sequence[CountedRun]) -> Estimate | None:
-    known = [run.probability for run in runs if run.probability]
-    return Estimate(*map(fmean, zip(*known, strict=True))) if len(known) == len(runs) else None
-
-
-def spread(values: Sequence[float | None], without: float | None = None) -> Spread:
-    """Median and middle half; a quantile among runs without the figure is None.
+def against(runs: Mapping[str, Sequence[Counted]], reference: str) -> list[Pair]:
+    """Compare every strategy with the reference in every measure that all runs of both have, with Holm's correction.
 
     Args:
-        without: the rank of a run without the figure; None to leave such runs out.
+        runs: by strategy, its runs in the order of their seeds.
     """
-    filled = [without if value is None else value for value in values]
-    ranked = [value for value in filled if value is not None]
-    if not ranked:
-        return Spread(None, None, None, 0)
-    low, middle, high = (
-        float(quantile) if abs(quantile) < np.sqrt(_NEVER) else None for quantile in np.percentile(ranked, [25, 50, 75])
-    )
-    return Spread(middle, low, high, sum(value is not None for value in values))
+    pairs = []
+    for measure in MEASURES:
+        values = {name: _known(of_name, measure) for name, of_name in runs.items()}
+        theirs = values[reference]
+        for name, ours in values.items():
+            if name == reference or ours is None or theirs is None:
+                continue
+            pair = Pair(
+                strategy=name,
+                other=reference,
+                measure=measure,
+                ratio=mean_ratio(ours, theirs),
+                difference=mean_difference(ours, theirs),
+                test=signed_rank(ours, theirs),
+                repeats=len(ours),
+            )
+            pairs.append(pair)
+    adjusted = holm([pair.test.p for pair in pairs])
+    pairs = [replace(pair, p_holm=p, tests=len(pairs)) for pair, p in zip(pairs, adjusted, strict=True)]
+    return [replace(pair, verdict=_sentence(pair)) for pair in pairs]
 
 
-def curves(strategy: str, runs: Sequence[CountedRun], budget: int, limit: int = 0) -> list[Curve]:
-    """The curves of causes, over the rollouts of triage up to its limit, and of failures and cells.
+def _sentence(pair: Pair) -> str:
+    measure = MEASURES[pair.measure]
+    more, fewer = f"{measure.more} in {pair.test.more}", f"{measure.fewer} in {pair.test.fewer}"
+    size = f"{_size(pair)}{more} and {fewer} of {pair.repeats} pairs"
+    if (least := pair.tests * smallest_p(pair.repeats)) > ALPHA:
+        need = pairs_needed(pair.tests, ALPHA)
+        few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
+        return f"{measure.says} beside {pair.other}: {few} ({size})"
+    numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"
+    if pair.p_holm > ALPHA:
+        return f"no difference shown from {pair.other} in {measure.says}: {numbers}"
+    larger = pair.test.effect > 0
+    kind = "" if larger == measure.most else ", which is worse"
+    word = measure.more if larger else measure.fewer
+    return f"{word} {measure.says} than {pair.other}: {numbers}{kind}"
 
-    A run that ended early stays at its last count.
+
+def _size(pair: Pair) -> str:
+    """The ratio of the means; their difference where the ratio has no bounds."""
+    ratio, difference = pair.ratio, pair.difference
+    if ratio and ratio.low is not None:
+        return f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
+    return f"mean difference {difference}, " if difference else ""
+
+
+def _shown(p: float) -> str:
+    return "below 0.0001" if p < 0.0001 else f"{p:.2g}"
+
+
+def rows(compared: Comparison) -> list[Row]:
+    """What strategies are judged by: means over the runs with 95 % intervals, a row for each strategy."""
+    return [
+        {
+            "strategy": standing.strategy,
+            **{name: _told(mean) for name, mean in standing.means.items() if mean or name == "failures"},
+            "failure probability": _probability(standing.probability),
+        }
+        for standing in compared.standings
+    ]
+
+
+def _told(mean: Estimate | None) -> str:
+    if mean is None:
+        return "–"
+    return f"{mean.value:.3g}" if mean.low is None else str(mean)
+
+
+def _probability(tells: Estimate | None) -> str:
+    return f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})" if tells else "–"
+
+
+def sentences(compared: Comparison) -> list[str]:
+    """What the columns mean, the test results by strategy, and where triage was too short to tell."""
+    limit = compared.triage_rollouts
+    judged = "Nothing was triaged (--triage-rollouts 0), so that failures judge, many of which may have one cause."
+    if limit:
+        judged = f"Causes: distinct causes that triage of a run's failures certified, with at most {limit} rollouts."
+    said = [
+        f"Means over the runs, with 95% intervals. {judged} Failure probability: of random scenes, as a run tells it.",
+        *(
+            f"{pair.strategy}: {pair.verdict}"
+            for standing in compared.standings
+            for pair in compared.against
+            if pair.strategy == standing.strategy
+        ),
+    ]
+    if short := [run for run in compared.runs if run.triage_rollouts and not run.triaged]:
+        runs = f"in {len(short)} of {plural(len(compared.runs), 'run')}"
+        said.append(f"{runs} {limit} rollouts are too few to triage one failure: give more --triage-rollouts")
+    return said
+
+
+def write_folder(compared: Comparison, folder: Path) -> list[str]:
+    """Write a comparison into an existing folder, as JSON and as a plot; the names of the files.
+
+    Raises:
+        OSError: the folder cannot be written.
     """
-    causes = [list(run.certified.causes.values()) for run in runs if run.certified]
-    failures = [[failure.spent for failure in run.failures] for run in runs]
-    # Of the failures of a cell, the first one counts.
-    cells = [sorted({one.cell: one.spent for one in reversed(run.failures)}.values()) for run in runs]
-    drawn = [_curve(strategy, "causes", causes, limit)] if causes else []
-    return [*drawn, _curve(strategy, "failures", failures, budget), _curve(strategy, "cells", cells, budget)]
-
-
-def _curve(strategy: str, what: str, spent: Sequence[Sequence[int]], rollouts: int) -> Curve:
-    """``spent``: of every run, after how many rollouts each came, in order."""
-    steps = np.linspace(0, rollouts, min(rollouts, _POINTS) + 1)
-    at = tuple(np.unique(steps.round().astype(int)).tolist())
-    counts = np.stack([np.searchsorted(np.array(run), at, side="right") for run in spent])
-    low, median, high = (tuple(row) for row in np.percentile(counts, [25, 50, 75], axis=0).tolist())
-    return Curve(strategy=strategy, what=what, rollouts=at, median=median, low=low, high=high)
+    document = json.dumps(asdict(compared), indent=2, allow_nan=False)
+    write_whole(folder / "compare.json", document + "\n")
+    panels = {
+        MEASURES[measure].says: [
+            Line(standing.strategy, mean.value, mean.low, mean.high, dots)
+            for standing in compared.standings
+            if (mean := standing.means[measure])
+            and (dots := _known([run for run in compared.runs if run.strategy == standing.strategy], measure))
+        ]
+        for measure in ("causes", "failures")
+    }
+    draw(folder / "compare.png", compared.title, {name: lines for name, lines in panels.items() if lines})
+    return ["compare.json", "compare.png"]

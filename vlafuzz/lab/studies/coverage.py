@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from vlafuzz.lab.studies import published
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_store
@@ -54,15 +53,14 @@ class Covered:
     """What the first ``scenes`` of a track cover.
 
     Attributes:
-        positions: share of the 10 × 10 cells of the box; ``published`` is the paper's for as many scenes. sites: number
-        of distinct sites.
+        positions: share of the 10 × 10 cells of the box.
+        sites: number of distinct sites; None if unknown.
         cells, failures: distinct cells of all rollouts and of failed ones; None if nothing was run.
     """
 
     task: str
     scenes: int
     positions: float
-    published: float | None
     sites: int | None
     cells: int | None
     failures: int | None
@@ -103,7 +101,6 @@ def tracks_of_store(store: Store) -> list[Track]:
 
 def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
     """Coverage by the first scenes of a track, for each size that it has, and by all scenes."""
-    in_paper = {(row.task, row.scenes): row.share for row in published.rows(published.Coverage)}
     total = len(track.steps)
     for size in [*sorted({size for size in sizes if size < total}), total]:
         steps = track.steps[:size]
@@ -113,7 +110,6 @@ def covered(track: Track, sizes: Sequence[int] = SIZES) -> Iterator[Covered]:
             task=track.task,
             scenes=size,
             positions=len({step.place for step in steps if step.place}) / SIDE**2,
-            published=in_paper.get((track.task, size)),
             sites=None if None in sites else len(sites),
             cells=len({step.cell for step in run}) if run else None,
             failures=len({step.cell for step in run if step.failed}) if run else None,

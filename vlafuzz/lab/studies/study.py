@@ -1,28 +1,28 @@
-"""The studies: the runs that each needs, and what they come to."""
+"""The experiments of the VLATest paper: a study is a table of arms beside a control, for every policy and task."""
 
-import json
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
-from typing import Any, cast
+from typing import NamedTuple
 
-from vlafuzz.campaign.config import RunConfig
+from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.campaign.launch import SpeedOf
-from vlafuzz.common.files import make_folder, write_whole
+from vlafuzz.campaign.launch import SpeedOf, WantedRun
+from vlafuzz.common.files import make_folder
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.studies import mutants, published, wordings
-from vlafuzz.lab.studies.runner import COUNTS, JUDGED, Part, StudyRunner, Tried, Variant, distinct, operators_of, pooled
-from vlafuzz.lab.studies.sheet import StudyResult, adjusted
-from vlafuzz.lab.studies.stages import Similarity, StageResult, Standing, in_paper, similarities, standing
-from vlafuzz.lab.studies.unseen import UnseenResult, difference, paired_tests
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.lab.runs import Wanted, complete
+from vlafuzz.lab.studies.result import JUDGED, Arm, StudyResult, arm, study_result
+from vlafuzz.lab.studies.variants import CONTROL, Says, Variant, mutants, paraphrases, reworded, two_steps
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.rollouts.policies import check_policy_name
-from vlafuzz.search.base import POOL, RANDOM
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.search.base import RANDOM
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.manipulation.operators import Wording
+from vlafuzz.worlds.manipulation.operators import CameraOrientation, CameraPosition, ConfounderCount, Light, Wording
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.provenance import commit
 from vlafuzz.worlds.tabletop.objects import Pack
@@ -30,32 +30,79 @@ from vlafuzz.worlds.tabletop.objects.catalogue import stored_catalogue
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-SAMPLES = (RANDOM, POOL)  # strategies whose scenes do not depend on earlier outcomes
+COUNTS = (0, 1, 2, 3, 4)  # confounders in RQ2
+MUTATED = {"rq3": (Light.name,), "rq4": (CameraPosition.name, CameraOrientation.name)}
+VARIANTS = "variants"  # the strategy of runs of derived scenes, which are no random sample
+UNSEEN = "unseen"
+_FAIR = "scenes are first checked for fairness, with its distance, and errors do not count as failures."
+_CONTROL = "it has no control arm, so that losses by chance count as effects;"
+DIFFERS = {
+    "rq1": f"it has 1000 scenes per task; here {_FAIR}",
+    "rq2": f"it has 100 scenes per task and number; here {_FAIR}",
+    "rq3": f"{_CONTROL} its light changes in pick-up only, as the other environments ignore it, and its ambient light "
+    "stays as it is, while here α multiplies every light in every task. As there, three mutants of each passed scene.",
+    "rq4": f"{_CONTROL} its background, a photo, changes with the camera and here it does not; it moves the camera by "
+    "up to 5 cm along each of three axes (8.7 cm in all) and turns it about two axes, while here it moves by at most "
+    "5 cm in any direction and turns by up to 5° about all three. As there, three mutants of each passed scene.",
+    "rq5": "its unseen objects are YCB's, at half size in the put tasks, with 1000 scenes per task; here an object has "
+    "the same size in all tasks, and what the gripper cannot grasp is no target. Only those who trained a policy know "
+    "which objects it has seen.",
+    "rq6": "it gives each scene one of ten wordings, drawn without a seed, and one of its ten for pick-up is the plain "
+    "wording; here every scene is given all ten, in our words, none of them the plain one.",
+    "prompts": "it tries only the two-step prompt, which is not in its code; in the other one, the second instruction "
+    "replaces the first one once the grasp is reached, which the simulator knows and a real robot would not.",
+}
 
 
 @dataclass(frozen=True)
 class StudyRequest:
     """What a user asks of a study: no tasks are all of its tasks, policy None is the default policy.
 
-    RQ3 draws the light as ``alpha`` says; the packs ``unseen`` hold RQ5's unseen objects.
+    The packs ``unseen`` hold RQ5's unseen objects.
     """
 
     study: str
     tasks: Sequence[str] = ()
     policies: Sequence[str | None] = (None,)
-    alpha: mutants.Alpha = "linear"
     unseen: Sequence[Pack] = ()
 
-    def parts(self) -> list[Part]:
-        """The runs of random scenes."""
-        tasks = self.tasks or (wordings.two_steps() if self.study == "prompts" else TASKS)
-        counts = COUNTS if self.study == "rq2" else (None,)
-        return [Part(task, count, policy) for policy in self.policies for task in tasks for count in counts]
+    def __post_init__(self) -> None:
+        """Raise a UsageError for a task that a study of prompts cannot have."""
+        known = [task for task in TASKS if self.study != "prompts" or two_steps(task)]
+        if missing := [task for task in self.tasks if task not in known]:
+            raise UsageError(f"prompts: {missing[0]} has one step only", hint=f"tasks of two steps: {', '.join(known)}")
+        object.__setattr__(self, "tasks", self.tasks or known)
+
+
+class Part(NamedTuple):
+    """One run of a study: of random scenes, or of variants of those of another.
+
+    Attributes:
+        policy: None for the default policy.
+        confounders: their number; None where the operators draw it.
+    """
+
+    task: str
+    policy: str | None
+    arm: str = ""
+    confounders: int | None = None
+
+    def __str__(self) -> str:
+        return ", ".join(filter(None, (self.policy, self.task, self.arm)))
 
 
 def ranges_for(robot: str | None) -> str:
     """The file of ranges that studies use for a robot: the paper's, or that of another robot."""
     return "paper-rq1" if robot in (None, PANDA.robot) else rig(robot).operators
+
+
+def operators_of(part: Part, operators: OperatorSet) -> OperatorSet:
+    """The operators of a part, with its number of confounders."""
+    in_task = operators.in_task(part.task)
+    if part.confounders is None:
+        return in_task
+    fixed = ConfounderCount(low=part.confounders, high=part.confounders, nominal=part.confounders)
+    return replace(in_task, operators={**in_task.operators, ConfounderCount.name: fixed})
 
 
 def study(
@@ -70,7 +117,7 @@ def study(
         check_policy_name(policy)
     make_folder(folder)
     with Store.open(folder / "study.db", "write") as store:
-        runner = StudyRunner(
+        runner = _Runner(
             config=config,
             operators=operators,
             store=store,
@@ -79,149 +126,151 @@ def study(
             watch=watch,
             speed_of=speed_of,
         )
-        return STUDIES[request.study](runner, request)
+        arms = _independent(runner, request) if request.study in ("rq1", "rq2", "rq5") else _paired(runner, request)
+    notes = [f"What differs from the paper: {DIFFERS[request.study]}"]
+    return study_result(request.study, runner.left_out, arms, notes)
 
 
-def study_of(stores: Sequence[Path]) -> StageResult:
-    """RQ1 of stored runs of random scenes or of a file of scenes; other runs are no sample."""
-    counted = []
-    for path in stores:
-        with Store.open(path) as store:
-            samples = [run for run in store.runs() if run.manifest.strategy in SAMPLES]
-            counted += [standing(store, run) for run in samples if store.count(run.id)]
-    if not counted:
-        raise UsageError(
-            f"{', '.join(map(str, stores))}: no run with scenes of strategy {' or '.join(SAMPLES)}",
-            hint="scenes of a guided strategy are no sample of the space",
-        )
-    return _stage_result("rq1", counted, [], [])
-
-
-def write(result: StudyResult, folder: Path) -> dict[str, Any]:
-    """Write JSON, markdown and plot, named after the study; returns the JSON."""
-    make_folder(folder)
-    document = asdict(result, dict_factory=_with_shares)
-    text = json.dumps(document, indent=1, allow_nan=False)
-    try:
-        write_whole(folder / f"{result.study}.json", text + "\n")
-        write_whole(folder / f"{result.study}.md", result.markdown())
-        result.draw(folder / f"{result.study}.png")
-    except OSError as error:
-        raise UsageError(f"--out: {error}", hint="all runs are stored: the same command continues") from None
-    return document
-
-
-def _with_shares(fields: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A dataclass as JSON; a ``Share`` with the value of its share."""
-    values = dict(fields)
-    if {"count", "of", "low", "high"} <= values.keys():
-        values["share"] = values["count"] / values["of"] if values["of"] else 0.0
-    return values
-
-
-def _stage_study(runner: StudyRunner, request: StudyRequest) -> StageResult:
-    """RQ1 and RQ2."""
-    runs = runner.run_random(request.parts())
-    counted = [standing(runner.store, run, part.confounders) for part, run in runs.items()]
-    similar = []
+def _independent(runner: "_Runner", request: StudyRequest) -> list[Arm]:
+    """RQ1, RQ2 and RQ5: every arm has random scenes of its own; the first one is the control."""
+    arms: dict[str, int | None] = {"random": None}  # with the number of confounders
     if request.study == "rq2":
-        catalogue = stored_catalogue(*(run.manifest for run in runs.values()))
-        similar = similarities(runner.store, list(runs.values()), catalogue)
-    return _stage_result(request.study, counted, similar, runner.left_out)
+        arms = {f"{count} confounders": count for count in COUNTS}
+    elif request.study == "rq5":
+        arms = {"seen": None, UNSEEN: None}
+    kinds = product(request.policies, request.tasks, arms.items())
+    parts = [Part(task, policy, name, count) for policy, task, (name, count) in kinds]
+    runs = runner.run_random(parts, request.unseen)
+    outcomes = {part: list(enumerate(outcome for _, outcome in runner.tried(run))) for part, run in runs.items()}
+    first, number = next(iter(arms.items()))
+    rows = []
+    for part, tried in outcomes.items():
+        control = None if part.arm == first else outcomes.get(part._replace(arm=first, confounders=number))
+        rows.append(arm(part.task, runs[part].manifest.policy, part.arm, tried, control))
+    return rows
 
 
-def _stage_result(name: str, counted: list[Standing], similar: list[Similarity], left_out: list[str]) -> StageResult:
-    tasks = dict.fromkeys(standing.task for standing in counted) if name == "rq1" else ()
-    policies = list(dict.fromkeys(standing.policy for standing in counted))
-    return StageResult(name, policies, left_out, counted, [in_paper(task) for task in tasks], similar)
+def _paired(runner: "_Runner", request: StudyRequest) -> list[Arm]:
+    """RQ3, RQ4, RQ6 and the prompts of the discussion: every arm has variants of the same scenes.
+
+    Those are scenes that the policy passed, which the control repeats unmutated with the seed of the mutants; or all
+    that were judged with the plain wording, which is the control.
+    """
+    bases = runner.run_random(Part(task, policy) for policy in request.policies for task in request.tasks)
+    mutated = MUTATED.get(request.study)
+    wanted: dict[Part, tuple[OperatorSet, list[Variant]]] = {}
+    plain: dict[Part, list[tuple[int, Outcome]]] = {}
+    for part, run in bases.items():
+        tried = [(scene, outcome) for scene, outcome in runner.tried(run) if outcome.verdict in JUDGED]
+        operators, catalogue = operators_of(part, runner.operators), stored_catalogue(run.manifest)
+        if mutated:
+            operators = operators.only(mutated)
+            space = SearchSpace(operators, catalogue, part.task, run.manifest.robot)
+            passed = [scene for scene, outcome in tried if outcome.verdict is Verdict.PASSED]
+            variants = mutants(space, passed, runner.config.seed, ", ".join(mutated))
+        else:
+            operators, prompts = operators.only([Wording.name]), _prompts(request.study, part.task)
+            variants = reworded([scene for scene, _ in tried], prompts, catalogue)
+            plain[part] = [(number, outcome) for number, (_, outcome) in enumerate(tried)]
+        wanted[part._replace(arm=request.study)] = operators, variants
+    done = runner.run_variants(wanted)
+    rows = []
+    for part, run in bases.items():
+        tried_in = done[part._replace(arm=request.study)]
+        control = tried_in.pop(CONTROL, []) if mutated else plain[part]
+        about = part.task, run.manifest.policy
+        rows.append(arm(*about, CONTROL if mutated else "plain", control))
+        rows += [arm(*about, name, tried, control, paired=True) for name, tried in tried_in.items()]
+    return rows
 
 
-def _mutation_study(runner: StudyRunner, request: StudyRequest) -> mutants.MutationResult:
-    """RQ3 and RQ4."""
-
-    def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
-        operators = mutants.mutating(request.study, operators_of(part, runner.operators), request.alpha)
-        space = SearchSpace(operators, stored_catalogue(run.manifest), part.task, run.manifest.robot)
-        passed = [trial.scene for trial in trials if trial.outcome.verdict is Verdict.PASSED]
-        return operators, mutants.mutants(space, passed, runner.config.seed)
-
-    by_policy: dict[str, dict[str, list[Tried]]] = {}
-    for run, _, variants in _varied(runner, request, make):
-        by_policy.setdefault(run.manifest.policy, {})[run.manifest.task] = variants
-    rows, curves = [], []
-    for policy, by_task in by_policy.items():
-        together = pooled(by_task.values())
-        tasks = {**by_task, **({mutants.ALL: together} if len(by_task) > 1 else {})}
-        rows += [mutants.kept(task, policy, variants) for task, variants in tasks.items()]
-        curves += mutants.curve_points(request.study, policy, together)
-    return mutants.MutationResult(
-        request.study,
-        list(by_policy),
-        runner.left_out,
-        request.alpha if request.study == "rq3" else None,
-        rows,
-        curves,
-        [row for row in published.rows(published.Mutated) if row.study == request.study],
-    )
+def _prompts(study: str, task: str) -> list[Says]:
+    return paraphrases(task) if study == "rq6" else two_steps(task)
 
 
-def _unseen_study(runner: StudyRunner, request: StudyRequest) -> UnseenResult:
-    """RQ5."""
-    parts = {part: part._replace(arm="unseen") for part in request.parts()}
-    seen = runner.run_random(parts)
-    unseen = runner.run_random(parts.values(), request.unseen)
-    differences = [
-        difference(standing(runner.store, seen[part]), standing(runner.store, unseen[other]))
-        for part, other in parts.items()
-        if part in seen and other in unseen
-    ]
-    if not differences:
-        raise UsageError("rq5: no task has room for both seen and unseen objects", hint="widen the --operators")
-    policies = list(dict.fromkeys(row.policy for row in differences))
-    packs = [pack.name for pack in request.unseen]
-    return UnseenResult(request.study, policies, runner.left_out, packs, differences, paired_tests(differences))
+@dataclass(frozen=True, kw_only=True)
+class _Runner:
+    """Does runs in the store of a study.
 
+    Attributes:
+        config: common to all runs; its ``budget`` is the number of random scenes of each run.
+        folder: of the study, for files of variants.
+        commit: of the loaded code: a later commit does not change what is running.
+        left_out: parts for which no scene could be generated, or that ended early, and why.
+    """
 
-def _wording_study(runner: StudyRunner, request: StudyRequest) -> wordings.WordingResult:
-    """RQ6 and the prompts of the discussion."""
-    study = cast(wordings.Study, request.study)
-    prompts = {part.task: wordings.prompts(study, part.task) for part in request.parts()}
+    config: RunConfig
+    operators: OperatorSet
+    store: Store
+    folder: Path
+    commit: str | None
+    watch: Watch
+    speed_of: SpeedOf
+    left_out: list[str] = field(default_factory=list)
 
-    def make(part: Part, run: Run, trials: list[Trial]) -> tuple[OperatorSet, list[Variant]]:
-        scenes, catalogue = [trial.scene for trial in trials], stored_catalogue(run.manifest)
-        operators = operators_of(part, runner.operators).only([Wording.name])
-        return operators, wordings.variants(scenes, prompts[part.task], catalogue)
+    def tried(self, run: Run) -> list[tuple[Scene, Outcome]]:
+        """The distinct scenes of a run."""
+        return [(trial.scene, trial.outcome) for trial in self.store.trials(run.id) if not trial.duplicate]
 
-    together, rows = [], []
-    for run, trials, reworded in _varied(runner, request, make):
-        task, policy, plain = run.manifest.task, run.manifest.policy, [trial.outcome for trial in trials]
-        together.append(wordings.together(task, policy, plain, reworded))
-        rows += wordings.compared(task, policy, plain, reworded, prompts[task])
-    policies = list(dict.fromkeys(row.policy for row in together))
-    return wordings.WordingResult(request.study, policies, runner.left_out, together, adjusted(rows))
+    def run_random(self, parts: Iterable[Part], unseen: Sequence[Pack] = ()) -> dict[Part, Run]:
+        """Runs of random scenes, without parts that have no scene; of the arm ``UNSEEN`` with these packs."""
+        plans = {}
+        for part in parts:
+            packs = unseen if part.arm == UNSEEN else self.config.packs
+            operators = operators_of(part, self.operators)
+            plans[part] = self._plan(part, operators, RANDOM, packs=packs, strategy=RANDOM)
+        return self._complete(plans, {})
 
+    def run_variants(
+        self, parts: Mapping[Part, tuple[OperatorSet, Sequence[Variant]]]
+    ) -> dict[Part, dict[str, list[tuple[int, Outcome]]]]:
+        """The outcomes of each part's variants, which the operators made, by arm; in a run with the next seed."""
+        scenes = {part: [one.scene for one in variants] for part, (_, variants) in parts.items() if variants}
+        plans = {}
+        for part, of_part in scenes.items():
+            name = "-".join(filter(None, (part.arm, part.task, part.policy)))
+            name = "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
+            path = self.folder / "scenes" / f"{name}.jsonl"
+            path.parent.mkdir(exist_ok=True)
+            write_scenes(path, of_part)
+            seed = self.config.seed + 1
+            plans[part] = self._plan(part, parts[part][0], VARIANTS, scenes=path, budget=None, seed=seed)
+        runs = self._complete(plans, scenes)
+        done: dict[Part, dict[str, list[tuple[int, Outcome]]]] = {part: {} for part in parts}
+        for part, run in runs.items():
+            variants = parts[part][1]
+            for trial in self.store.stored(run.id, 0, len(variants)):
+                variant = variants[trial.proposal]
+                done[part].setdefault(variant.arm, []).append((variant.origin, trial.outcome))
+        return done
 
-def _varied(
-    runner: StudyRunner,
-    request: StudyRequest,
-    make: Callable[[Part, Run, list[Trial]], tuple[OperatorSet, list[Variant]]],
-) -> list[tuple[Run, list[Trial], list[Tried]]]:
-    """Each run of random scenes with its judged trials, and the outcomes of the variants made of these."""
-    bases = [
-        (part, run, [trial for trial in distinct(runner.store, run) if trial.outcome.verdict in JUDGED])
-        for part, run in runner.run_random(request.parts()).items()
-    ]
-    variants = {part._replace(arm=request.study): make(part, run, trials) for part, run, trials in bases}
-    done = runner.run_variants(variants)
-    return [(run, trials, done[part._replace(arm=request.study)]) for part, run, trials in bases]
+    def _plan(self, part: Part, operators: OperatorSet, named: str, **changes: object) -> Plan:
+        of_part = replace(self.config, task=part.task, policy=part.policy, store=self.store.path)
+        planned = plan(replace(of_part, **changes), operators)  # type: ignore[arg-type]
+        return replace(planned, manifest=replace(planned.manifest, strategy=named, commit=self.commit))
 
+    def _complete(self, plans: Mapping[Part, Plan], scenes: Mapping[Part, Sequence[Scene]]) -> dict[Part, Run]:
+        """Do what is missing; the runs of all parts that have a trial."""
+        problems: list[UsageError] = []
 
-STUDIES: dict[str, Callable[[StudyRunner, StudyRequest], StudyResult]] = {
-    "rq1": _stage_study,
-    "rq2": _stage_study,
-    "rq3": _mutation_study,
-    "rq4": _mutation_study,
-    "rq5": _unseen_study,
-    "rq6": _wording_study,
-    "prompts": _wording_study,
-}
+        # The paper's boxes cannot hold all confounders.
+        def leave_out(run: WantedRun, error: UsageError) -> None:
+            self.left_out.append(f"{run.name}: {error.message}")
+            self.watch.note(f"left out: {self.left_out[-1]}")
+            problems.append(error)
+
+        wanted = {
+            part: Wanted(
+                manifest=planned.manifest,
+                plan=lambda planned=planned: planned,  # type: ignore[misc]
+                scenes=scenes.get(part, ()),
+                group=part,
+            )
+            for part, planned in plans.items()
+        }
+        done = complete(self.store, wanted, self.watch, self.speed_of, flag="--out", left_out=leave_out)
+        early = [part for part, run in done.items() if run.status != "finished"]
+        self.left_out.extend(f"{part}: ended before all scenes" for part in early)
+        if not done and problems:
+            raise problems[-1]
+        return done
