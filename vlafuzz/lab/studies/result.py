@@ -124,8 +124,8 @@ class StudyResult:
 
 
 _SHARES = (
-    "Shares are of the scenes that were judged, with 95% intervals: unfair scenes and errors count in none. "
-    "Net: success minus the control's, in points. p: of the exact sign test where each scene has a control, "
+    "Shares are of the scenes that were judged, with 95% intervals; unfair scenes and errors are left out. "
+    "Net: success minus that of the control, the first arm, in points. p: of the exact sign test where each scene has a control, "
     "else of Fisher's; corrected for all arms (Holm)."
 )
 
@@ -146,12 +146,10 @@ def _row(row: Arm) -> Row:
         "arm": row.arm,
         "stages": ", ".join(f"{stage} {percent(share.share)}" for stage, share in before) if row.success.of else "–",
         "success": str(row.success),
-        "control": None if row.control is None else str(row.control),
         "net": gain and f"{points(gain.value)} ({points(gain.low)} to {points(gain.high)})",
         "p": None if row.p_holm is None else f"{row.p_holm:.3g}",
         "judged": row.success.of,
-        "invalid": row.invalid,
-        "errors": row.errors,
+        "left out": row.invalid + row.errors,
     }
 
 
