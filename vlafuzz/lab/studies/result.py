@@ -125,8 +125,8 @@ class StudyResult:
 
 _SHARES = (
     "Shares are of the scenes that were judged, with 95% intervals; unfair scenes and errors are left out. "
-    "Net: success minus that of the control, the first arm, in points. p: of the exact sign test where each scene has a control, "
-    "else of Fisher's; corrected for all arms (Holm)."
+    "Net: success minus that of the control, the first arm, in points. p: of the exact sign test where each scene "
+    "has a control, else of Fisher's; corrected for all arms (Holm)."
 )
 
 
