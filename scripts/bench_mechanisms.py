@@ -180,7 +180,6 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=3, help="runs of each policy")
     options = parser.parse_args()
     seeds = range(options.seed, options.seed + options.repeats)
-    print("| policy | background | " + " | ".join(("causes", "rows", "right", "wrong", "swapped", "untrue")) + " |")
     for background in BACKGROUNDS:
         for mechanism in MECHANISMS:
             ran = [Case(mechanism, None, background, seed) for seed in seeds]

@@ -1,12 +1,11 @@
 """Mechanisms: causes that act through one quantity of the scene are one.
 
-A tilted camera, a lower one and a target that is nearer may all do the same: the target appears lower in the picture
-than usual. A row for each of them would say less, and their shares would add up to more than the failures.
+A tilted camera, a lower one and a target that is nearer may all do the same: the target appears lower in the picture.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,10 +38,9 @@ SEVERAL = 30  # scenes of which it is looked whether two operators cancel each o
 
 @dataclass(frozen=True)
 class Merged:
-    """Causes that act through one quantity.
+    """Causes that act through one quantity, with their indices.
 
     Attributes:
-        members: their indices, in order.
         share: of random scenes that fail beyond the threshold; None without any.
     """
 
@@ -89,10 +87,8 @@ class _Run:
         genomes = [trial.genome for trial in trials if trial.genome is not None]
         scenes = units.deviations(np.array([units.levels(genome) for genome in genomes]))
         own = units.deviations(np.array([units.levels(cause.genome) for cause in causes]))
-        self.doses = np.array([_dose(units, row.operators, *pair) for row, *pair in self._pairs(scenes, own)])
-
-    def _pairs(self, scenes: Numbers, own: Numbers) -> Iterator[tuple[_Row, Numbers, Numbers]]:
-        return ((row, scenes, one) for row, one in zip(self.rows, own, strict=True))
+        pairs = zip(causes, own, strict=True)
+        self.doses = np.array([_dose(units, cause.operators, scenes, one) for cause, one in pairs])
 
     @cached_property
     def usual(self) -> Mapping[str, float]:
