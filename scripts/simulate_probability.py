@@ -2,11 +2,11 @@
 """Coverage and width of the failure probability's interval, in guided searches whose probability is known.
 
 A world has uniform genes and faults, which are boxes of one to three of them; in every other world a scene in a box
-fails 7 times of 10 instead of always. A search draws random scenes, and others that the probability does not rest on;
-attributing a new failure costs 8 to 12 rollouts and makes a rule, a box with imprecise edges; a failure that a rule
-predicts costs one more. Mean predictions come from 600 scenes without rollouts, as in a real search. Widths are
-compared with Wilson's interval of as many random rollouts as the whole budget. Intervals are those at the end of the
-budget; they are intersections over all times, so their coverage is that at all times at once.
+fails 7 times of 10 instead of always. Half of the rollouts of a search are plain draws; the others attribute failures,
+8 to 12 for each, or are scenes that the probability does not rest on. An attribution makes a rule, a box with imprecise
+edges. Mean predictions come from scenes without rollouts, as in a real search. Widths are compared with Wilson's
+interval of as many random rollouts as the whole budget. The interval of a run that may stop at any time counts as
+covering if it does so after each of 25 numbers of draws.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 from statistics import median
@@ -23,13 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.search.probability import Draw, failure_probability
+from vlafuzz.search.probability import Draw, Rates, failure_probability
 
 Array = NDArray[np.float64]
 
-GENES, SAMPLE = 12, 600
+GENES, POOL = 12, 2000
 SHARES = np.array([0.35, 0.2, 0.15, 0.1, 0.08, 0.06, 0.04, 0.02])
-RATES = (0.3, 0.05, 0.01, 0.002)
+RATES = (0.95, 0.5, 0.3, 0.05, 0.01, 0.002)
+TIMES = 25  # at which the interval is looked at while a search goes on
 FRESH = 10_000  # the bets were chosen with smaller seeds
 
 
@@ -89,32 +91,46 @@ class Search:
     """How scenes are drawn, and how good the rules are.
 
     Args:
-        random: share of draws that are random scenes.
+        plain: share of rollouts that are plain draws; the others attribute failures, or are draws that do not count.
         wrong: share of rules with a gene too few or with other genes.
         guided: whether failures are attributed; otherwise there are no rules.
     """
 
-    random: float = 1.0
+    plain: float = 0.5
     wrong: float = 0.1
     guided: bool = True
 
     def draws(self, world: World, budget: int, rng: np.random.Generator) -> list[Draw]:
-        sample = rng.random((SAMPLE, GENES))
-        predicted, rules = np.zeros(SAMPLE, dtype=bool), list[Box]()
-        draws, left = list[Draw](), budget
+        pool = rng.random((POOL, GENES))
+        predicted, rules, rates = np.zeros(POOL, dtype=bool), list[Box](), Rates()
+        draws, left, rolled, waiting = list[Draw](), budget, 0, deque[Array]()
         while left > 0:
+            if self.guided and rolled >= self.plain * (budget - left):
+                left -= int(rng.integers(8, 13)) if waiting else 1
+                if waiting and not any(rule.holds(waiting[0]) for rule in rules):
+                    rules.append(self._rule(world, waiting[0], rng))
+                    predicted |= rules[-1].holds(pool)
+                if waiting:
+                    waiting.popleft()
+                continue
             scene = rng.random(GENES)
             explained = any(rule.holds(scene) for rule in rules)
-            failed = any(box.holds(scene) for box in world.boxes) and rng.random() < world.fails
-            if rng.random() < self.random:
-                mean = float(predicted.mean())
-                draws.append(Draw(failed=failed, left=left, prediction=float(explained), mean_prediction=mean))
-            left -= 1
-            if failed and self.guided:
-                left -= 1 if explained else int(rng.integers(8, 13))
-                if not explained:
-                    rules.append(self._rule(world, scene, rng))
-                    predicted |= rules[-1].holds(sample)
+            chance, share = rates.chance(explained=explained), float(predicted.mean())
+            failed = None
+            draw = Draw(
+                scene=scene.tobytes(),
+                chance=chance,
+                prediction=rates.predict(explained),
+                mean_prediction=rates.predict(share),
+                error=abs(rates.predict(1) - rates.predict(0)) * math.sqrt(share * (1 - share) / POOL),
+            )
+            if rng.random() < chance:
+                left, rolled = left - 1, rolled + 1
+                failed = any(box.holds(scene) for box in world.boxes) and bool(rng.random() < world.fails)
+                rates.learn(explained=explained, failed=failed)
+                if failed and not explained:
+                    waiting.append(scene)
+            draws.append(replace(draw, failed=failed))
         return draws
 
     def _rule(self, world: World, scene: Array, rng: np.random.Generator) -> Box:
@@ -133,19 +149,23 @@ class Search:
 
 SEARCHES = {
     "plain random": Search(guided=False),
-    "guided, all draws are random scenes": Search(),
-    "half of the draws are random scenes": Search(random=0.5),
-    "the same, half of the rules wrong": Search(random=0.5, wrong=0.5),
+    "half of the rollouts are plain draws": Search(),
+    "the same, half of the rules wrong": Search(wrong=0.5),
 }
 
 
 def simulate(search: Search, rate: float, seeds: range, budget: int) -> dict[str, float]:
-    covered, widths, plain, errors, numbers = 0, list[float](), list[float](), list[float](), list[int]()
+    covered, always, wider = 0, 0, list[float]()
+    widths, plain, errors, numbers = list[float](), list[float](), list[float](), list[int]()
     for seed in seeds:
         rng = np.random.default_rng([seed, round(rate * 1000)])
         world = World(rate, rng, flaky=seed % 2 == 1)
         draws = search.draws(world, budget, rng)
-        value, low, high = failure_probability(draws)
+        value, low, high = failure_probability(draws, over=True)
+        times = np.unique(np.geomspace(1, len(draws), TIMES).astype(int))
+        running = [failure_probability(draws[:number], over=False)[1:] for number in times]
+        always += all(low_then <= world.rate <= high_then for low_then, high_then in running)
+        wider.append(running[-1][1] - running[-1][0])
         random = wilson(int(rng.binomial(budget, world.rate)), budget)
         covered += low <= world.rate <= high
         widths.append(high - low)
@@ -153,9 +173,16 @@ def simulate(search: Search, rate: float, seeds: range, budget: int) -> dict[str
         errors.append(value - world.rate)
         numbers.append(len(draws))
     error = math.sqrt(float(np.mean(np.square(errors))) / (rate * (1 - rate) / budget))
-    figures = {"covered": covered, "worlds": len(seeds), "width": median(widths), "wilson": median(plain)}
+    figures = {
+        "covered": covered,
+        "always": always,
+        "worlds": len(seeds),
+        "width": median(widths),
+        "wilson": median(plain),
+    }
     ratio = figures["width"] / figures["wilson"]
     means = float(np.mean(widths) / np.mean(plain))
+    figures |= {"ratio at any time": median(wider) / figures["wilson"]}
     return figures | {"ratio": ratio, "ratio of means": means, "error": error, "draws": float(np.mean(numbers))}
 
 
@@ -168,13 +195,17 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="JSON file for the figures")
     options = parser.parse_args()
     results: dict[str, dict[float, dict[str, float]]] = {}
-    print("p, coverage, median width / Wilson's (of means), error / plain random's, draws", flush=True)
+    print(
+        "p, coverage, median width / Wilson's (of means), at any time the same, error / plain random's, draws",
+        flush=True,
+    )
     for name in options.search or SEARCHES:
         results[name] = {}
         for rate in RATES:
             seeds = range(options.seed, options.seed + options.worlds)
             row = results[name][rate] = simulate(SEARCHES[name], rate, seeds, options.budget)
             text = f"{row['covered'] / row['worlds']:6.1%}  {row['ratio']:.2f} ({row['ratio of means']:.2f})"
+            text += f"  {row['always'] / row['worlds']:6.1%}  {row['ratio at any time']:.2f}"
             print(f"{name:50}{rate:<7}{text}  {row['error']:.2f}  {row['draws']:.0f}", flush=True)
         counts = [sum(row[key] for row in results[name].values()) for key in ("covered", "worlds")]
         low, high = wilson(*counts)

@@ -6,108 +6,119 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import beta
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.search.probability import Draw, failure_probability
+from vlafuzz.search.probability import Draw, Rates, failure_probability
+
+SHARE = 1 / 3  # of scenes that a known cause explains
 
 
 def plain(outcomes: list[bool]) -> list[Draw]:
-    return [Draw(failed=failed, left=len(outcomes) - number) for number, failed in enumerate(outcomes)]
+    return [Draw(scene=number, failed=failed) for number, failed in enumerate(outcomes)]
 
 
-def guided(rng: np.random.Generator, *, inside: float, budget: int) -> list[Draw]:
-    """A third of scenes is predicted to fail, and fails with probability ``inside``; others with 0.05.
-
-    A failure costs a second rollout.
-    """
-    draws, left = list[Draw](), budget
-    while left > 0:
-        predicted = rng.random() < 1 / 3
-        failed = bool(rng.random() < (inside if predicted else 0.05))
-        draws.append(Draw(failed=failed, left=left, prediction=float(predicted), mean_prediction=1 / 3))
-        left -= 1 + failed
+def guided(rng: np.random.Generator, *, inside: float, elsewhere: float = 0.05, rollouts: int = 60) -> list[Draw]:
+    """Scenes fail with probability ``inside`` where a cause explains that, and not all of these are rolled out."""
+    draws, rates = list[Draw](), Rates()
+    while rollouts:
+        explained = bool(rng.random() < SHARE)
+        draw = Draw(
+            scene=len(draws),
+            chance=rates.chance(explained=explained),
+            prediction=rates.predict(explained),
+            mean_prediction=rates.predict(SHARE),
+        )
+        if rng.random() < draw.chance:
+            failed, rollouts = bool(rng.random() < (inside if explained else elsewhere)), rollouts - 1
+            rates.learn(explained=explained, failed=failed)
+            draw = replace(draw, failed=failed)
+        draws.append(draw)
     return draws
 
 
 @st.composite
 def searches(draw: st.DrawFn) -> list[Draw]:
-    """Any outcomes and predictions, also such as no search would have."""
+    """Any outcomes, predictions and chances, also such as no search would have."""
     fraction = st.floats(0, 1)
     return [
-        Draw(failed=draw(st.booleans()), left=left, prediction=draw(fraction), mean_prediction=draw(fraction))
-        for left in range(draw(st.integers(1, 20)), 0, -1)
+        Draw(
+            scene=draw(st.integers(0, 5)),
+            chance=draw(st.floats(0.05, 1)),
+            failed=draw(st.sampled_from([None, False, True])),
+            prediction=draw(fraction),
+            mean_prediction=draw(fraction),
+            error=draw(st.floats(0, 0.1)),
+        )
+        for _ in range(draw(st.integers(1, 20)))
     ]
 
 
 def test_nothing_is_known_without_draws():
-    assert failure_probability([])[1:] == (0, 1)
+    assert failure_probability([], over=True)[1:] == failure_probability([], over=False)[1:] == (0, 1)
 
 
-@pytest.mark.parametrize("number", [50, 300, 1200])
-def test_without_failures_the_upper_bound_is_about_three_and_a_half_in_all_draws(number: int):
-    value, low, high = failure_probability(plain([False] * number))
-    assert (value, low) == (0, 0)
-    assert 3.0 < number * high < 3.7
-
-
-def test_if_all_scenes_fail_the_interval_mirrors_that_of_none():
-    value, low, high = failure_probability(plain([True] * 300))
-    assert (value, high) == (1, 1)
-    assert 3.0 < 300 * (1 - low) < 3.7
-
-
-@pytest.mark.parametrize("failures", [5, 20, 90, 150])
-def test_at_the_end_of_the_budget_it_is_about_as_narrow_as_the_exact_interval(failures: int):
-    outcomes = np.random.default_rng(failures).permutation(300) < failures
-    value, low, high = failure_probability(plain(outcomes.tolist()))
-    exact = beta.ppf(0.975, failures + 1, 300 - failures) - beta.ppf(0.025, failures, 301 - failures)
-    assert value == pytest.approx(failures / 300)
-    assert high - low < 1.2 * exact
+@pytest.mark.parametrize("failures", [0, 5, 150, 300])
+def test_without_predictions_it_is_wilsons_interval_at_the_end(failures: int):
+    outcomes = [number < failures for number in range(300)]
+    assert failure_probability(plain(outcomes), over=True) == pytest.approx((failures / 300, *wilson(failures, 300)))
 
 
 @pytest.mark.parametrize("inside", [1.0, 0.95, 0.7, 0.2])
 def test_the_interval_covers_whether_predictions_are_right_or_wrong(inside: float):
-    truth = inside / 3 + 0.05 * 2 / 3
-    runs = [guided(np.random.default_rng([3, seed]), inside=inside, budget=60) for seed in range(60)]
-    estimates = [failure_probability(run) for run in runs]
-    assert sum(low <= truth <= high for _, low, high in estimates) >= 53  # 0.1 % of runs at 95 %
-    assert np.mean([value for value, *_ in estimates]) == pytest.approx(truth, abs=0.04)
+    truth = inside * SHARE + 0.05 * (1 - SHARE)
+    runs = [guided(np.random.default_rng([3, seed]), inside=inside) for seed in range(200)]
+    estimates = [failure_probability(run, over=True) for run in runs]
+    assert sum(low <= truth <= high for _, low, high in estimates) >= 180  # 0.2 % of runs at 95 %
+    assert np.mean([value for value, *_ in estimates]) == pytest.approx(truth, abs=0.02)
 
 
-def test_good_predictions_make_it_narrower_than_plain_random_rollouts():
-    run = guided(np.random.default_rng(1), inside=1.0, budget=300)
-    estimate, random = failure_probability(run), wilson(110, 300)
-    assert len(run) < 230
-    assert estimate.high - estimate.low < 0.9 * (random.high - random.low)
+@pytest.mark.parametrize("rate", [0.5, 0.05])
+def test_before_the_end_the_interval_covers_at_all_times_at_once(rate: float):
+    covered = 0
+    for seed in range(40):
+        draws = plain((np.random.default_rng([4, seed]).random(200) < rate).tolist())
+        intervals = [failure_probability(draws[:number], over=False)[1:] for number in range(1, 201, 3)]
+        covered += all(low <= rate <= high for low, high in intervals)
+    assert covered >= 35  # 1.5 % of runs at 95 %
 
 
-def test_a_larger_budget_than_planned_narrows_the_interval_further_if_slowly():
-    outcomes = (np.random.default_rng(0).random(600) < 0.2).tolist()
-    first = plain(outcomes[:200])
-    low, high = failure_probability(first)[1:]
-    more = failure_probability(first + plain(outcomes[200:]))
-    assert more.high - more.low < 0.95 * (high - low)
+def test_good_predictions_make_it_narrower_than_that_of_as_many_plain_rollouts():
+    estimate = failure_probability(guided(np.random.default_rng(1), inside=1.0, rollouts=300), over=True)
+    random = wilson(300 * (SHARE + 0.05 * (1 - SHARE)), 300)
+    assert estimate.high - estimate.low < 0.7 * (random.high - random.low)
 
 
-@settings(max_examples=20, deadline=None)
-@given(searches())
-def test_the_interval_is_within_0_and_1_holds_the_estimate_and_only_shrinks(draws: list[Draw]):
-    before = failure_probability([])
-    for number in range(1, len(draws) + 1, 4):
-        value, low, high = failure_probability(draws[:number])
-        assert 0 <= before.low <= low <= value <= high <= before.high <= 1
-        before = failure_probability(draws[:number])
+def test_fewer_scenes_are_rolled_out_where_their_outcome_is_nearly_sure():
+    rates = Rates()
+    for number in range(100):
+        rates.learn(explained=True, failed=True)
+        rates.learn(explained=False, failed=number % 2 == 0)
+    assert (rates.chance(explained=False), rates.chance(explained=True)) == (1, 0.25)
+
+
+def test_a_scene_that_is_drawn_again_and_again_tells_its_outcome_once():
+    few = [Draw(scene=number % 20, failed=number % 20 < 8) for number in range(400)]
+    estimate, once = failure_probability(few, over=True), wilson(8, 20)
+    assert estimate.value == 0.4
+    assert estimate.high - estimate.low == pytest.approx(once.high - once.low, rel=0.1)
+
+
+@settings(max_examples=50, deadline=None)
+@given(searches(), st.booleans())
+def test_the_interval_is_within_0_and_1_and_holds_the_estimate(draws: list[Draw], over: bool):
+    value, low, high = failure_probability(draws, over=over)
+    assert 0 <= low <= value <= high <= 1
 
 
 @pytest.mark.parametrize(
     ("field", "value", "message"),
     [
-        ("left", 0, "left: expected 1 to inf, got 0"),
+        ("chance", 0, "chance: expected more than 0"),
+        ("chance", 1.5, "chance: expected 0 to 1, got 1.5"),
         ("prediction", -0.1, "prediction: expected 0 to 1, got -0.1"),
         ("mean_prediction", 1.1, "mean_prediction: expected 0 to 1, got 1.1"),
     ],
 )
 def test_a_draw_that_cannot_be_is_refused(field: str, value: float, message: str):
     with pytest.raises(ValueError, match=message):
-        replace(Draw(failed=True, left=1), **{field: value})
+        replace(Draw(scene=0, failed=True), **{field: value})

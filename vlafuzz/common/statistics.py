@@ -71,7 +71,7 @@ def wilson(k: float, n: float) -> Interval:
     return Interval(0.0 if k == 0 else centre - half, 1.0 if k == n else centre + half)
 
 
-def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
+def sequential_interval(k: float, n: float, alpha: float = 0.05) -> Interval:
     """Lower and upper bound of a rate, each of confidence 1 - alpha, wherever a sequential test stopped.
 
     The lower one is the smallest rate that a mixture of bets on larger rates does not refute, by Ville's inequality:
@@ -83,7 +83,7 @@ def sequential_interval(k: int, n: int, alpha: float = 0.05) -> Interval:
 
 
 @cache
-def _sequential_low(k: int, n: int, alpha: float) -> float:
+def _sequential_low(k: float, n: float, alpha: float) -> float:
     from scipy.optimize import brentq
 
     if k == 0:
@@ -95,7 +95,7 @@ def _sequential_low(k: int, n: int, alpha: float) -> float:
     return 0.0 if surplus(_TINY) < 0 else float(brentq(surplus, _TINY, k / n - _TINY * (k == n)))
 
 
-def _log_wealth(p0: float, k: int, n: int) -> float:
+def _log_wealth(p0: float, k: float, n: float) -> float:
     """Logarithm of the wealth of betting against "the rate is at most p0" after k of n.
 
     Most of it is on a rate near 1, so that few outcomes suffice where all agree; the rest is spread evenly.

@@ -35,10 +35,14 @@ class ProposalFactory:
     def drawn(self, rng: Rng) -> Genome:
         """The same, not registered."""
         for _ in range(REDRAWS):
-            genome = self._space.nearest(self._space.sample(rng))
+            genome = self.sampled(rng)
             if self._mark(genome) not in self._seen:
                 break
         return genome
+
+    def sampled(self, rng: Rng) -> Genome:
+        """A random scene, whether new or known; not registered."""
+        return self._space.nearest(self._space.sample(rng))
 
     def first_new(self, child: Callable[[], Genome], rng: Rng) -> Genome:
         """The first of a few children that is new once it is fair, else a random scene; registered."""

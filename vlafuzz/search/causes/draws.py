@@ -2,126 +2,146 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
 from vlafuzz.search.base import Genome
-from vlafuzz.search.causes.rules import Rule, Rules
+from vlafuzz.search.causes.rules import Rules
 from vlafuzz.search.causes.units import Levels, Numbers, Units
-from vlafuzz.search.probability import Draw, Probability, failure_probability
+from vlafuzz.search.probability import Draw, Probability, Rates, failure_probability
 from vlafuzz.search.proposals import ProposalFactory
 
 SUPPLY = 8  # candidates for a severe scene
-STRETCHED = 0.5  # largest share of draws that are made severe: fewer where failures are frequent
-LEAST = 0.15  # of all proposals are random scenes as they are: the probability rests on them alone
+PLAIN = 0.5  # of all proposals are random scenes as they are: the probability rests on them alone
+STRETCHED = 1.0  # largest share of the other draws that are made severe: fewer where failures are frequent
 MOVED = (0.5, 0.8)  # share of the numbers of a severe scene that are moved, by how rare failures are
 AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose failure a rule may explain
 RECENT = 30  # draws by which that is judged
-SAMPLE = 600  # random scenes by which shares are estimated, and of which severe ones are made
-EXPLAINED, SURELY = 0.5, 0.95  # chance from which on a scene counts as explained, and is surely in a range
+EXPLAINED = 0.5  # chance from which on a failure counts as explained
 FAILING, WORTH = 0.8, 2.0  # prior of the failure rate in a rule's range, and how many scenes it is worth
-NO_BUDGET = 1000  # rollouts that a run without a budget is taken to have
+# Random scenes without a rollout, by which shares are estimated: at first, for each proposal, and at most. One takes 2
+# to 3 ms; four for each rollout add less than a tenth to the variance of a probability.
+FIRST, MORE, MOST = 200, 4, 20_000
 
 
 class Draws:
-    """Draws scenes, and estimates from those that are not severe how often the policy fails."""
+    """Draws scenes, and estimates from those that are not severe how often the policy fails.
 
-    def __init__(self, proposals: ProposalFactory, seed: int, budget: int | None, stretched: float) -> None:
-        self._proposals, self._seed = proposals, seed
-        self._budget, self._stretched = budget or NO_BUDGET, stretched
-        self._sample: NDArray[np.int64] | None = None  # levels of random scenes
+    Attributes:
+        recent: whether each of the last draws failed, and no rule explains it.
+    """
+
+    def __init__(self, proposals: ProposalFactory, seed: int, stretched: float) -> None:
+        self._proposals, self._seed, self._stretched = proposals, seed, stretched
+        self._supply: list[Levels] = []  # random scenes without a rollout
         self._deviations: Numbers | None = None  # theirs
-        self._recent: deque[bool] = deque(maxlen=RECENT)
+        self.recent: deque[bool] = deque(maxlen=RECENT)
         self._plain = 0
-        self._open: dict[int, Draw] = {}
-        self._judged: dict[int, Draw] = {}
-        self._seen: list[tuple[Levels, bool]] = []  # random scenes that were rolled out, and which failed
+        self._rates = Rates()
+        self._open: dict[int, _Drawn] = {}
+        self._judged: dict[int, _Drawn] = {}
+        self._left_out: list[Draw] = []  # not rolled out
 
     def due(self, asked: int) -> bool:
         """Whether there are fewer random scenes among so many proposals than the probability needs."""
-        return self._plain < LEAST * asked
+        return self._plain < PLAIN * asked
 
     def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """A scene for the proposal with this number."""
+        self._keep(min(FIRST + MORE * number, MOST), units)
         if not self.due(number) and rng.random() < self._stretched * self._rarity():
             return self._severe(rng, units, rules)
         self._plain += 1
-        genome = self._proposals.fresh(rng)
-        here = units.deviations(units.levels(genome)[None])
-        self._open[number] = Draw(
-            failed=False,
-            left=max(self._budget - number, 1),
-            prediction=float(rules.explain(here, units)[0]),
-            mean_prediction=float(rules.explain(self._random(units), units).mean()) if rules else 0.0,
-        )
-        return genome
+        share = float(rules.regions(self._random(units), units).any(axis=1).mean())
+        spread = abs(self._rates.predict(1.0) - self._rates.predict(0.0)) * math.sqrt(share * (1 - share))
+        while True:
+            genome = self._proposals.sampled(rng)
+            levels = units.levels(genome)
+            explained = bool(rules.regions(units.deviations(levels[None]), units).any())
+            draw = Draw(
+                scene=levels.tobytes(),
+                chance=self._rates.chance(explained=explained),
+                prediction=self._rates.predict(explained),
+                mean_prediction=self._rates.predict(share),
+                error=spread / math.sqrt(len(self._supply)),
+            )
+            coin = rng.random()
+            if coin < draw.chance:
+                sample = not share or coin < self._rates.chance(explained=True)
+                new = bool(self._proposals.new([genome])[0])
+                self._open[number] = _Drawn(draw, levels, explained, sample, new)
+                return self._proposals.registered(genome)
+            self._left_out.append(draw)
 
-    def learn(self, number: int, levels: Levels, *, failed: bool, explained: float) -> None:
-        """Learn the outcome of a scene that was rolled out."""
-        self._recent.append(failed and explained < EXPLAINED)
-        if number in self._open:
-            self._seen.append((levels, failed))
-            self._judged[number] = replace(self._open.pop(number), failed=failed)
+    def learn(self, number: int, *, failed: bool) -> bool:
+        """Learn the outcome of a scene that was rolled out; returns whether the scene was new."""
+        drawn = self._open.pop(number, None)
+        if drawn is None:
+            return True
+        self._judged[number] = replace(drawn, draw=replace(drawn.draw, failed=failed))
+        self._rates.learn(explained=drawn.explained, failed=failed)
+        return drawn.new
 
     def forget(self) -> None:
         """There is another reference: deviations from the old one are of no use."""
         self._deviations = None
 
     @property
-    def judged(self) -> list[int]:
-        """The numbers of the random scenes that passed or failed."""
-        return sorted(self._judged)
+    def sample(self) -> list[int]:
+        """The numbers of the draws that passed or failed, and are a random sample of scenes."""
+        return sorted(number for number, drawn in self._judged.items() if drawn.sample)
 
-    def probability(self) -> Probability:
-        """The probability that the policy fails in a random scene; its interval holds at any time."""
-        return failure_probability([self._judged[number] for number in self.judged])
+    @property
+    def elsewhere(self) -> float:
+        """The failure rate of random scenes that no rule explains."""
+        return self._rates.predict(0.0)
 
-    def share(self, rule: Rule, units: Units) -> Probability:
-        """The share of random scenes that fail for a rule's reason.
+    def probability(self, *, over: bool) -> Probability:
+        """The probability that the policy fails in a random scene; ``over``: see ``failure_probability``."""
+        judged = [drawn.draw for drawn in self._judged.values()]
+        return failure_probability([*judged, *self._left_out] if judged else [], over=over)
 
-        That is the share in the rule's range, times the rate at which random scenes fail there beyond that elsewhere.
-        The interval allows for doubt about range and rate, and for no other reason at its end.
+    def shares(self, rules: Rules, units: Units) -> list[Probability]:
+        """The shares of random scenes that are in each rule's range and fail; a scene in several is shared out.
+
+        Each is the probability of the range, from random scenes without a rollout, times the failure rate of the draws
+        in it. The interval of the product is that of Zou and Donner 2008 <https://doi.org/10.1002/sim.3095>.
         """
-        chances = rule.chance(self._random(units), units)
-        low = wilson(int((chances >= SURELY).sum()), SAMPLE).low
-        high = wilson(int((chances > 0).sum()), SAMPLE).high
-        rate, other = self._rates(rule, units)
-        beyond = [max(0.0, (value - other) / (1 - other)) for value in (rate.value, rate.low)]
-        return Probability(float(chances.mean()) * beyond[0], low * beyond[1], high * rate.high)
-
-    def _rates(self, rule: Rule, units: Units) -> tuple[Probability, float]:
-        """The failure rates of random scenes in a rule's range and elsewhere."""
-        if not self._seen:
-            return Probability(1.0, 0.0, 1.0), 0.0
-        levels, failed = map(np.array, zip(*self._seen, strict=True))
-        inside = rule.chance(units.deviations(levels), units)
-        failures, scenes = float(inside @ failed), float(inside.sum())
-        rate = (failures + FAILING * WORTH) / (scenes + WORTH)
-        elsewhere = float((1 - inside) @ failed) / (len(levels) - scenes + 1)
-        return Probability(rate, *wilson(failures, scenes)), elsewhere
+        if not rules:
+            return []
+        parts, drawn = _shared(rules.regions(self._random(units), units)), list(self._judged.values())
+        levels = np.array([one.levels for one in drawn] or [units.reference])
+        weights = np.array([1 / one.draw.chance for one in drawn] or [0.0])
+        failed = np.array([bool(one.draw.failed) for one in drawn] or [False])
+        inside = _shared(rules.regions(units.deviations(levels), units)) * weights[:, None]
+        return [_product(*pair, failed) for pair in zip(parts.T, inside.T, strict=True)]
 
     def _random(self, units: Units) -> Numbers:
-        """``(SAMPLE, units + 1)`` deviations of random scenes."""
-        if self._deviations is None:
-            self._deviations = units.deviations(self._random_levels(units))
+        """``(n, units + 1)`` deviations of the random scenes without a rollout."""
+        self._keep(FIRST, units)
+        known = 0 if self._deviations is None else len(self._deviations)
+        if known < len(self._supply):
+            new = units.deviations(np.array(self._supply[known:]))
+            self._deviations = new if self._deviations is None else np.concatenate([self._deviations, new])
+        assert self._deviations is not None
         return self._deviations
 
-    def _random_levels(self, units: Units) -> NDArray[np.int64]:
-        """``(SAMPLE, dim)`` levels of random scenes, the same in the whole run."""
-        if self._sample is None:
-            rng = np.random.default_rng([self._seed, SAMPLE, 1])
-            self._sample = np.array([units.levels(self._proposals.drawn(rng)) for _ in range(SAMPLE)])
-        return self._sample
+    def _keep(self, number: int, units: Units) -> None:
+        """Have at least so many random scenes without a rollout, the same in every run of a seed."""
+        for index in range(len(self._supply), number):
+            rng = np.random.default_rng([self._seed, index, 1])
+            self._supply.append(units.levels(self._proposals.sampled(rng)))
 
     def _severe(self, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """One of a few severe scenes, more likely one in which no rule explains a failure."""
         least, most = MOVED
         share = least + (most - least) * self._rarity()
-        drawn = self._random_levels(units)[rng.integers(SAMPLE, size=SUPPLY)]
+        drawn = [self._supply[index] for index in rng.integers(len(self._supply), size=SUPPLY)]
         severe = np.array([units.stretched(levels, share, rng) for levels in drawn])
         worths = (1 - rules.explain(units.deviations(severe), units)) ** AVERSE + 1e-6
         taken = severe[rng.choice(SUPPLY, p=worths / worths.sum())]
@@ -129,4 +149,41 @@ class Draws:
 
     def _rarity(self) -> float:
         """How rare unexplained failures have been of late: 1 for none."""
-        return 1 - float(np.mean(self._recent)) if self._recent else 1.0
+        return 1 - float(np.mean(self.recent)) if self.recent else 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """A random scene that is rolled out.
+
+    Attributes:
+        explained: it was in a rule's range.
+        sample: it would have been rolled out in either case.
+        new: it was not proposed before.
+    """
+
+    draw: Draw
+    levels: Levels
+    explained: bool
+    sample: bool
+    new: bool
+
+
+def _shared(inside: NDArray[np.bool_]) -> Numbers:
+    """``(n, rules)`` parts of scenes: a scene in the ranges of several rules is shared out."""
+    return np.asarray(inside / np.maximum(inside.sum(axis=1, keepdims=True), 1))
+
+
+def _product(parts: Numbers, weights: Numbers, failed: NDArray[np.bool_]) -> Probability:
+    """The mean of parts times the failure rate by weights."""
+    range_, number = float(parts.mean()), len(parts)
+    total = float(weights.sum())
+    rate = float((weights @ failed + FAILING * WORTH) / (total + WORTH))
+    rolled = total**2 / float((weights**2).sum()) if total else 0.0
+    of_range = wilson(range_ * number, number)
+    of_rate = wilson(float(weights @ failed) / total * rolled if total else 0.0, rolled)
+    low, high = (
+        math.hypot(range_ * (rate - at), rate * (range_ - part)) for at, part in zip(of_rate, of_range, strict=True)
+    )
+    value = range_ * rate
+    return Probability(value, max(0.0, value - low), min(1.0, value + high))

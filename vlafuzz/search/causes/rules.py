@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vlafuzz.search.causes.units import CONFOUNDERS, Levels, Numbers, Units
 
 Mask = NDArray[np.bool_]
+ONE_HALF = 0.5
 KNOWN = 0.85  # chance from which a rule explains a failure
 
 
@@ -46,21 +47,30 @@ class Rule:
 
     def chance(self, deviations: Numbers, units: Units) -> Numbers:
         """``(n,)`` chance that scenes are in the fault."""
-        chance = np.ones(len(deviations))
+        return np.asarray(self._chances(deviations, units).prod(axis=0))
+
+    def region(self, deviations: Numbers, units: Units) -> Mask:
+        """``(n,)`` whether scenes are in its range: each value by itself is more likely in the fault than not."""
+        return np.asarray((self._chances(deviations, units) >= ONE_HALF).all(axis=0))
+
+    def _chances(self, deviations: Numbers, units: Units) -> Numbers:
+        """``(kept, n)`` chance that the value of each unit is in the fault."""
+        chances = []
         for index in np.flatnonzero(self.kept).tolist():
             x, unit = deviations[:, index], units.units[index]
             if unit.kind == "category":
-                chance *= np.where(np.isin(x, list(self.values[index])), 1.0, np.where(x == 0, 0.0, 0.4))
+                chances.append(np.where(np.isin(x, list(self.values[index])), 1.0, np.where(x == 0, 0.0, 0.4)))
             elif unit.kind == CONFOUNDERS:
                 near = deviations[:, -1] <= self.inner[-1] + 1e-9
                 many = x >= self.inner[index]
-                chance *= np.where(x == 0, 0.0, np.where(near & many, 0.75, np.where(near | many, 0.4, 0.15)))
+                likely = np.where(near & many, 0.75, np.where(near | many, 0.4, 0.15))
+                chances.append(np.where(x == 0, 0.0, likely))
             else:
                 inner, safe = abs(self.inner[index]), abs(self.safe[index])
                 along = x * np.sign(self.inner[index])
                 rising = np.clip((along - safe) / max(inner - safe, 1e-9), 0.0, 1.0)
-                chance *= np.where(along >= inner, 0.98, rising)
-        return chance
+                chances.append(np.where(along >= inner, 0.98, rising))
+        return np.array(chances)
 
     def same_kind(self, other: Rule) -> bool:
         """Whether it takes the same units, deviating in the same directions."""
@@ -114,6 +124,11 @@ class Rules(list[Rule]):
         for rule in self:
             left *= 1 - rule.chance(deviations, units)
         return np.asarray(1 - left)
+
+    def regions(self, deviations: Numbers, units: Units) -> Mask:
+        """``(n, rules)`` whether scenes are in the range of each."""
+        inside = [rule.region(deviations, units) for rule in self]
+        return np.stack(inside, axis=1) if inside else np.zeros((len(deviations), 0), dtype=bool)
 
     def likeliest(self, deviations: Numbers, units: Units) -> tuple[Rule | None, float]:
         """The rule that most likely explains one scene, and the chance that it does."""

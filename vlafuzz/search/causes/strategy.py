@@ -12,7 +12,7 @@ import numpy as np
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
 from vlafuzz.search.causes.background import Background
-from vlafuzz.search.causes.draws import STRETCHED, Draws
+from vlafuzz.search.causes.draws import EXPLAINED, STRETCHED, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
@@ -66,16 +66,16 @@ class Causes:
 
     A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the policy
     passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not attributed,
-    after one test if in doubt. At least 15 % of the proposals are random scenes; up to half of the draws are severe
-    ones, preferably where no rule explains a failure.
+    after one test if in doubt. Half of the proposals are random scenes; most of the other draws are severe ones,
+    preferably where no rule explains a failure.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None, *, stretched: float = STRETCHED) -> None:
-        self._space, self._seed, self._asked = space, seed, 0
+        self._space, self._seed, self._asked, self._rolled_out = space, seed, 0, 0
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
-        self._draws = Draws(self._proposals, seed, budget, stretched)
+        self._draws = Draws(self._proposals, seed, stretched)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
         self._has_reference = False
@@ -110,6 +110,7 @@ class Causes:
         """Learn from draws, and from tests for the attribution or the rule that they are for."""
         for proposal, score in zip(proposals, scores, strict=True):
             test, asked = self._out.pop(proposal.id)
+            self._rolled_out += score.rolled_out
             levels = self._units.levels(proposal.genome)
             if test is not None and proposal.genome is not asked:  # another scene of a pool: see Selection
                 self._miss(test)
@@ -126,13 +127,8 @@ class Causes:
     def causes(self) -> list[Cause]:
         """The causes found so far, in the order in which they were found."""
         return [
-            Cause(
-                self._units.genome(rule.levels),
-                self._units.operators(rule.kept),
-                rule.hits,
-                self._draws.share(rule, self._units),
-            )
-            for rule in self._rules
+            Cause(self._units.genome(rule.levels), self._units.operators(rule.kept), rule.hits, share)
+            for rule, share in zip(self._rules, self._draws.shares(self._rules, self._units), strict=True)
         ]
 
     @property
@@ -150,12 +146,15 @@ class Causes:
 
     @property
     def at_random(self) -> list[int]:
-        """The ids of the proposals that are random scenes, which passed or failed."""
-        return self._draws.judged
+        """The ids of the proposals that are a random sample of scenes, which passed or failed."""
+        return self._draws.sample
 
     def probability(self) -> Probability:
-        """The probability that the policy fails in a random scene."""
-        return self._draws.probability()
+        """The probability that the policy fails in a random scene.
+
+        Its interval holds at any time until the budget is spent, and then for this number of rollouts.
+        """
+        return self._draws.probability(over=self._budget is not None and self._rolled_out >= self._budget)
 
     def _draw(self, rng: np.random.Generator) -> Genome:
         if self._asked == 0:
@@ -218,7 +217,7 @@ class Causes:
         if self._known:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             alike = self._units.alike(self._units.deviations(scenes), deviations)
-            suspects.learn_scenes(alike, failed, otherwise)
+            suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
         odds = (self._refuted + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
         about = levels, suspects, self._background
@@ -256,24 +255,26 @@ class Causes:
         beside = levels
         for number in range(NEARBY):
             scene = self._space.decode(self._units.genome(beside))
-            repaired = self._space.repaired(scene, np.random.default_rng(0))
-            if repaired is not None and repaired.digest == scene.digest:
-                genome = self._space.nearest(scene)
-                if self._proposals.new([genome])[0]:
+            genome = self._space.nearest(scene)
+            known = not self._proposals.new([genome])[0]
+            if number == 0 or not known:  # as fairness takes longest
+                repaired = self._space.repaired(scene, np.random.default_rng(0))
+                fair = repaired is not None and repaired.digest == scene.digest
+                if fair and not known:
                     return self._proposals.registered(genome)
-            elif number == 0:
-                return None
+                if number == 0 and not fair:
+                    return None
             beside = self._units.jittered(levels if number % 2 else beside, rng)
         return None
 
     def _learn_draw(self, number: int, levels: Levels, score: Score) -> None:
         if number == 0 and score.rolled_out:
             self._learn_nominal(failed=score.failed)
-        if not score.rolled_out or number == 0:
+        if not score.rolled_out or number == 0 or not self._draws.learn(number, failed=score.failed):
             return
         explained = self._remember(levels, failed=score.failed)
         self._background.learn_draw(1 - explained, failed=score.failed)
-        self._draws.learn(number, levels, failed=score.failed, explained=explained)
+        self._draws.recent.append(score.failed and explained < EXPLAINED)
         if score.failed:
             self._pending.append(levels)
         elif not self._has_reference and self._nominal >= self._nominal_due():
