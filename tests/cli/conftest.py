@@ -11,8 +11,8 @@ from vlafuzz.search.causes import draws
 
 @pytest.fixture(autouse=True)
 def _few_random_scenes(monkeypatch) -> None:
-    """Strategy `causes` draws 600 random scenes for its shares, 2 to 15 s a run; commands do with fewer."""
-    monkeypatch.setattr(draws, "SAMPLE", 60)
+    """Strategy `causes` draws 200 random scenes and more for its shares, 1 to 5 s a run; commands do with fewer."""
+    monkeypatch.setattr(draws, "FIRST", 60)
 
 
 @pytest.fixture

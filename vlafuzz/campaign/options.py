@@ -11,10 +11,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.model.conditions import ALONE
-
 # Groups of options on a page of help.
 WHAT, SCENES, LONG, JUDGE, WHERE = "What to run", "Which scenes", "How long", "How to judge", "Where it runs"
+
+
+def _alone() -> str:
+    from vlafuzz.model.conditions import ALONE  # which loads pydantic
+
+    return ALONE + secrets.token_hex(4)
 
 
 @dataclass(frozen=True)
@@ -124,7 +128,7 @@ class RunConfig:
         "Where scenes are evaluated: local, processes, ray, or ray:auto or ray:HOST:PORT for a cluster.",
         "local; processes for several",
     )
-    alone: str = field(default_factory=lambda: ALONE + secrets.token_hex(4), compare=False)
+    alone: str = field(default_factory=_alone, compare=False)
     command: str = ""
 
 
