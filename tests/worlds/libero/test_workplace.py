@@ -42,6 +42,7 @@ def scene() -> Scene:
 def test_a_process_ends_without_a_word_after_it_has_drawn():
     code = (
         "from tests.worlds.libero.test_workplace import *\n"
+        "from vlafuzz.worlds.recording import Recording\n"
         "drawing = make_evaluator(Conditions(task=TASK, robot='libero'), Frozen(), recording=Recording(64))\n"
         "drawing.still(nominal_scene(TASK, 'libero'))"
     )
