@@ -72,7 +72,7 @@ def _seen(
     shrunk: Shrunk, genes: Sequence[Gene], start: Scene, space: Space, trials: Sequence[tuple[Scene, bool]]
 ) -> Seen:
     """The outcomes of a run that tell where a single number starts to make the policy fail."""
-    if len(genes) != 1:
+    if len(genes) != 1 or CONFOUNDERS in shrunk.operators:  # scenes with fewer confounders lack values
         return Seen()
     others = [one for name in shrunk.operators if name != genes[0].operator for one in space.group(name)]
     taken = free_genes(space, shrunk.scene, others, start)
