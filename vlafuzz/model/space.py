@@ -316,7 +316,10 @@ def value_at(scene: Scene, path: str) -> Any:
     """What stands at a path in a scene; of the confounders, how many."""
     value: Any = scene
     for key in path.split("."):
-        value = value[int(key)] if key.isdigit() else getattr(value, key)
+        if isinstance(value, tuple):  # of objects by their number, or of values by their names
+            value = value[int(key)] if key.isdigit() else dict(value)[key]
+        else:
+            value = getattr(value, key)
     return len(value) if path == "confounders" else value
 
 
