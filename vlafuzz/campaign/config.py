@@ -108,7 +108,7 @@ def plan(
 
 
 class Filled(NamedTuple):
-    """What a configuration names, with defaults where it names nothing; ``scenes`` are those of its file."""
+    """Look up what a configuration names, or the default; ``scenes`` are those of its file."""
 
     task: Task
     robot: str

@@ -17,7 +17,7 @@ class Check(NamedTuple):
     follows: str = ""
 
 
-# What may be wrong with a policy: how bad it is, and what to do.
+# Each fault that a policy may have is rated, with advice on what to do.
 FAULTS: dict[str, tuple[Rating, str]] = {
     "guessed": ("warn", "say {options} in the policy's name"),
     "it sees no picture": ("warn", "pictures of scenes do not matter to it; a policy that sees asks for cameras"),

@@ -338,7 +338,7 @@ def speed_of(plan: Plan) -> Speed | None:
 
 
 def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
-    """What the checks find wrong with the policy, and how fast it is."""
+    """Run the checks; returns what they find wrong with the policy, and how fast it is."""
     name, warnings = plan.manifest.policy, list[str]()
     doctor = shlex.join(["vlafuzz", "doctor", "--policy", name])
     with closing(Exam(plan.manifest, plan.policy)) as exam:

@@ -125,7 +125,7 @@ def on_sight(changes: Mapping[str, Change]) -> Check:
     return judged("sight", f"its answers change by {effects}{ANYWAY}", fault, view=view)
 
 
-# By sense: what is changed, what is said without a change, and what it is where that does not matter.
+# Each sense has what the check changes, what is said if nothing changes where it need not, and the fault otherwise.
 _SENSES = {
     "hearing": ("instruction", "it knows the scene, whatever the instruction", "deaf"),
     "proprioception": ("pose of the hand", "it asks for none", "it asks for the pose of the hand and does not use it"),

@@ -133,7 +133,7 @@ def _key(run: Manifest) -> str:
 
 
 def _results(executor: Executor, items: Sequence[Wanted | Solved]) -> Iterator[tuple[int, Any]]:
-    """What ``_Teacher`` says of each, numbered, as it is done; an ERROR where a worker was lost twice."""
+    """Yield each scene's number and what ``_Teacher`` returns; an ERROR if a worker was lost twice."""
     for number, (result,) in executor.run((number, [item]) for number, item in enumerate(items)):
         if isinstance(result, UsageError):
             raise result

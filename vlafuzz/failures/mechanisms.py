@@ -96,7 +96,7 @@ class _Run:
 
     @cached_property
     def values(self) -> Mapping[str, Numbers]:
-        """By quantity, ``(n,)`` its values in the scenes."""
+        """Measure the scenes: for each quantity, its ``(n,)`` values."""
         measured = [self.space.measured(trial.scene) for trial in self.trials]
         return {name: np.array([one[name] for one in measured]) for name in self.space.quantities}
 
