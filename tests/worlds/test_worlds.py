@@ -2,6 +2,7 @@
 
 import pytest
 
+from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.worlds import known_worlds, task_of, world_of
 from vlafuzz.worlds.base import Wanted
@@ -51,3 +52,11 @@ def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
 
 def test_the_first_robot_of_a_world_is_its_default_one():
     assert [next(iter(world.robots)) for world in known_worlds().values()] == ["panda", "libero"]
+
+
+def test_without_the_packages_of_a_world_one_sentence_says_what_to_install(monkeypatch, capsys):
+    monkeypatch.setattr("vlafuzz.worlds.libero.packages._NEEDED", ("no_such_package",))
+    assert main(["run", "--world", "libero:libero_goal/9", "--policy", "libero-expert", "--budget", "1"]) == 3
+    err = capsys.readouterr().err
+    assert "not installed: no_such_package" in err
+    assert "scripts/setup-libero" in err

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Light, Placement, Scene
-from vlafuzz.worlds.capabilities import Defect
-from vlafuzz.worlds.libero.audit import defects
+from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
 from vlafuzz.worlds.libero.packages import load
@@ -23,7 +22,7 @@ from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import REST
 
 Array = NDArray[np.float64]
-# The audit's checks by those of scenes.
+# By checks of defects those of scenes. A scene's places may be outside the suite's regions.
 CHECKS = {
     "overlaps": "geometry",
     "slides": "settling",
@@ -70,7 +69,7 @@ class Fairness:
             name = scene.targets[thing].object
             return Rejection("geometry", f"{name} is {away:.2f} m from the robot, which reaches {REACH:g} m")
         for defect in _defects(setting, scene):
-            if defect.kind not in known:
+            if defect.check in CHECKS and defect.kind not in known:
                 return Rejection(CHECKS[defect.check], defect.reason)
         for placed, share, usually in zip(scene.targets, _shown(setting, scene), before, strict=False):
             if share < UNSEEN * usually:
@@ -95,8 +94,7 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
 
 
 def _defects(setting: Setting, scene: Scene) -> list[Defect]:
-    begin = partial(setting.begin, scene)
-    return list(defects(setting.env, scene.start.state, begin, regions=False))
+    return list(defects(setting.env, partial(setting.begin, scene)))
 
 
 def _shown(setting: Setting, scene: Scene) -> list[float]:

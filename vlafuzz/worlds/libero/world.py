@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from vlafuzz import __version__
-from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
@@ -16,7 +15,6 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini_libero
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
-from vlafuzz.worlds.capabilities import AuditedSuite
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
@@ -89,11 +87,6 @@ class Libero(TableWorld):
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
         return LiberoDemonstrator(interface)
-
-    def audit(self, suite: str, states: int | None, watch: Watch) -> AuditedSuite:
-        from vlafuzz.worlds.libero.audit import audit
-
-        return audit(suite, states, watch)
 
 
 WORLD = Libero()

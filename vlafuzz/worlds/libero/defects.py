@@ -1,4 +1,4 @@
-"""Audits the initial states of a suite of LIBERO: they should be at rest, unsolved, and as the task says.
+"""Defects of what LIBERO's environment is in: it should be at rest, unsolved, and as the task says.
 
 What a task says of its start, by the problem's predicates and by where the instruction points, is judged after the
 settling steps, when things have come down: LIBERO's own predicates need contact.
@@ -8,18 +8,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.errors import UsageError
-from vlafuzz.worlds.capabilities import AuditedSuite, AuditedTask, Defect
 from vlafuzz.worlds.libero.casts import kind_of
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
-from vlafuzz.worlds.libero.packages import versions
-from vlafuzz.worlds.libero.suites import PLACING, SETTLING, Atom, LiberoTask, find_task, find_tasks
+from vlafuzz.worlds.libero.suites import PLACING, SETTLING, Atom
 
 Array = NDArray[np.float64]
 STEPS = 2 * HZ  # for which the robot keeps still
@@ -42,55 +38,41 @@ CLEAR = 0.6  # share of these bounds: what is so near fits the words, too, if no
 OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states reach
 
 
-def audit(name: str, states: int | None = None, watch: Watch = SILENT) -> AuditedSuite:
-    """Audit the first ``states`` initial states of all tasks of a suite, or of the one that ``SUITE/NUMBER`` names.
+class Defect(NamedTuple):
+    """What is wrong, by one of these checks, in a sentence with its amount.
 
-    Raises:
-        UsageError: there is no such suite.
-        PrerequisiteError: LIBERO is not installed.
+    ``overlaps``: two things begin inside each other; ``slides``, ``falls``: something moves while the robot keeps
+    still; ``moving``: still so after the settling steps; ``solved``: the goal holds at the start; ``premise``: what
+    problem or instruction say of the start is not true; ``region``: the same of a part of table or floor.
     """
-    tasks, audited = [find_task(name)] if "/" in name else find_tasks(name), []
-    for done, task in enumerate(tasks):
-        watch.progress(name, done, len(tasks))
-        audited.append(_audited(task, states))
-    return AuditedSuite(name, str(versions()), tuple(audited))
+
+    check: str
+    reason: str
+
+    @property
+    def kind(self) -> tuple[str, str]:
+        """What is wrong with what, without the amount."""
+        return self.check, self.reason.split(" by ")[0]
 
 
-def _audited(task: LiberoTask, states: int | None) -> AuditedTask:
-    try:
-        env = LiberoEnv(task)
-    except UsageError as error:
-        return AuditedTask(str(task), task.instruction, 0, (Defect(0, "setup", error.message, 0.0),))
-    try:
-        count = len(env.states[:states])
-        known = [one for number in range(count) for one in defects(env, number, partial(env.reset, number))]
-    finally:
-        env.close()
-    return AuditedTask(str(task), task.instruction, count, tuple(known))
-
-
-def defects(env: LiberoEnv, number: int, begin: Callable[[], None], *, regions: bool = True) -> Iterator[Defect]:
-    """All defects of initial state ``number``, as ``begin`` sets it up; those that cost least come first.
-
-    ``regions``: see ``broken_premises``.
-    """
+def defects(env: LiberoEnv, begin: Callable[[], None]) -> Iterator[Defect]:
+    """All defects of a state, as ``begin`` sets it up; those that cost least come first."""
     names = env.movable
     bodies = [env.bodies[name] for name in names]
     begin()
     start, upright, solved = env.data.xpos[bodies].copy(), _upward(env, bodies), env.solved()
     for pair, depth in _overlaps(env).items():
-        yield Defect(number, "overlaps", f"{' and '.join(pair)} overlap by {1000 * depth:.0f} mm", depth)
+        yield Defect("overlaps", f"{' and '.join(pair)} overlap by {1000 * depth:.0f} mm")
     env.settle(SETTLING)
     seen, solved = env.data.xpos[bodies].copy(), solved or env.solved()
-    for reason in broken_premises(env, regions=regions):
-        yield Defect(number, "premise", reason, 0.0)
+    yield from broken_premises(env)
     _come_to_rest(env, STEPS - SETTLING)
     if solved or env.solved():
-        yield Defect(number, "solved", "the goal holds at the start", 0.0)
+        yield Defect("solved", "the goal holds at the start")
     end = env.data.xpos[bodies].copy()
     tilts = np.degrees(np.arccos(np.clip((upright * _upward(env, bodies)).sum(axis=1), -1.0, 1.0)))
     for name, way, later, tilt in zip(names, end - start, end - seen, tilts.tolist(), strict=True):
-        yield from _moved(number, name, way, float(np.linalg.norm(later)), tilt)
+        yield from _moved(name, way, float(np.linalg.norm(later)), tilt)
 
 
 def _upward(env: LiberoEnv, bodies: list[int]) -> Array:
@@ -109,17 +91,17 @@ def _come_to_rest(env: LiberoEnv, steps: int) -> None:
             return
 
 
-def _moved(number: int, name: str, way: Array, later: float, tilt: float) -> Iterator[Defect]:
+def _moved(name: str, way: Array, later: float, tilt: float) -> Iterator[Defect]:
     """Defects of a thing that went ``way`` from the start on, ``later`` after the settling steps."""
     slid = float(np.linalg.norm(way[:2]))
     if slid > SLID:
-        yield Defect(number, "slides", f"{name} slides by {100 * slid:.1f} cm", slid)
+        yield Defect("slides", f"{name} slides by {100 * slid:.1f} cm")
     if tilt > TIPPED:
-        yield Defect(number, "falls", f"{name} topples by {tilt:.0f}°", tilt)
+        yield Defect("falls", f"{name} topples by {tilt:.0f}°")
     elif -way[2] > DROPPED:
-        yield Defect(number, "falls", f"{name} falls by {100 * -way[2]:.0f} cm", -float(way[2]))
+        yield Defect("falls", f"{name} falls by {100 * -way[2]:.0f} cm")
     if later > MOVING:
-        yield Defect(number, "moving", f"{name} still moves by {100 * later:.1f} cm", later)
+        yield Defect("moving", f"{name} still moves by {100 * later:.1f} cm")
 
 
 def _overlaps(env: LiberoEnv) -> dict[tuple[str, str], float]:
@@ -136,43 +118,32 @@ def _overlaps(env: LiberoEnv) -> dict[tuple[str, str], float]:
     return depths
 
 
-def broken_premises(env: LiberoEnv, *, regions: bool = True) -> Iterator[str]:
-    """What the task says of its start and is not true now, one sentence each.
-
-    ``regions``: whether things must be in the parts of table or floor that the suite gives them.
-    """
+def broken_premises(env: LiberoEnv) -> Iterator[Defect]:
+    """What the task says of its start and is not true now."""
     for atom in env.task.initial:
-        if (regions or not _is_floor(env, atom)) and not _holds(env, atom):
-            yield f"{' '.join(atom[1:2])} is not {atom[0]} {' '.join(atom[2:])}".strip()
-    yield from _misleading(env)
+        place = env.robosuite.object_sites_dict.get(atom[-1]) if atom[0] in PLACING else None
+        bare = place is not None and not getattr(place, "parent_name", None)  # a part of table or floor: no contact
+        if (_outside(env, atom)[:2] > OUTSIDE).any() if bare else not _holds(env, atom, place):
+            reason = f"{' '.join(atom[1:2])} is not {atom[0]} {' '.join(atom[2:])}".strip()
+            yield Defect("region" if bare else "premise", reason)
+    for reason in _misleading(env):
+        yield Defect("premise", reason)
 
 
-def _holds(env: LiberoEnv, atom: Atom) -> bool:
-    """LIBERO's own judgement, with slack.
-
-    Its regions of tables and floors have no contact, and those of furniture are a little beside or above it.
-    """
-    if _is_floor(env, atom):
-        return bool((_outside(env, atom)[:2] <= OUTSIDE).all())
+def _holds(env: LiberoEnv, atom: Atom, place: Any) -> bool:
+    """LIBERO's own judgement, with slack: its regions of furniture are a little aside or above it."""
     if env.holds(atom):
         return True
-    place = env.robosuite.object_sites_dict.get(atom[-1])
     if atom[0] != "on" or place is None or (_outside(env, atom) > OUTSIDE).any():
         return False
     return _touches(env, atom[1], place.parent_name)
 
 
-def _outside(env: LiberoEnv, atom: Atom) -> NDArray[np.float64]:
+def _outside(env: LiberoEnv, atom: Atom) -> Array:
     """``(3,)`` metres from the borders of a region to something, along the region's axes; negative inside."""
     site = env.data.site(atom[-1])
     way = site.xmat.reshape(3, 3).T @ (_position(env, atom[1]) - site.xpos)
     return np.asarray(np.abs(way) - env.model.site_size[site.id])
-
-
-def _is_floor(env: LiberoEnv, atom: Atom) -> bool:
-    """Whether a predicate places something in a region of table or floor."""
-    place = env.robosuite.object_sites_dict.get(atom[-1])
-    return atom[0] in PLACING and place is not None and not getattr(place, "parent_name", None)
 
 
 def _misleading(env: LiberoEnv) -> Iterator[str]:
@@ -224,5 +195,5 @@ def _named(env: LiberoEnv, words: str, target: str) -> str | None:
     return best if best and shared[best] else None
 
 
-def _position(env: LiberoEnv, name: str) -> NDArray[np.float64]:
+def _position(env: LiberoEnv, name: str) -> Array:
     return np.asarray(env.data.xpos[env.bodies[name]])

@@ -1,33 +1,31 @@
-from functools import partial
+import re
 
 import numpy as np
 import pytest
 
-from vlafuzz.worlds.libero.audit import audit, broken_premises, defects
+from vlafuzz.errors import UsageError
+from vlafuzz.worlds.libero.defects import broken_premises, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import find_task
 
 pytestmark = pytest.mark.libero
 
 
+def reasons(env: LiberoEnv) -> list[str]:
+    return [defect.reason for defect in broken_premises(env)]
+
+
 def test_the_bowl_that_cannot_stay_on_the_ramekin_is_found():
-    audited = audit("libero_spatial/5", 1)
-    (task,) = audited.tasks
-    found = {defect.check: defect.reason for defect in task.defects}
+    env = LiberoEnv(find_task("libero_spatial/5"), size=64)
+    found = {defect.check: defect.reason for defect in defects(env, env.reset)}
+    env.close()
     assert found["slides"].startswith("akita_black_bowl_1 slides by ")
     assert found["falls"].startswith("akita_black_bowl_1 topples by ")
     assert found["premise"] == "akita_black_bowl_1 is not on glazed_rim_porcelain_ramekin_1"
-    assert task.sound == 0
-    assert "MuJoCo 3." in audited.surroundings
 
 
-def test_a_sound_task_has_no_defects():
-    (task,) = audit("libero_goal/8", 2).tasks
-    assert (task.states, task.sound, task.defects) == (2, 2, ())
-
-
-def test_settling_ends_where_nothing_moves_any_more(bowls):
-    assert list(defects(bowls, 0, partial(bowls.reset, 0))) == []
+def test_a_sound_state_has_no_defects_and_is_watched_until_nothing_moves(bowls):
+    assert list(defects(bowls, bowls.reset)) == []
     assert bowls.steps < 30  # of 40
 
 
@@ -38,27 +36,25 @@ def test_what_still_moves_is_watched_on(bowls):
         bowls.reset()
         bowls.data.joint("akita_black_bowl_1_joint0").qpos[2] += 3.0
 
-    found = {defect.check: defect for defect in defects(bowls, 0, lifted)}
-    assert found["moving"].amount > 1.0
+    found = {defect.check: defect.reason for defect in defects(bowls, lifted)}
+    assert re.fullmatch(r"akita_black_bowl_1 still moves by [1-3]\d\d\.\d cm", found["moving"])
     assert bowls.steps > 20
 
 
-def test_a_task_that_the_package_cannot_build_is_a_defect():
-    """It names the milk twice."""
-    (task,) = audit("libero_10_with_milk/3").tasks
-    (defect,) = task.defects
-    assert (task.states, task.sound, defect.check) == (0, 0, "setup")
-    assert "milk_1" in defect.reason
+def test_a_task_that_the_package_cannot_build_is_refused():
+    with pytest.raises(UsageError, match=r"libero_10_with_milk/3 cannot be set up: .*milk_1"):
+        LiberoEnv(find_task("libero_10_with_milk/3"))  # it names the milk twice
 
 
 def test_a_thing_that_is_not_where_the_problem_says_is_named(bowls):
     bowls.reset()
     bowls.settle(10)
-    assert list(broken_premises(bowls)) == []
+    assert reasons(bowls) == []
     bowls.data.joint("akita_black_bowl_1_joint0").qpos[:2] += np.array([0.1, 0.0])
     bowls.settle(1)
-    (reason,) = broken_premises(bowls)
-    assert reason.startswith("akita_black_bowl_1 is not on main_table_")
+    (defect,) = broken_premises(bowls)
+    assert defect.check == "region"
+    assert defect.reason.startswith("akita_black_bowl_1 is not on main_table_")
 
 
 def test_a_bowl_on_the_microwave_is_there_although_liberos_region_hovers_above_it():
@@ -66,10 +62,10 @@ def test_a_bowl_on_the_microwave_is_there_although_liberos_region_hovers_above_i
     env.reset()
     env.settle(10)
     assert not env.holds(("on", "white_bowl_1", "microwave_1_top_side"))
-    assert list(broken_premises(env)) == []
+    assert reasons(env) == []
     env.data.joint("white_bowl_1_joint0").qpos[1] += 0.15
     env.settle(1)
-    assert list(broken_premises(env)) == ["white_bowl_1 is not on microwave_1_top_side"]
+    assert reasons(env) == ["white_bowl_1 is not on microwave_1_top_side"]
     env.close()
 
 
@@ -84,7 +80,7 @@ def test_a_double_counts_where_the_words_fit_it_clearly_or_better_than_the_targe
         for bowl, away in zip(("akita_black_bowl_1_joint0", "akita_black_bowl_2_joint0"), places, strict=True):
             env.data.joint(bowl).qpos[:2] = plate + np.array(away)
         env.settle(1)
-        return [reason for reason in broken_premises(env, regions=False) if reason.endswith("too")]
+        return [reason for reason in reasons(env) if reason.endswith("too")]
 
     too = ["akita_black_bowl_2 is next to the plate, too"]
     assert misled((0.0, 0.14), (0.0, -0.24)) == []
@@ -99,5 +95,5 @@ def test_what_touches_the_rim_of_a_plate_is_next_to_it():
     env.settle(10)
     bowl, plate = (env.robosuite.get_object(name) for name in ("akita_black_bowl_1", "plate_1"))
     assert env.robosuite.check_contact(bowl, plate)
-    assert list(broken_premises(env)) == []
+    assert reasons(env) == []
     env.close()
