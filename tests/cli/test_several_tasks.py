@@ -47,7 +47,7 @@ def test_a_store_of_several_tasks_and_policies_is_read_by_every_command(mixed: P
         ["report", "merged.db", "--no-videos", "--out", "merged.html"],
     ):
         assert main(command) == 0, command
-    assert "python:tests.doubles:make_idle on put-on · loses" in capsys.readouterr().out
+    assert "python:tests.doubles:make_idle on put-on · fails at:" in capsys.readouterr().out
 
 
 def test_standings_tell_policies_and_tasks_apart(mixed: Path):

@@ -180,7 +180,7 @@ def test_every_deviation_is_described_in_words():
     assert described == {
         "confounders": ("apple at x 0.1 m, y -0.2 m", "none", ""),
         "light": ("× 6.5", "× 1", "fails from intensity × 6.25 on"),
-        "camera-position": ("0.028 m off, azimuth 30°, elevation 10°", "0 m off", ""),
+        "camera-position": ("1.4 cm to the right →, 0.49 cm up ↑, 2.4 cm back", "in its place", ""),
         "camera-orientation": ("pitch -3°", "pitch 0°", ""),
         "target-orientation": ("yaw 45°", "yaw 0°", ""),
         "target-position": ("x 0.02 m, y 0 m", "x -0.05 m, y 0 m", ""),

@@ -136,10 +136,10 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
     """Each value that is not nominal, and the evidence; in a store of several policies or tasks also whose it is."""
     values = [f"{part.operator}: {part.range}" for part in one.deviations]
     if one.bucket == "observed" and len(values) > VALUES:
-        values = [f"{len(one.operators)} operators not nominal"]
+        values = [one.title]
     parts = (
         f"{one.run.short} on {one.scene.task}" if mixed else "",
-        f"loses {one.lost_stage}",
+        f"fails at: {one.lost_stage}",
         f"{one.bucket}: {one.detail}",
         f"{len(one.found)} failures" if len(one.found) > 1 else "",
         f"{len(one.alike)} more alike" if one.alike else "",

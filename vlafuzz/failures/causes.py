@@ -17,7 +17,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import acting
 from vlafuzz.model.quantities import Mechanism, plain_quantity
-from vlafuzz.model.space import Space
+from vlafuzz.model.space import Space, spoken
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
@@ -31,6 +31,8 @@ EVIDENCE: Mapping[str, str] = {
     "observed": "not certified",
     "flaky": "not confirmed",
 }
+# Who solves a scene, in words: by the simulator's state, or by what the camera shows.
+SOLVERS: Mapping[Solver, str] = {"expert": "expert", "seeing": "camera-only expert"}
 NEARLY_NOMINAL = 0.1  # severity below which a scene is nominal but for a jitter, which adds about 0.01
 
 
@@ -39,6 +41,7 @@ class ListedCause:
     """A cause in words; those with the same certified signature are one.
 
     Attributes:
+        title: the conditions, as "fails when" goes on: ``the light is at least × 5.66``.
         conditions: one for each operator: the range that fails, or its value in ``scene``.
         bucket: of the scene after triage, ``observed`` before it.
         share: of random scenes that fail for this reason; of several causes in one the largest.
@@ -51,6 +54,7 @@ class ListedCause:
         mechanism: the quantity through which several operators act; the first of the conditions says it in words.
     """
 
+    title: str
     conditions: tuple[str, ...]
     lost_stage: str | None = None
     share: Probability | None = None
@@ -68,9 +72,9 @@ class ListedCause:
     def says(self) -> str:
         """All but the conditions, in a line: stage, shares, evidence and scene."""
         rate = f": fails {_counted(self.rate)}" if self.rate else ""
-        solved = f", solved by {self.witness}" if self.witness else ""
+        solved = f", solved by the {SOLVERS[self.witness]}" if self.witness else ""
         parts = (
-            f"loses {self.lost_stage}" if self.lost_stage else "",
+            f"fails at: {self.lost_stage}" if self.lost_stage else "",
             f"{_estimate(self.share)} of random scenes" if self.share else "",
             f"explains {plural(self.failures, 'failure')}",
             f"{EVIDENCE[self.bucket]}{rate}{solved}",
@@ -82,12 +86,12 @@ class ListedCause:
         """The columns of a table."""
         return {
             "cause": "\n".join(self.conditions),
-            "loses": self.lost_stage or "–",
+            "fails at": self.lost_stage or "–",
             "explains": self.failures,
             "share": _estimate(self.share) if self.share else "–",
             "evidence": EVIDENCE[self.bucket],
             "fails": _counted(self.rate) if self.rate else "–",
-            "solved by": self.witness or "–",
+            "solved by": SOLVERS[self.witness] if self.witness else "–",
             "scene": self.scene[:12] if self.scene else "–",
         }
 
@@ -189,6 +193,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         if finding is None:
             detail = "no stored failure has these operators alone"
             merged[number] = ListedCause(
+                title=_title(space, cause, ()),
                 conditions=_through(space, cause.mechanism, cause.operators),
                 share=cause.share,
                 failures=cause.failures,
@@ -199,6 +204,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         row = triaged.get(finding.scene)
         failure, types = described(store.path, finding, run.manifest, space, row), _target_types(space, cause, row)
         one = ListedCause(
+            title=_title(space, cause, types, failure),
             conditions=_through(space, cause.mechanism, _conditions(space, cause, failure, row)),
             lost_stage=failure.lost_stage,
             share=cause.share,
@@ -264,6 +270,21 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
         if part.operator in (failure.operators if certified else cause.operators):
             parts.append(f"{part.operator}{directions.get(part.operator, '')}: {part.range}")
     return tuple(parts) or cause.operators
+
+
+def _title(space: Space, cause: FoundCause, types: Sequence[str], failure: DescribedFailure | None = None) -> str:
+    """What it takes, as a sentence goes on."""
+    if cause.mechanism is not None:
+        quantity = space.quantities.get(cause.mechanism.quantity) or plain_quantity(cause.mechanism.quantity)
+        return quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)
+    if failure is None:
+        return f"{' and '.join(map(spoken, cause.operators))} {'differ' if len(cause.operators) > 1 else 'differs'}"
+    if failure.bucket == "base":
+        return failure.title
+    blamed = failure.operators if failure.bucket == "minimal" else cause.operators
+    parts = [part.clause for part in failure.deviations if part.operator in blamed]
+    target = [f"the target is {' and '.join(types)}"] if types else []
+    return " and ".join([*target, *parts]) or failure.title
 
 
 def _through(space: Space, mechanism: Mechanism | None, conditions: tuple[str, ...]) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, fields
 from typing import Any
 
-from vlafuzz.common.text import interval, named
+from vlafuzz.common.text import interval, named, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.corpus.corpus import Case, Corpus
 from vlafuzz.failures.corpus.folder import SCENES
@@ -32,6 +32,9 @@ BUCKETS: Mapping[str, str] = {
 }
 
 
+TOLD = 2  # deviations that a title names
+
+
 class Spaces:
     """The search spaces of runs of one store or corpus."""
 
@@ -54,6 +57,8 @@ class Deviation:
     Attributes:
         fails_from: the range that fails; empty if there is no threshold, or none that is known.
         missing: why it is not known, in a clause.
+        clause: the same, as "fails when" goes on.
+        severity: of the operator in the scene, in [0, 1].
     """
 
     operator: str
@@ -61,6 +66,8 @@ class Deviation:
     reference: str
     fails_from: str = ""
     missing: str = ""
+    clause: str = ""
+    severity: float = 0.0
 
     @property
     def range(self) -> str:
@@ -107,12 +114,15 @@ class DescribedFailure(Failure):
 
     @property
     def title(self) -> str:
-        """The operators, in a few words."""
+        """What it takes, in words; before triage the values that are farthest off."""
         if self.bucket == "base":
-            return "fails at nominal"
-        if len(self.operators) > 3:
-            return f"{len(self.operators)} operators{'' if self.reference else ' not nominal'}"
-        return " + ".join(self.operators) or "all operators nominal"
+            return "fails even in the nominal scene"
+        parts = self.deviations
+        if self.bucket != "minimal":
+            parts = tuple(sorted(parts, key=lambda part: -part.severity))
+        said = [part.clause for part in parts[:TOLD]] or ["all is nominal"]
+        more = f", and {plural(len(parts) - TOLD, 'other operator')} changed" if len(parts) > TOLD else ""
+        return " and ".join(said) + more
 
 
 def described(
@@ -207,14 +217,23 @@ def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | No
     The confounder operators count as one.
     """
     other = reference or _nominal(space, scene)
-    thresholds = {threshold.operator: failing_range(threshold) for threshold in causes.thresholds}
-    found = []
-    for name in space.groups:
+    thresholds = {threshold.operator: threshold for threshold in causes.thresholds}
+    severities, found = space.severities(scene), []
+    for name, operators in space.groups.items():
         value, usual = space.described(scene, name, other), space.described(other, name, scene)
         if value:
-            lacks = name in causes.necessary and name not in thresholds and _is_numeric(space, scene, name, other)
-            missing = "its threshold did not fit into the rollouts" if lacks else ""
-            found.append(Deviation(name, value, usual, thresholds.get(name, ""), missing))
+            at = thresholds.get(name)
+            lacks = at is None and name in causes.necessary and _is_numeric(space, scene, name, other)
+            deviation = Deviation(
+                name,
+                value,
+                usual,
+                fails_from=failing_range(at) if at else "",
+                missing="its threshold did not fit into the rollouts" if lacks else "",
+                clause=space.clause(scene, name, other, at.fails if at else ()),
+                severity=max(severities.get(operator, 0.0) for operator in operators),
+            )
+            found.append(deviation)
     return tuple(found)
 
 

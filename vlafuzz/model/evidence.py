@@ -84,6 +84,11 @@ class Threshold:
             if {path for path, _ in values} != paths:
                 raise ValueError(f"a threshold of {self.operator} between other values than {sorted(paths)}")
 
+    @property
+    def fails(self) -> tuple[tuple[Values, Values], ...]:
+        """The ranges that fail; of earlier stores one, from ``at`` on."""
+        return self.ranges or ((self.at, ()),)
+
 
 @dataclass(frozen=True)
 class Causes:

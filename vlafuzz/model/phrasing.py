@@ -1,6 +1,6 @@
 """Evidence in words: signatures and thresholds."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from vlafuzz.model.evidence import Causes, Threshold, Values
 from vlafuzz.model.quantities import Mechanism, Quantity
@@ -31,7 +31,7 @@ def titled(operators: Iterable[str], causes: Causes) -> str:
 
 def failing_range(threshold: Threshold) -> str:
     """The values that fail: ``fails from yaw 2.1° (2° to 2.2°) to 3.4° and from 4° on``."""
-    first, *others = threshold.ranges or ((threshold.at, ()),)
+    first, *others = threshold.fails
     start = ", ".join(in_words(path, value) + _interval(threshold, path) for path, value in threshold.at)
     share = "" if len(threshold.at) == 1 else f" ({threshold.share:.0%} of the way)"
     parts = [_range(start + share, *first), *(_range(_amounts(low), low, high) for low, high in others)]
@@ -44,6 +44,24 @@ def acting(mechanism: Mechanism, quantity: Quantity) -> str:
     ways = f"{', '.join(others)} or {last}" if others else last
     shown = "; shown by a swap" if mechanism.swapped else ""
     return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways}{shown})"
+
+
+def beyond(low: Values, high: Values, usual: Mapping[str, float], *, away: bool = False) -> str:
+    """A range that fails, as a sentence goes on: ``at least × 5.66``, ``2.1° to 3.4°``.
+
+    Args:
+        high: none for a range that reaches as far as the operator does.
+        usual: the values from which they differ, by path.
+        away: the sentence tells the direction, so that amounts are without their sign.
+    """
+    if away:
+        low, high = (tuple((path, abs(value)) for path, value in values) for values in (low, high))
+    if high:
+        return _amounts(low) if low == high else f"{_amounts(low)} to {_amounts(high)}"
+    if len(low) > 1:
+        return f"{_amounts(low)} or beyond"
+    ((path, value),) = low
+    return f"at {'least' if away or value > usual[path] else 'most'} {_amounts(low)}"
 
 
 def _range(start: str, low: Values, high: Values) -> str:

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
+from vlafuzz.model import evidence
 from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Scene, in_words
 from vlafuzz.model.task import Task
 
 Values = dict[str, float]  # by path in a scene; a category by its index
 Vector = NDArray[np.float64]
+Range = tuple[evidence.Values, evidence.Values]  # first and last values that fail, see ``Threshold.ranges``
 FAR = 0.5  # severity above which an operator is part of a site
 # Things that a scene may have more or fewer of. Their genes' paths begin with this, their number has it for a
 # path, and their operators are reset together.
@@ -273,6 +276,23 @@ class Space(ABC):
         )
         return ", ".join(shown)
 
+    def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
+        """How a group differs from another scene's, as "fails when" goes on: ``the light is at least × 5.66``.
+
+        Args:
+            fails: the ranges that fail, from first to last values; none for the scene's own values.
+        """
+        if not fails:
+            return f"the {spoken(group)} is {self.described(scene, group, other).removeprefix(f'{group} ')}"
+        ranges = " or ".join(beyond(low, high, self.values(other)) for low, high in fails)
+        paths, genes = dict(fails[0][0]), [gene for gene in self.by_path.values() if gene.operator == group]
+        field = f" {next(iter(paths)).rpartition('.')[2]}" if len(paths) == 1 < len(genes) else ""
+        return f"the {spoken(group)}{field} is {ranges}"
+
+    def displaced(self, scene: Scene) -> Mapping[tuple[str, str], float]:
+        """Displacements as people see them: by operator, and unit with direction such as ``cm to the left``."""
+        return {}
+
     def draw(self, path: str, rng: np.random.Generator) -> float:
         """A random value of a gene; nominal if its operator does not vary."""
         gene = self.by_path[path]
@@ -310,6 +330,11 @@ class Space(ABC):
                 raise SceneError(f"{path}: {problem}", hint=f"vary {gene.operator} as well")
             levels[path] = level
         return levels
+
+
+def spoken(operator: str) -> str:
+    """The name of an operator in a sentence."""
+    return operator.replace("-", " ")
 
 
 def value_at(scene: Scene, path: str) -> Any:

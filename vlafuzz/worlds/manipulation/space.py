@@ -14,8 +14,9 @@ from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.model import scene as model
 from vlafuzz.model.conditions import Setting
 from vlafuzz.model.genes import Gene
+from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Space, Values, Vector, embedded
+from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Range, Space, Values, Vector, embedded
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation.base import Layout
@@ -46,7 +47,7 @@ from vlafuzz.worlds.manipulation.operators import (
     TargetType,
     Wording,
 )
-from vlafuzz.worlds.manipulation.rigs import Rig, rig
+from vlafuzz.worlds.manipulation.rigs import Rig, View, rig
 
 _STILL = 0.0005  # metres: half a step of the camera's distance
 _GRID = 4  # rows and columns of the workspace in a site
@@ -61,6 +62,14 @@ GROUPS: dict[str, tuple[str, ...]] = {
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
 HINT = "widen the ranges, or lower min_distance, confounder-count or visible, in your own --operators file"
+# By path: how the camera is turned, by more than nothing and by less.
+_TURNED = {
+    "camera.pitch": ("the camera tilts down by {}", "the camera tilts up by {}"),
+    "camera.yaw": ("the camera turns left by {}", "the camera turns right by {}"),
+    "camera.roll": ("the camera rolls right by {}", "the camera rolls left by {}"),
+}
+# By direction, as whoever looks through the camera sees it: in words, and the opposite one.
+_WAYS = {"to the left": ("to the left ←", "to the right →"), "up": ("up ↑", "down ↓"), "back": ("back", "forward")}
 PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a scene with one gene per field
 
 
@@ -232,7 +241,7 @@ class TableSpace(Space):
         if operators == Light.name:
             return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
         if operators == CameraPosition.name:
-            return "" if scene.camera.offset == other.camera.offset else _offset(scene.camera)
+            return "" if scene.camera.offset == other.camera.offset else _moved(self.rig.view, scene.camera)
         if operators == CameraOrientation.name:
             return _fields(scene.camera, other.camera, ("roll", "pitch", "yaw"))
         if operators == Wording.name:
@@ -243,6 +252,40 @@ class TableSpace(Space):
             shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
             return _fields(shown, usual, [field.name for field in fields(shown)])
         return self._targets(operators, scene.targets, other.targets)
+
+    def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
+        if group == CONFOUNDERS and not fails:
+            names = [_name(placement) for placement in scene.confounders]
+            return f"{' and '.join(names) or 'nothing else'} {'are' if len(names) > 1 else 'is'} on the table, too"
+        if group == CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
+            far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
+            return f"the camera is {_moved(self.rig.view, scene.camera, far)}"
+        if group in (CameraOrientation.name, TargetPosition.name, TargetOrientation.name):
+            return self._turned_or_placed(scene, group, other, fails)
+        return super().clause(scene, group, other, fails)
+
+    def _turned_or_placed(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range]) -> str:
+        values, usual = self.values(scene), self.values(other)
+        if group == CameraOrientation.name:
+            turned = [path for path in (dict(fails[0][0]) if fails else _TURNED) if values[path] != usual[path]]
+            ways = []
+            for path in turned:
+                own = [
+                    (tuple((name, value) for name, value in ends if name == path) for ends in pair) for pair in fails
+                ]
+                amounts = [beyond(low, high, usual, away=True) for low, high in own] or [f"{abs(values[path]):g}°"]
+                ways.append(_TURNED[path][values[path] < usual[path]].format(" or ".join(amounts)))
+            return " and ".join(ways).replace(" and the camera", " and")
+        described = self.described(scene, group, other)
+        if fails or ":" in described:
+            return super().clause(scene, group, other, fails)
+        if group == TargetPosition.name:
+            return f"the target is at {described}"
+        return f"the target {'' if described.startswith('rests') else 'is '}{described.replace('yaw', 'turned to')}"
+
+    def displaced(self, scene: Scene) -> Mapping[tuple[str, str], float]:
+        ways = seen_from(self.rig.view, scene.camera)
+        return {(CameraPosition.name, f"cm {way}"): round(100 * far, 2) + 0.0 for way, far in ways.items()}
 
     def _targets(self, operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
         """What differs of the targets that an operator is about."""
@@ -293,10 +336,29 @@ def _name(placement: Placement) -> str:
     return placement.object.replace("_", " ")
 
 
-def _offset(shown: Camera) -> str:
-    if math.isclose(shown.distance, 0):
-        return "0 m off"
-    return f"{shown.distance:g} m off, azimuth {shown.azimuth:g}°, elevation {shown.elevation:g}°"
+def seen_from(view: View, camera: Camera) -> dict[str, float]:
+    """How far a camera is off, as whoever looks through it sees it: metres to the left, up and back."""
+    ahead = math.atan2(view.target[1] - view.eye[1], view.target[0] - view.eye[0])
+    x, y, z = camera.offset
+    forward, left = x * math.cos(ahead) + y * math.sin(ahead), y * math.cos(ahead) - x * math.sin(ahead)
+    return {"to the left": left, "up": z, "back": -forward}
+
+
+def _moved(view: View, camera: Camera, far: str = "") -> str:
+    """``2 cm to the left ←, 1 cm up ↑``, without what is small beside the largest; ``far`` replaces the amounts."""
+    ways = seen_from(view, camera)
+    most = max(map(abs, ways.values()))
+    if most < _STILL:
+        return "in its place"
+    said = {way: _WAYS[way][value < 0] for way, value in ways.items() if abs(value) > most / 5}
+    if far:
+        return f"{far} {' and '.join(said.values())}"
+    return ", ".join(f"{100 * abs(ways[way]):.2g} cm {words}" for way, words in said.items())
+
+
+def _distances(low: Values, high: Values) -> str:
+    nearest, *farthest = (f"{100 * ends['camera.distance']:.3g} cm" for ends in (low, high) if ends)
+    return f"{nearest} to {farthest[0]}" if farthest else f"at least {nearest}"
 
 
 def _fields(part: object, other: object, names: Sequence[str]) -> str:
