@@ -30,7 +30,6 @@ READERS = {  # modules that read received folders
     "worlds/tabletop/objects/references.py",
     "policies/mini/policy.py",
     "failures/corpus/folder.py",
-    "worlds/tabletop/sim/cameras.py",
 }
 OPENERS = {"read_bytes", "read_json", "read_text", "load_scenes"}  # of ours, with a parameter ``inside``
 BARE = {"open", "fromfile", "imread", "load_file", "memmap"} | OPENERS

@@ -26,8 +26,8 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.clients import msgpack_wire, openvla
 from vlafuzz.policies.clients.options import load_profile, profile_options
 from vlafuzz.rollouts.policies import make_policy
+from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.tabletop.objects import open_packs
-from vlafuzz.worlds.tabletop.objects.schema import read_file
 
 ROOT = Path(vlafuzz.__file__).parent
 FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]
@@ -250,7 +250,7 @@ class TestProfiles:
         assert not [path for path in opened if "outside" in path]
 
 
-@pytest.mark.parametrize("read", [load_profile, read_file])
+@pytest.mark.parametrize("read", [load_profile, load_operators])
 def test_yaml_makes_no_objects(read: Callable, tmp_path, opened):
     path = tmp_path / "a.yaml"
     path.write_text(f"a: !!python/object/apply:builtins.open ['{AWAY}', 'w']\n")

@@ -71,14 +71,6 @@ def cache_in(folder: Path) -> Iterator[None]:
             os.environ["VLAFUZZ_CACHE"] = before
 
 
-def objects(rng: Rng, folder: Path) -> None:
-    catalogue = load_catalogue(_yaml(rng, "objects", folder / "a.yaml"))
-    changed = [name for name in catalogue if name not in CATALOGUE]
-    with cache_in(folder):
-        for name in changed[:1] or list(catalogue)[: int(rng.random() < 0.05)]:
-            catalogue[name]
-
-
 def profile(rng: Rng, folder: Path) -> None:
     path = _yaml(rng, "profile", folder / "a.yaml")
     load_profile(path)
@@ -192,7 +184,6 @@ def logs(rng: Rng, folder: Path) -> None:
 
 READERS: dict[str, tuple[Reader, int]] = {
     "operators": (operators, 4500),
-    "objects": (objects, 600),
     "profiles": (profile, 3500),
     "policy names": (policy_name, 3500),
     "scene lines": (scene_lines, 3500),

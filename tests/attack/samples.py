@@ -36,8 +36,7 @@ def folder() -> Path:
 @cache
 def yamls(pattern: str) -> tuple[tuple[str, Any], ...]:
     """Text and content of shipped files."""
-    places = {"profile": PROFILES.glob("*.yaml"), "objects": [operators_dir() / "objects" / "builtin.yaml"]}
-    files = places.get(pattern) or operators_dir().glob(pattern)
+    files = PROFILES.glob("*.yaml") if pattern == "profile" else operators_dir().glob(pattern)
     return tuple((path.read_text(), yaml.safe_load(path.read_text())) for path in sorted(files))
 
 

@@ -20,11 +20,10 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
-from vlafuzz.worlds.tabletop.objects.schema import read_file
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
-YAML_READERS = [load_profile, read_file, load_operators]
+YAML_READERS = [load_profile, load_operators]
 SCENE = json.loads(nominal().to_json())
 
 

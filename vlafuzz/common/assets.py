@@ -1,6 +1,6 @@
 """Locates data: what comes with vlafuzz, the cache of what is built once, and the user's folders.
 
-The latter hold files that may not be shipped, such as robots and photos.
+The latter hold files that may not be shipped, such as robots.
 """
 
 import errno

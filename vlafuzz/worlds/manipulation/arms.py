@@ -27,7 +27,7 @@ _FINGERS = [
 
 def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
     """``(k, 3)`` corners of the convex bodies of all links in the world, metres."""
-    return _bodies(rig.robot.removesuffix("-photo"), rig.base, rig.rest, rig.arm_joints, pose)
+    return _bodies(rig.robot, rig.base, rig.rest, rig.arm_joints, pose)
 
 
 @cache

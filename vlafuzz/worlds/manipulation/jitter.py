@@ -35,7 +35,7 @@ def jittered(scene: Scene, number: int) -> Scene:
         targets=tuple(_placed(rng, target) for target in scene.targets),
         confounders=tuple(_placed(rng, confounder) for confounder in scene.confounders),
         light=Light(scene.light.intensity * (1 + float(rng.uniform(-LIGHT, LIGHT)))),
-        camera=scene.camera if setup.photos else _moved(rng, scene.camera),  # photos fit one view only
+        camera=_moved(rng, scene.camera),
         noise=replace(scene.noise, grain=math.hypot(scene.noise.grain, PIXEL_NOISE)),
         initial_pose=InitialPose(**{f"j{index}": value for index, value in enumerate(joints.tolist(), 1)}),
     )

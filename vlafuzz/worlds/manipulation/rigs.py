@@ -1,13 +1,11 @@
 """Rigs: robots at their tables as data, with the nominal camera and lights.
 
-The WidowX 250s and the Google robot, VLATest's two, need robot files from a pack. In the ``-photo`` variants, the
-third-person camera sees a photo behind robot and objects, as in the reference. Sources: G, BE and PO are VLATest's
+The WidowX 250s and the Google robot, VLATest's two, need robot files from a pack. Sources: G, BE and PO are VLATest's
 ``grasp_single_in_scene_customizable.py``, ``base_env.py`` and ``put_on_in_scene_cutomizable.py``.
 """
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from vlafuzz.errors import SceneError, suggestion
 from vlafuzz.worlds.base import Robot
@@ -126,9 +124,7 @@ class Rig(Robot):
         control_hz: control steps per second if the robot's controller fixes them; None to follow the policy. seconds:
         length of a rollout.
         urdf: the robot's file below ``robots/`` in a pack; None for robots that come with ManiSkill. surface: the
-        larger area in which imported scenes may place objects; None if it is the workspace. photos: by task, the photo
-        below ``overlays/`` in a pack that replaces the background of the
-            third-person camera. Matches the nominal view only.
+        larger area in which imported scenes may place objects; None if it is the workspace.
         operators: name of the operator set that is used by default.
         initial_states: that a task has of its own; 0 where the operators say how it begins.
     """
@@ -147,7 +143,6 @@ class Rig(Robot):
     physics_hz: int = 100
     urdf: str | None = None
     surface: Workspace | None = None
-    photos: Mapping[str, str] = field(default_factory=dict)
     operators: str = "tabletop"
     initial_states: int = 0
 
@@ -271,17 +266,9 @@ GOOGLE = Rig(
     operators="google",
 )
 
-_BRIDGE = "bridge_real_eval_1.png"
-_CAN, _NEAR = "google_coke_can_real_eval_1.png", "google_move_near_real_eval_1.png"
-_BY_TASK = {"pick-up": _CAN, "move-near": _NEAR, "put-on": _CAN, "put-in": _CAN}
-_ALL = (
-    PANDA,
-    WIDOWX,
-    replace(WIDOWX, robot="widowx-photo", photos=dict.fromkeys(_BY_TASK, _BRIDGE)),
-    GOOGLE,
-    replace(GOOGLE, robot="google-photo", photos=_BY_TASK),
-)
-RIGS = {rig.robot: rig for rig in _ALL}
+RIGS = {rig.robot: rig for rig in (PANDA, WIDOWX, GOOGLE)}
+# Stored scenes have them: a photo was behind them. No scene of theirs is fair any more.
+_OF_PHOTOS = {"widowx-photo": WIDOWX, "google-photo": GOOGLE}
 
 # LIBERO's Panda. Places are offsets from a suite's own initial state; base, joints and view are robosuite's,
 # and nothing reads the Panda's here.
@@ -303,7 +290,7 @@ def rig(robot: str) -> Rig:
     Raises:
         SceneError: no such robot.
     """
-    known = RIGS | OF_LIBERO
+    known = RIGS | OF_LIBERO | _OF_PHOTOS
     if robot not in known:
         raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, known))
     return known[robot]

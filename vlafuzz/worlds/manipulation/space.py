@@ -377,12 +377,9 @@ class TableWorld(World):
 
     def space(self, wanted: Wanted, operators: Operators | None = None) -> TableSpace:
         if operators is None:
-            setup = rig(wanted.robot)
-            operators = load_operators(wanted.operators or setup.operators)
+            operators = load_operators(wanted.operators or rig(wanted.robot).operators)
             if wanted.vary:
                 operators = operators.only(wanted.vary)
-            elif setup.photos:  # they fit one view only
-                operators = operators.only(operators.varied - {CameraPosition.name, CameraOrientation.name})
         assert isinstance(operators, OperatorSet)
         space = self.space_of(wanted, operators)
         offered = {gene.operator for gene in space.by_path.values()}

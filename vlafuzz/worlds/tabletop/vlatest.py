@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
@@ -21,12 +21,17 @@ from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.objects.schema import Strict
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
 FRAME = "vlatest"  # Scene.frame: VLATest's world coordinates
 CUSTOM, YCB = "custom:", "ycb:"  # prefixes of names, as in packs: YCB and VLATest's own catalogue share some names
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
+
+
+class Strict(BaseModel):
+    """Data from outside: unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
 
 
 class _Pose(Strict):

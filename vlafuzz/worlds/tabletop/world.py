@@ -112,8 +112,6 @@ class Tabletop(TableWorld):
         setup = rig(wanted.robot)
         if setup.urdf:
             assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
-        for photo in setup.photos.values():
-            assets.need(f"overlays/{photo}", f"--robot {setup.robot}")
         return SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> SearchSpace:

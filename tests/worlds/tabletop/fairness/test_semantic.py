@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Backdrop, Light, Placement, Scene
+from vlafuzz.model.scene import Light, Placement, Scene
 from vlafuzz.worlds.tabletop.fairness import check_semantic
 from vlafuzz.worlds.tabletop.fairness.checks import ambiguous
 from vlafuzz.worlds.tabletop.objects import load_catalogue
@@ -37,9 +37,6 @@ def test_fair(fair: Scene) -> None:
 
 
 UNFAIR = {
-    "backdrop: the background of widowx-photo is a photo, which hides table and wall": replace(
-        scene("pick-up", at("apple")), robot="widowx-photo", backdrop=Backdrop(wall="red")
-    ),
     "unknown task 'dance'": scene("dance", at("apple")),
     "unknown robot 'r2'": replace(scene("pick-up", at("apple")), robot="r2"),
     "an instruction is empty": replace(scene("pick-up", at("apple")), then=(" ",)),

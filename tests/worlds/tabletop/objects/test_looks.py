@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 import sapien
+import trimesh
 from PIL import Image
 
-from vlafuzz.common import assets
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.objects.schema import read_file
-from vlafuzz.worlds.tabletop.objects.textures import paint
 from vlafuzz.worlds.tabletop.sim.rendering import use_shaders
 
 pytestmark = pytest.mark.render
@@ -43,7 +41,8 @@ def likeness(a: np.ndarray, b: np.ndarray) -> float:
 @pytest.mark.parametrize("name", ["coke_can", "7up_can", "sprite_can"])
 def test_a_label_is_upright_and_not_mirrored(photograph, name):
     seen = photograph(name)[40:88, 50:78]
-    label = paint(read_file(assets.operators_dir() / "objects" / "builtin.yaml")[name])
+    (mesh,) = trimesh.load_scene(load_catalogue()[name].visual).geometry.values()
+    label = mesh.visual.material.baseColorTexture.convert("RGB")
     width, height = label.size
     part = label.crop((int(width * 0.43), int(height * 0.29), int(width * 0.57), int(height * 0.71)))
     drawn = np.asarray(part.resize(seen.shape[1::-1], Image.Resampling.BOX)) / 255

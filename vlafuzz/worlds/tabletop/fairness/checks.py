@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.common.text import ambiguous
 from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Backdrop, Camera, Placement, Scene
+from vlafuzz.model.scene import Camera, Placement, Scene
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
@@ -61,17 +61,12 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         yield f"{task.name} names {task.targets} target(s), the scene has {len(scene.targets)}"
     for placement in scene.placements:
         yield from _placement_problems(placement, catalogue)
-    setup = rig(scene.robot)
-    if setup.photos and scene.camera != Camera():
-        yield f"camera: the background of {scene.robot} is a photo, which fits the nominal view only"
-    if setup.photos and scene.backdrop != Backdrop():
-        yield f"backdrop: the background of {scene.robot} is a photo, which hides table and wall"
     models = [catalogue[placement.object] for placement in scene.placements]
     for a, b in combinations(models, 2):
         if ambiguous(a.spoken, b.spoken):
             yield f"{a.spoken!r} and {b.spoken!r} cannot be told apart by name"
     first, *more = zip(scene.targets, models, strict=False)
-    problem = cannot_grasp(*first, setup.hand)
+    problem = cannot_grasp(*first, rig(scene.robot).hand)
     if problem or (task.onto and (problem := cannot_place(task.onto, *first, *more[0]))):
         yield problem
 

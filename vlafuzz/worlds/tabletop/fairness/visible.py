@@ -188,7 +188,7 @@ class Picture:
         for label in (np.flatnonzero(counts[1:]) + 1).tolist():
             albedo = ROBOT_COLOUR if label == ROBOT else skin(self._models[label - 1]).colours.mean(axis=0)
             yield self._name(label), self._lit(albedo), int(counts[label])
-        if counts[0] and not self._rig.photos:  # a photo's colours are not known here
+        if counts[0]:
             v, u = np.nonzero(ring & (near == 0))
             yield from self._background((np.stack([u + left, v + top], axis=1) + 0.5) / [width, height])
 

@@ -1,6 +1,7 @@
-"""Catalogue: the objects of YAML files and packs by name, each built on first access.
+"""Catalogue: the objects that come with vlafuzz, and those of packs, by name.
 
-Built objects are cached, one folder each, named by the hash of the entry and the builder's version.
+Those that come with it are in ``operators/objects``, one folder each, written by ``scripts/make_objects.py``. Those of
+packs are measured on first access and cached, one folder each, named by the hash of their content.
 """
 
 import hashlib
@@ -17,46 +18,46 @@ from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, Role
 from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject, find_pack
-from vlafuzz.worlds.tabletop.objects.schema import ObjectSpec, read_file
 
-Entry = ObjectSpec | PackObject
-BUILDER = 6  # version; raise it when the same entry builds a different object, which a test detects
+BUILDER = 6  # version; raise it when the same pack results in different objects
+INDEX = "builtin.json"  # marks of the objects beside it, by name
 NUMBERS = "model.json"
 _MODEL = TypeAdapter(ObjectModel)
 
 
 class Catalogue:
-    """Objects by name. ``digest``: hash of all values, the packs' files and the builder's version."""
+    """Objects by name. ``digest``: hash of all values, the packs' files and the builder's version.
 
-    def __init__(self, specs: Mapping[str, Entry], packs: Sequence[Pack] = ()) -> None:
-        self._specs, self.packs = dict(specs), tuple(packs)
-        self._built: dict[str, ObjectModel] = {}
-        marks = sorted(_fingerprint(name, spec) for name, spec in self._specs.items())
-        self.digest = hashlib.sha256("".join(marks).encode()).hexdigest()[:16]
+    ``shipped``: by name, the marks of the objects that come with vlafuzz.
+    """
+
+    def __init__(self, shipped: Mapping[str, str], packs: Sequence[Pack] = ()) -> None:
+        self.packs = tuple(packs)
+        self._packed = {f"{pack.name}:{name}": spec for pack in packs for name, spec in pack.objects.items()}
+        self._marks = dict(shipped) | {name: _mark(name, spec) for name, spec in self._packed.items()}
+        self._models: dict[str, ObjectModel] = {}
+        self.digest = hashlib.sha256("".join(sorted(self._marks.values())).encode()).hexdigest()[:16]
 
     def __getitem__(self, name: str) -> ObjectModel:
-        if name not in self._built:
-            if name not in self._specs:
-                raise CatalogueError(f"no object {name!r} in the catalogue", suggestion(name, self._specs))
-            self._built[name] = _built(name, self._specs[name])
-        return self._built[name]
+        if name not in self._models:
+            if name not in self._marks:
+                raise CatalogueError(f"no object {name!r} in the catalogue", suggestion(name, self._marks))
+            packed = self._packed.get(name)
+            self._models[name] = _measured(name, packed) if packed else _load(_shipped() / name)
+        return self._models[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._specs
+        return name in self._marks
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._specs)
+        return iter(self._marks)
 
     def __len__(self) -> int:
-        return len(self._specs)
+        return len(self._marks)
 
     def names(self, *roles: Role) -> tuple[str, ...]:
-        """The names of all objects, or of those with one of some roles, in the order of the files."""
-
-        def role(name: str, spec: Entry) -> Role:
-            return self[name].role if isinstance(spec, PackObject) else spec.role  # packs' are measured
-
-        return tuple(name for name, spec in self._specs.items() if not roles or role(name, spec) in roles)
+        """The names of all objects, or of those with one of some roles, in their order."""
+        return tuple(name for name in self if not roles or self[name].role in roles)
 
     def graspable(self) -> tuple[str, ...]:
         """Names of the objects that a gripper can pick up."""
@@ -64,40 +65,45 @@ class Catalogue:
 
     def preferred(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The default choice among some names: the packs' objects if there are any, else all."""
-        packed = tuple(name for name in names if isinstance(self._specs[name], PackObject))
+        packed = tuple(name for name in names if name in self._packed)
         return packed or names
 
 
-def load_catalogue(file: Path | None = None, *, packs: Sequence[Pack] = ()) -> Catalogue:
-    """The objects of a catalogue file, by default of the shipped one, followed by the packs' objects.
-
-    A CatalogueError says which value is invalid, or which two packs have the same name.
-    """
-    specs: dict[str, Entry] = {**read_file(file or assets.operators_dir() / "objects" / "builtin.yaml")}
+def load_catalogue(*, packs: Sequence[Pack] = ()) -> Catalogue:
+    """The objects that come with vlafuzz, followed by the packs'; a CatalogueError for two packs of one name."""
     folders: dict[str, Path] = {}
     for pack in packs:
         if pack.name in folders:
             both = f"{folders[pack.name]} and {pack.folder}: both packs are named {pack.name!r}"
             raise CatalogueError(both, "rename one of the folders")
         folders[pack.name] = pack.folder
-        specs |= {f"{pack.name}:{name}": spec for name, spec in pack.objects.items()}
-    return Catalogue(specs, packs)
+    return Catalogue(json.loads((_shipped() / INDEX).read_text(encoding="utf-8")), packs)
 
 
-def _fingerprint(name: str, spec: Entry) -> str:
+def _shipped() -> Path:
+    return assets.operators_dir() / "objects"
+
+
+def _mark(name: str, spec: PackObject) -> str:
     text = json.dumps([BUILDER, name, spec.model_dump(mode="json")], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:20]
 
 
-def _built(name: str, spec: Entry) -> ObjectModel:
-    """The object from the cache, built first if necessary."""
-    place = f"objects/{name.replace(':', '-')}-{_fingerprint(name, spec)}"
+def _measured(name: str, spec: PackObject) -> ObjectModel:
+    """The object of a pack from the cache, measured first if necessary."""
+    place = f"objects/{name.replace(':', '-')}-{_mark(name, spec)}"
+
+    def fill(folder: Path) -> None:
+        # Imported here: trimesh and scipy are not needed when the object is cached
+        from vlafuzz.worlds.tabletop.objects.measured import build_measured
+
+        write_model(build_measured(name, spec, folder), folder)
 
     def cached() -> ObjectModel:
-        folder = assets.made_once(
-            place, lambda folder: _fill(name, spec, folder), lambda folder: (folder / NUMBERS).is_file()
-        )
-        return _load(folder, spec)
+        model = _load(assets.made_once(place, fill, lambda folder: (folder / NUMBERS).is_file()))
+        if spec.visual is not None and spec.visual.name == model.visual.name:
+            return replace(model, visual=spec.visual)
+        return model
 
     model = cached()
     if all(file.is_file() for file in (model.visual, *model.collision)):  # SAPIEN only logs a missing mesh
@@ -106,26 +112,16 @@ def _built(name: str, spec: Entry) -> ObjectModel:
     return cached()
 
 
-def _fill(name: str, spec: Entry, folder: Path) -> None:
-    # Imported here: trimesh and scipy are not needed when the object is cached
-    if isinstance(spec, PackObject):
-        from vlafuzz.worlds.tabletop.objects.measured import build_measured
-
-        model = build_measured(name, spec, folder)
-    else:
-        from vlafuzz.worlds.tabletop.objects.build import build
-
-        model = build(name, spec, folder)
+def write_model(model: ObjectModel, folder: Path) -> None:
+    """Write a model whose meshes are in ``folder``, which may then be moved."""
     visual, collision = Path(model.visual.name), tuple(Path(file.name) for file in model.collision)
     (folder / NUMBERS).write_bytes(_MODEL.dump_json(replace(model, visual=visual, collision=collision), by_alias=True))
 
 
-def _load(folder: Path, spec: Entry) -> ObjectModel:
+def _load(folder: Path) -> ObjectModel:
     model = _MODEL.validate_json((folder / NUMBERS).read_bytes())
-    visual = folder / model.visual
-    if isinstance(spec, PackObject) and spec.visual and spec.visual.name == model.visual.name:
-        visual = spec.visual  # the pack's own mesh, unless it was painted
-    return replace(model, visual=visual, collision=tuple(folder / file for file in model.collision))
+    collision = tuple(folder / file for file in model.collision)
+    return replace(model, visual=folder / model.visual, collision=collision)
 
 
 def packs_json(packs: Iterable[Pack]) -> str:

@@ -22,7 +22,11 @@ from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
-from vlafuzz.worlds.tabletop.objects.build import (
+from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
+from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, Container, Fit, ObjectModel, Role, StablePose
+from vlafuzz.worlds.tabletop.objects.packs import PackObject
+from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
+from vlafuzz.worlds.tabletop.objects.solids import (
     Solid,
     Stable,
     quaternion,
@@ -31,14 +35,10 @@ from vlafuzz.worlds.tabletop.objects.build import (
     stable_turns,
     write_parts,
 )
-from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
-from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, Container, Fit, ObjectModel, Role, StablePose
-from vlafuzz.worlds.tabletop.objects.packs import PackObject
-from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
-from vlafuzz.worlds.tabletop.objects.shapes import PROMINENT
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255
+PROMINENT = 0.0008  # metres; PhysX drops corners that protrude by less than 0.7 mm (its planeTolerance)
 LEAST = 1e-9  # cubic metres; smaller parts are dropped
 TALL, ROUND = 1.2, 1.15  # least height / width and most width / depth of an object that stands along y
 SUPPORTS = {"plate", "cloth"}

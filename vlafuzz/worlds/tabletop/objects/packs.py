@@ -17,13 +17,12 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from vlafuzz.common.assets import FOLDERS, listed
 from vlafuzz.common.reading import read_bytes, read_json, validated
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES, check_references
-from vlafuzz.worlds.tabletop.objects.schema import Length, Strict
 
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
@@ -35,8 +34,10 @@ _MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
 _MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those that are used
 
 
-class PackObject(Strict):
+class PackObject(BaseModel):
     """One object of a pack. The dump identifies it by the ``content`` of its files, not by their paths."""
+
+    model_config = ConfigDict(frozen=True)
 
     spoken: str
     scale: Annotated[float, Field(gt=0, le=1000, allow_inf_nan=False)]
@@ -74,7 +75,7 @@ class _Info(BaseModel):
     """An entry of an info file. Some bounding boxes are wrong; only the published criteria use them."""
 
     bbox: _Box | None = None
-    scales: Annotated[list[Length], Field(min_length=1)] = [1.0]
+    scales: Annotated[list[Annotated[float, Field(gt=0, le=1, allow_inf_nan=False)]], Field(min_length=1)] = [1.0]
     density: Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)] = 1000.0
 
 

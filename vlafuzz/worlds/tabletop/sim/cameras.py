@@ -1,10 +1,6 @@
-"""The cameras of an environment: what ManiSkill is to create, and the images that they take.
-
-A photo may replace the background of the third-person camera, as in VLATest's environments.
-"""
+"""The cameras of an environment: what ManiSkill is to create, and the images that they take."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,9 +9,6 @@ from mani_skill.agents.base_agent import BaseAgent
 from mani_skill.sensors.camera import CameraConfig
 from numpy.typing import NDArray
 
-from vlafuzz.common import assets
-from vlafuzz.common.reading import decoded, read_bytes
-from vlafuzz.errors import CatalogueError
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import Rig
@@ -28,14 +21,10 @@ WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 
 
 class Cameras:
-    """The requested cameras of one rig; a PrerequisiteError if its photo for the task is not there."""
+    """The requested cameras of one rig."""
 
-    def __init__(self, rig: Rig, requests: Sequence[CameraRequest], task: str) -> None:
+    def __init__(self, rig: Rig, requests: Sequence[CameraRequest]) -> None:
         self._rig, self._requests = rig, {request.name: request for request in requests}
-        self._photo: Picture | None = None
-        if requests and task in rig.photos:
-            path = assets.need(f"overlays/{rig.photos[task]}", f"robot {rig.robot}")
-            self._photo = _photo(path)
 
     @property
     def third_person(self) -> list[str]:
@@ -53,19 +42,12 @@ class Cameras:
             configs.append(CameraConfig(name, sapien.Pose(*WRIST_CAMERA), *size, np.pi / 2, **more))
         return configs
 
-    def picture(self, name: str, camera: sapien.render.RenderCameraComponent, visible: Sequence[int]) -> Picture:
-        """``(height, width, 3)``: what a camera shows at present, in the requested size.
-
-        ``visible``: SAPIEN's numbers of the bodies in front of the photo.
-        """
+    def picture(self, name: str, camera: sapien.render.RenderCameraComponent) -> Picture:
+        """``(height, width, 3)``: what a camera shows at present, in the requested size."""
         camera.take_picture()
         colour = camera.get_picture("Color")[..., :3]
         image = np.asarray(np.clip(colour * 255 + 0.5, 0, 255) if colour.dtype != np.uint8 else colour, dtype=np.uint8)
         request = self._requests[name]
-        if self._photo is not None and request.role == "third_person":
-            foreground = np.isin(camera.get_picture("PositionSegmentation")[..., 3], visible)
-            background = cv2.resize(self._photo, foreground.shape[::-1], interpolation=cv2.INTER_AREA)
-            image = np.where(foreground[..., None], image, background).astype(np.uint8)
         size = (request.width, request.height)
         if image.shape[1::-1] != size:
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
@@ -84,11 +66,3 @@ class Cameras:
 
 def sapien_pose(view: CameraPose) -> sapien.Pose:
     return sapien.Pose(view.position, view.quaternion)
-
-
-def _photo(path: Path) -> Picture:
-    data = read_bytes(path, CatalogueError, inside=path.parent.parent)
-    try:
-        return np.asarray(decoded(data, "PNG", "JPEG").convert("RGB"), dtype=np.uint8)
-    except ValueError as error:
-        raise CatalogueError(f"{path}: {error}") from None

@@ -106,7 +106,7 @@ class TabletopEnv(BaseEnv):
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue
-        self._cameras = Cameras(self.rig, cameras, task)
+        self._cameras = Cameras(self.rig, cameras)
         self.control_hz = self.rig.control_hz or control_hz
         try:
             super().__init__(
@@ -155,7 +155,7 @@ class TabletopEnv(BaseEnv):
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
         self.world.scene.update_render()
-        return self._cameras.picture(camera, self._render_camera(camera), self.world.visible)
+        return self._cameras.picture(camera, self._render_camera(camera))
 
     def applied(self) -> Applied:
         """What the simulator contains, read back from it."""

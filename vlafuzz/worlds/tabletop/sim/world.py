@@ -124,12 +124,6 @@ class World:
         return self._controller.refused
 
     @property
-    def visible(self) -> list[int]:
-        """SAPIEN's numbers of the robot's and objects' bodies in the scene."""
-        shown = [*self._robot.links, *self._bodies]
-        return [body.entity.per_scene_id for body in shown]
-
-    @property
     def poses(self) -> tuple[sapien.Pose, ...]:
         """Of the objects."""
         return tuple(body.entity_pose for body in self._bodies)

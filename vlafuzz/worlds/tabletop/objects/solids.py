@@ -1,26 +1,20 @@
-"""Builds an object from its catalogue entry: convex parts, stable poses, grasps and mesh files."""
+"""Solids: convex parts as physics simulates them, and the poses in which they stay put."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, mass_properties, outline, triangles
-from vlafuzz.worlds.tabletop.objects.model import Container, Grasp, ObjectModel, StablePose
-from vlafuzz.worlds.tabletop.objects.schema import Basket, ObjectSpec
-from vlafuzz.worlds.tabletop.objects.shapes import convex_parts, write_visual
+from vlafuzz.worlds.tabletop.objects.model import Grasp, StablePose
 
-FLAT = 2e-5  # distance up to which a corner counts as in a face's plane: corners are rounded to a micrometre
-STEADY = 0.001  # least distance of the centre of mass from the face's edges
-UNEVEN = 5e-4  # as FLAT, for measured solids
-FIRM = 0.0015  # as STEADY, for measured solids: PhysX makes them up to a millimetre thinner
+UNEVEN = 5e-4  # metres; distance up to which a corner counts as in a face's plane
+FIRM = 0.0015  # metres; least distance of the centre of mass from the face's edges: PhysX makes solids a little thinner
 TIPS = np.radians(3.0)  # least tilt that a stable pose tolerates
 ROLLS = np.radians(12.0)  # an object that tips at a smaller tilt rolls, if the adjacent face is near
 NEXT = np.radians([5.0, 45.0])  # angle between adjacent faces
-NEAR = 0.8  # cosine of the largest angle between the requested pose and the stable one
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -41,20 +35,6 @@ def solid(parts: Sequence[Array]) -> Solid:
     return Solid(exact, corners(np.concatenate(exact)), float(sum(volumes)), balance)
 
 
-def settled(body: Solid, up: Sequence[float]) -> Array | None:
-    """The rotation ``(3, 3)`` onto the stable face for which ``up`` points most upwards; None without one."""
-    wanted = np.array(up) / np.linalg.norm(up)
-    normals = _normals(body.hull)
-    # Rounded, so that the last bit does not decide between mirrored faces
-    steepness = np.round(normals @ wanted, 6)
-    order = np.lexsort((*np.round(normals.T, 6), steepness))
-    for face in normals[order][steepness[order] < -NEAR]:  # those that point down, the steepest first
-        if _lying(body, face, FLAT)[1] > STEADY:
-            first = rotation(wanted, UP)
-            return np.asarray(rotation(first @ face, -UP) @ first)
-    return None
-
-
 class Stable(NamedTuple):
     """A rotation ``(3, 3)`` of a solid onto a stable face."""
 
@@ -65,10 +45,10 @@ class Stable(NamedTuple):
 
 
 def stable_turns(body: Solid) -> list[Stable]:
-    """All stable poses of a measured solid, on any face of its hull, even if it is not quite flat."""
+    """All stable poses of a solid, on any face of its hull, even if it is not quite flat."""
     stable = []
-    for face in _normals(body.hull):
-        turn, margin = _lying(body, face, UNEVEN)
+    for face in normals(body.hull):
+        turn, margin = lying(body, face, UNEVEN)
         tilt = float(np.arctan2(margin, (body.hull @ face).max() - body.balance @ face))
         if margin > FIRM and tilt > TIPS:
             stable.append((face, turn, tilt))
@@ -82,7 +62,7 @@ def stable_turns(body: Solid) -> list[Stable]:
     return poses
 
 
-def _lying(body: Solid, face: Array, flat: float) -> tuple[Array, float]:
+def lying(body: Solid, face: Array, flat: float) -> tuple[Array, float]:
     """The rotation that turns a face down, and how far the centre of mass is inside the face's edges."""
     reach = body.hull @ face
     ground = body.hull[reach > reach.max() - flat]
@@ -93,7 +73,7 @@ def _lying(body: Solid, face: Array, flat: float) -> tuple[Array, float]:
     return turn, float(inside.min())
 
 
-def _normals(hull: Array) -> Array:
+def normals(hull: Array) -> Array:
     """Outward normals ``(k, 3)`` of the hull's triangles."""
     faces = hull[triangles(hull)]
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
@@ -119,50 +99,6 @@ def quaternion(turn: Array) -> Array:
         return np.array([0.0, *axis])
     lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)
-
-
-def build(name: str, spec: ObjectSpec, folder: Path) -> ObjectModel:
-    """Build an object with its meshes in ``folder``; CatalogueError for poses unstable or without grasps."""
-    drawn = convex_parts(spec.shape)
-    points = np.concatenate(drawn)
-    centre = (points.min(axis=0) + points.max(axis=0)) / 2
-    body = solid([part - centre for part in drawn])
-    container = None
-    if isinstance(spec.shape, Basket):
-        width, depth, height = spec.shape.inner
-        floor = float(spec.shape.wall - centre[2])
-        container = Container(width, depth, round(floor, 6), round(floor + height, 6))
-    visual = folder / "visual.glb"
-    write_visual(spec, centre, visual)
-    return ObjectModel(
-        name=name,
-        spoken=spec.spoken or name.replace("_", " "),
-        role=spec.role,
-        mass=spec.mass,
-        friction=spec.friction,
-        colour=np.array(spec.colour),
-        parts=body.parts,
-        vertices=body.hull,
-        visual=visual,
-        collision=write_parts(body.parts, folder),
-        stable_poses=tuple(_stable_poses(name, spec, body)),
-        supports=spec.supports,
-        container=container,
-        density=spec.mass / body.volume,
-    )
-
-
-def _stable_poses(name: str, spec: ObjectSpec, body: Solid) -> Iterator[StablePose]:
-    graspable = spec.role == "graspable"
-    for key, chosen in spec.rests.items():
-        where, turn = f"objects.{name}.rests.{key}", settled(body, chosen.up)
-        if turn is None:
-            raise CatalogueError(f"{where}: no stable face near this pose, got up {chosen.up!r}")
-        pose = stable_pose(key, turn, body, rolls=chosen.rolls, graspable=graspable)
-        if graspable and not pose.grasps:
-            hint = "it opens 0.08 m: make the object thinner"
-            raise CatalogueError(f"{where}: nothing that the gripper could grasp", hint)
-        yield pose
 
 
 def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: bool) -> StablePose:

@@ -16,13 +16,13 @@ from numpy.typing import ArrayLike
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
-from vlafuzz.worlds.tabletop.objects import schema, textures
+from objects import schema, textures
 from vlafuzz.worlds.tabletop.objects.hulls import Array, Faces, triangles
+from vlafuzz.worlds.tabletop.objects.measured import PROMINENT
 
 SIDES = 24  # of a can, which deviates by 0.3 mm from a circle and has faces to lie on
 SLIM = 12  # sides of thinner shapes
 RIM_PIECES = 12
-PROMINENT = 0.0008  # metres; PhysX drops corners that protrude by less than 0.7 mm (its planeTolerance)
 
 
 def convex_parts(shape: schema.Shape) -> list[Array]:
