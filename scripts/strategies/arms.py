@@ -28,7 +28,6 @@ SPLITS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)  # shares of a budget that search takes
 Setting = tuple[int, float]  # budget and split
 Courses = dict[Setting, Course]
 Play = Callable[[World, Sequence[Setting]], Courses]
-POPULATIONS = ("nsga2", "nsga2d")  # of a size that depends on the budget
 
 
 class Later(Causes):
@@ -106,7 +105,7 @@ def _triage(name: str, world: World, settings: Sequence[Setting], *, certified: 
     searched = {setting: round(setting[0] * setting[1]) for setting in settings}
     longest = max(searched.values())
     return {
-        (budget, split): _triages(world, name, rollouts if name in POPULATIONS else longest).course(
+        (budget, split): _triages(world, name, rollouts if name == "nsga2" else longest).course(
             split, budget, certified=certified
         )
         for (budget, split), rollouts in searched.items()

@@ -114,7 +114,6 @@ def scene_values(rng: Rng, folder: Path) -> None:
     _lint(folder / "a.jsonl", "fit")
     source = read_scene_file(folder / "a.jsonl", CATALOGUE, "fit")
     if not any(isinstance(scene, SceneError) for _, scene in source.lines):
-        command("lab", "coverage", folder / "a.jsonl")
         command("export", folder / "a.jsonl", "--out", folder / "out.jsonl")
         (scene,) = source.scenes()
         jittered(scene, 1)

@@ -128,7 +128,6 @@ def _read_store(rng: Rng, path: Path) -> None:
             render(view_of_store(store))
     commands: tuple[tuple[object, ...], ...] = (
         ("export", "--format", "store", path, samples.store(), "--out", path.with_name("merged.db")),
-        ("lab", "coverage", path),
         ("export", path, "--out", path.with_name("out.jsonl")),
         ("report", path, "--no-videos", "--out", path.with_name("out.html")),
         ("export", path, "--format", "vlatest", "--out", path.with_name("out.json")),

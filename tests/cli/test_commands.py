@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from tests.cli.typed import typed
-from vlafuzz.cli import COMMANDS, load, main, names
+from vlafuzz.cli import COMMANDS, load, main
 from vlafuzz.cli.help import EXAMPLES
 from vlafuzz.rollouts import policies
 
@@ -67,21 +67,6 @@ def test_there_are_at_most_15_commands():
 def test_run_has_at_most_22_options():
     shown = [param for param in load("run").params if not param.hidden and param.name != "help"]
     assert len(shown) <= 22
-
-
-@pytest.mark.parametrize("name", names.COMMANDS)
-def test_an_old_command_is_answered_with_its_new_name(name: str, capsys):
-    assert main([name, "x"]) == 2
-    said = f"error: `vlafuzz {name}` is `vlafuzz {names.COMMANDS[name]}` now\n"
-    assert capsys.readouterr().err == said
-
-
-@pytest.mark.parametrize(
-    ("command", "flag"), [(command, flag) for command, flags in names.OPTIONS.items() for flag in flags]
-)
-def test_an_old_option_is_answered_with_its_new_name(command: str, flag: str, capsys):
-    assert main([command, f"{flag}=x"]) == 2
-    assert capsys.readouterr().err == f"error: {flag}: this is {names.OPTIONS[command][flag]} now\n"
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

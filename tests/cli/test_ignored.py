@@ -25,8 +25,6 @@ def folder(tmp_path: Path, monkeypatch) -> None:
     [
         ("run --policy frozen --scenes s.jsonl --vary light", "--vary light: the scenes of --scenes are run"),
         ("lint --frame keep s.jsonl", "--frame keep: none of the files is one of VLATest"),
-        ("lab coverage --frame fit s.jsonl", "--frame fit: none of the files is one of VLATest"),
-        ("lab coverage --operators paper a.db", "--operators paper: the files are stores"),
         ("report a.db --out a.html --limit 3 --no-videos", "--limit 3: with --no-videos there are none"),
     ],
 )

@@ -1,22 +1,18 @@
-"""``vlafuzz lab``: studies with real spaces, without a simulator, and coverage."""
+"""``vlafuzz lab study`` with real spaces, without a simulator."""
 
-import csv
-import io
 import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cli.typed import told, typed
-from tests.doubles import Always, ClosedForm, failed, passed, rollout, scene
+from tests.cli.typed import typed
+from tests.doubles import Always, ClosedForm, failed, passed, rollout
 from tests.packs import box, write_pack
-from tests.report.stores import store
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Camera, Scene
-from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -211,43 +207,3 @@ def test_who_passed_nothing_has_nothing_to_lose(folder: Path, capsys, monkeypatc
 )
 def test_bad_input_is_a_sentence(flags: list[str], says: str, capsys):
     assert says in typed(capsys, ["lab", "study", *flags[:1], *SMALL, *flags[1:]], code=2).err
-
-
-def scenes(folder: Path) -> Path:
-    path = folder / "scenes.jsonl"
-    write_scenes(path, [scene(x=-0.2 + 0.03 * number) for number in range(9)])
-    return path
-
-
-def test_a_file_and_a_store_in_one_table(tmp_path: Path, capsys):
-    run = store(tmp_path / "a.db", triaged=0)
-    rows = told(capsys, ["lab", "coverage", str(scenes(tmp_path)), str(run), "--first", "4", "--json"])
-    assert [(row["run"], row["scenes"]) for row in rows] == [(None, 4), (None, 9), (1, 4), (2, 4)]
-    assert [row["failures"] is None for row in rows] == [True, True, False, False]
-
-
-def test_coverage_as_csv(tmp_path: Path, capsys):
-    (row,) = csv.DictReader(io.StringIO(typed(capsys, ["lab", "coverage", str(scenes(tmp_path)), "--csv"]).out))
-    assert (row["task"], row["scenes"], row["positions"]) == ("pick-up", "9", "0.08")
-
-
-def test_vlatests_files_are_measured_in_the_papers_box(tmp_path: Path, capsys):
-    path = tmp_path / "t-grasp.json"
-    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
-    options = {"init_xy": [-0.31, 0.17], "orientation": upright}
-    entries = {str(number): {"model_id": "hammer", "obj_init_options": options} for number in range(10)}
-    path.write_text(json.dumps(entries))
-    (row,) = told(capsys, ["lab", "coverage", str(path), "--json"])
-    assert (row["scenes"], row["positions"], row["sites"]) == (10, 0.01, None)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["nowhere.jsonl"], "nowhere.jsonl: cannot be read"),
-        (["nowhere.db"], "nowhere.db: cannot be read"),
-        (["a.jsonl", "--first", "0"], "--first"),
-    ],
-)
-def test_a_wrong_flag_of_coverage_is_a_sentence(arguments: list[str], says: str, capsys):
-    assert says in typed(capsys, ["lab", "coverage", *arguments], code=2).err

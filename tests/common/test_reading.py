@@ -179,7 +179,7 @@ class TestMeshes:
     "command",
     [
         ["run", "--scenes"], ["run", "--operators"], ["run", "--pack"], ["run", "--store"], ["lint"],
-        ["triage"], ["replay"], ["report", "--out", "x.html"], ["regress"], ["lab", "coverage"],
+        ["triage"], ["replay"], ["report", "--out", "x.html"], ["regress"],
         ["export", "--format", "store", "--out", "x.db"],
         ["export", "--out", "x.jsonl"], ["report"],
         ["lint", "a.jsonl", "--pack"],

@@ -14,7 +14,7 @@ from typer.core import TyperCommand
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
 from vlafuzz.cli.help import epilog
-from vlafuzz.cli.names import check_names, named
+from vlafuzz.cli.names import named
 from vlafuzz.common.plugins import trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
@@ -43,15 +43,11 @@ COMMANDS = {
     "list strategies": ("vlafuzz.cli.lists:strategies", "The strategies that propose scenes."),
     "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
     "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
-    "lab coverage": ("vlafuzz.cli.lab:coverage", "Measure how much of the space scenes or runs cover."),
     "lab study": ("vlafuzz.cli.lab:study", "Do an experiment of the VLATest paper with policies."),
 }
 
 # What the groups of commands do.
-GROUPS = {
-    "list": "List operators, objects, strategies, policies or worlds.",
-    "lab": "Experiments for papers: studies, and how much of the space is covered.",
-}
+GROUPS = {"list": "List operators, objects, strategies, policies or worlds.", "lab": "Experiments for papers."}
 
 app = typer.Typer(
     name="vlafuzz",
@@ -80,7 +76,6 @@ def _run(arguments: Sequence[str] | None) -> int:
     try:
         words = list(sys.argv[1:] if arguments is None else arguments)
         _check_filled(words)
-        check_names(words)
         with trusting():  # what the command's flags name
             ended = app(args=words or ["--help"], prog_name="vlafuzz", standalone_mode=False)
     except VlafuzzError as error:

@@ -1,22 +1,18 @@
-"""``vlafuzz lab``: studies of the VLATest paper, and how much of the space scenes cover."""
+"""``vlafuzz lab study``: the experiments of the VLATest paper."""
 
 from __future__ import annotations
 
 import shlex
 import sys
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import CsvFlag, JsonFlag, PackFlag, RobotFlag, SeedFlag, WorkersFlag, opened, option, option_of
-from vlafuzz.cli.lint import FRAME_HELP, check_frame
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
+from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, SeedFlag, WorkersFlag, opened, option, option_of
+from vlafuzz.cli.output import interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number, suggestion
-from vlafuzz.model.scene_lines import is_store
 from vlafuzz.worlds import usual_world
-from vlafuzz.worlds.capabilities import Frame
 
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 
@@ -93,43 +89,3 @@ def study(
         return
     print_rows(result.rows(), title=result.title)
     print_lines(*result.said())
-
-
-def coverage(
-    files: Annotated[
-        list[Path], typer.Argument(help="Files of scenes, JSON lines or VLATest's; stores that runs wrote.")
-    ],
-    first: Annotated[
-        list[int] | None, option("How many of the first scenes; may be repeated.", "10, 100, 1000")
-    ] = None,
-    frame: Annotated[Frame | None, option(FRAME_HELP, "original")] = None,
-    operators: Annotated[
-        str | None, option_of("operators", "tabletop", more="Files of ours are measured in these ranges.")
-    ] = None,
-    json: JsonFlag = False,
-    csv: CsvFlag = False,
-) -> None:
-    """Measure how much of the space scenes or runs cover.
-
-    positions: the share of 10 x 10 cells of the box from which positions are drawn that hold the first object of a
-    scene, as in VLATest's paper. It grows with the number of scenes, whatever they contain. sites: distinct sets of
-    operators far from nominal, with the target's place. For runs also cells: sites with the stage at which the policy
-    was lost; failures: the cells of its failures.
-    """
-    from vlafuzz.lab.studies.coverage import SIZES, covered, tracks_of_files
-
-    sizes = first or list(SIZES)
-    for size in sizes:
-        check_number("--first", size, 1, 10**9)
-    check_frame(frame, files)
-    if operators and all(map(is_store, files)):
-        problem = f"--operators {operators}: the files are stores, whose runs have ranges of their own"
-        raise UsageError(problem, hint="leave it out")
-    rows: list[dict[str, Any]] = []
-    with Bar() as bar:
-        tracked = bar.track(files, "reading")
-        for path, tracks in tracks_of_files(tracked, operators, frame or "original", bar.note):
-            for track in tracks:
-                origin = {"file": str(path), "run": track.run, "strategy": track.strategy}
-                rows += [origin | asdict(row) for row in covered(track, sizes)]
-    print_rows(rows, json=json, csv=csv, title="coverage")

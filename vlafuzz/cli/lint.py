@@ -15,14 +15,6 @@ from vlafuzz.model.scene_lines import is_document
 from vlafuzz.worlds import world_with
 from vlafuzz.worlds.capabilities import FileVerdicts, Frame, SceneFormats
 
-FRAME_HELP = "How VLATest's files are read: see `vlafuzz export --help`."
-
-
-def check_frame(frame: Frame | None, files: list[Path]) -> None:
-    """Raise a UsageError if a frame is given and no file is one of VLATest."""
-    if frame and not any(map(is_document, files)):
-        raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
-
 
 def lint(
     files: Annotated[list[Path], typer.Argument(help="Files of scenes: JSON lines, or VLATest's.")],
@@ -34,7 +26,7 @@ def lint(
             flag="--static/--settle",
         ),
     ] = None,
-    frame: Annotated[Frame | None, option(FRAME_HELP, "fit")] = None,
+    frame: Annotated[Frame | None, option("How VLATest's files are read: see `vlafuzz export --help`.", "fit")] = None,
     pack: PackFlag = None,
     verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
     json: JsonFlag = False,
@@ -44,7 +36,22 @@ def lint(
     Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
     of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
     """
+<<<<<<< HEAD
     check_frame(frame, files)
+=======
+    check_number("--states", states, 1)
+    suites = [str(name) for name in files if _world_of(str(name)) and not name.exists()]
+    if suites and len(suites) < len(files):
+        raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
+    if suites:
+        of_files = {"--static": static, "--frame": frame, "--pack": pack}
+        refuse(of_files, "a suite's initial states are checked as they are")
+        _lint_suites(suites, states, json=json, verbose=verbose)
+        return
+    refuse({"--states": states}, "only suites have initial states")
+    if frame and not any(map(is_document, files)):
+        raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
+>>>>>>> 004fa665 (Strategies that find no more causes than random scenes, lab coverage and old names are gone)
     world, packs, judged = world_with(SceneFormats), opened(pack), list[FileVerdicts]()
     with Bar() as bar:
         for path in files:

@@ -1,4 +1,4 @@
-"""Output of commands: data on stdout as a table, JSON or CSV; progress and notes on stderr."""
+"""Output of commands: data on stdout as a table or JSON; progress and notes on stderr."""
 
 import json as json_format
 import sys
@@ -17,9 +17,9 @@ from rich.text import Text
 from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
 from vlafuzz.cli.ending import Checked, heard
 from vlafuzz.common.deadline import Deadline
-from vlafuzz.common.text import csv_table, duration
+from vlafuzz.common.text import duration
 from vlafuzz.common.watch import Watch
-from vlafuzz.errors import UsageError, printable
+from vlafuzz.errors import printable
 
 EVERY = 30.0  # seconds between lines about long work where no terminal shows a bar
 T = TypeVar("T")
@@ -76,18 +76,10 @@ def print_json(value: Any) -> None:
     data().write(json_format.dumps(value, indent=2, allow_nan=False) + "\n")
 
 
-def print_rows(rows: Sequence[Mapping[str, Any]], *, json: bool = False, csv: bool = False, title: str = "") -> None:
-    """Print rows that have the same keys.
-
-    Raises:
-        UsageError: both JSON and CSV are requested.
-    """
-    if json and csv:
-        raise UsageError("--json and --csv exclude each other", hint="give one of them")
+def print_rows(rows: Sequence[Mapping[str, Any]], *, json: bool = False, title: str = "") -> None:
+    """Print rows that have the same keys, as a table or as JSON."""
     if json:
         print_json(list(rows))
-    elif csv:
-        data().write(printable(csv_table(rows)))
     else:
         stdout().print(table(rows, title))
 

@@ -1,1 +1,1 @@
-"""What researchers run: comparisons of strategies, studies, coverage. Nothing imports it but its commands."""
+"""What researchers run: comparisons of strategies, studies. Nothing imports it but its commands."""

@@ -1,4 +1,4 @@
-"""NSGA-II and NSGA-II-D: they evolve scenes toward early failures, near nominal and unlike known ones."""
+"""NSGA-II: it evolves scenes toward early failures, near nominal and unlike known ones."""
 
 from collections.abc import Sequence
 from itertools import compress
@@ -22,7 +22,6 @@ CROSSED = 0.7  # share of children with two parents
 CHANGES = 1.5  # mean number of operators that a mutation changes
 TRIES = 10  # rounds of mating without a new scene before random ones are proposed instead
 MOST_SEVERE = 100.0  # above any severity
-LEAVES = 0.5  # share of a population replaced by random scenes when it stalls: NSGA-II-D
 
 Rng = np.random.Generator
 
@@ -74,8 +73,9 @@ class Nsga2:
                 self._failures.add(point)
         for part in (batch, self._population):  # all, as novelty changes with the archive
             self._judge(part)
-        self._population = Population.merge(self._population, batch)
-        self._survive(size, np.random.default_rng([self._seed, proposals[0].id, 2]))
+        problem = Problem(n_var=self._space.dim, n_obj=3, n_ieq_constr=1)
+        merged, rng = Population.merge(self._population, batch), np.random.default_rng([self._seed, proposals[0].id, 2])
+        self._population = RankAndCrowding().do(problem, merged, n_survive=size, random_state=rng)
 
     def _share_of_fresh(self) -> float:
         """1 while all scores are equal."""
@@ -92,12 +92,6 @@ class Nsga2:
         pairs = zip(scores, self._failures.novelty(population.get("point")), strict=True)
         population.set("F", np.array([self._objectives(*pair) for pair in pairs]))
         population.set("G", np.array([[0.0 if score.rolled_out else 1.0] for score in scores]))
-
-    def _survive(self, size: int, rng: Rng) -> None:
-        """Keep the best by rank and crowding distance."""
-        problem = Problem(n_var=self._space.dim, n_obj=3, n_ieq_constr=1)
-        survival = RankAndCrowding()
-        self._population = survival.do(problem, self._population, n_survive=size, random_state=rng)
 
     def _children(self, n: int, rng: Rng) -> list[Genome]:
         """Up to ``n`` new children; fewer if mating finds hardly any."""
@@ -151,46 +145,3 @@ class Nsga2:
         if score.failed:
             return score.ease, score.severity, -novelty
         return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0
-
-
-class Nsga2D(Nsga2):
-    """NSGA-II-D: Sorokin, Safin, Nejati 2024 <https://doi.org/10.1007/s10664-024-10599-9>.
-
-    Every scene, failing or not, is ranked by progress, severity and its distance from known failures: an archive of
-    failures repels the population. When a whole generation reaches no new cell, random scenes replace the worse half of
-    the population.
-    """
-
-    def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
-        super().__init__(space, seed, budget)
-        self._cells: set[str] = set()
-        self._stalled = self._vacant = 0
-
-    def ask(self, n: int) -> list[Proposal]:
-        """As NSGA-II, after random scenes for the vacant places."""
-        proposals = super().ask(n)
-        self._vacant = max(self._vacant - n, 0)
-        return proposals
-
-    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Let the batch compete, and repopulate when it stalls."""
-        super().tell(proposals, scores)
-        reached = {score.cell for score in scores if score.failed and score.cell} - self._cells
-        self._cells |= reached
-        self._stalled = 0 if reached or not self._cells else self._stalled + len(proposals)
-        if self._stalled >= self._size:
-            self._repopulate()
-
-    def _repopulate(self) -> None:
-        """Keep the better half of the population."""
-        stay = max(round((1 - LEAVES) * self._size), 1)
-        self._survive(stay, np.random.default_rng([self._seed, self._asked, 3]))
-        self._vacant, self._stalled = self._size - stay, 0
-
-    def _share_of_fresh(self) -> float:
-        return 1.0 if self._vacant else super()._share_of_fresh()
-
-    @staticmethod
-    def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
-        """To be minimized. Invalid scenes rank behind all others by their constraint."""
-        return (score.ease, score.severity, -novelty) if score.rolled_out else (0.0, MOST_SEVERE, 0.0)

@@ -10,7 +10,6 @@ import numpy as np
 from vlafuzz.common.plugins import is_reference, load_factory, users_code
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
-from vlafuzz.search.baselines.mcts import Mcts
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
@@ -39,20 +38,11 @@ STRATEGIES: dict[str, Factory] = {
         "vlafuzz.search.nsga2:Nsga2",
         "Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002.",
     ),
-    "nsga2d": _later(
-        "vlafuzz.search.nsga2:Nsga2D",
-        "NSGA-II that keeps away from known failures and draws fresh scenes when it stalls. A baseline.",
-    ),
     "feedback": Feedback,
     "map-elites": _later(
-        "vlafuzz.search.baselines.map_elites:MapElites",
+        "vlafuzz.search.map_elites:MapElites",
         "Varies the best scene of every niche: lost stage, farthest operator, target's place. A baseline.",
     ),
-    "art-rf": _later(
-        "vlafuzz.search.baselines.art_rf:ArtRf",
-        "Fresh scenes far from all before that a random forest predicts to fail: FATE-VLA's. A baseline.",
-    ),
-    "mcts": Mcts,
     "surrogate": _later(
         "vlafuzz.search.surrogate:Surrogate",
         "Rolls out what a forest predicts to fail in cells that have no failure yet; else random.",
