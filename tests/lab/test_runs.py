@@ -1,14 +1,35 @@
-"""Which runs of a store a comparison or a study takes."""
+"""Which runs of a store a comparison or a study takes, and how it does the others."""
 
+import json
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import manifest, passed, scene
-from vlafuzz.errors import UsageError
-from vlafuzz.lab.runs import stored
-from vlafuzz.store.records import Trial
+from tests.doubles import Always, ClosedForm, manifest, passed, scene
+from vlafuzz.campaign.config import Plan, RunConfig, plan
+from vlafuzz.common.watch import SILENT, Watch
+from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.lab import runs
+from vlafuzz.lab.runs import Wanted, complete, note_places, stored
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.rollouts.executor import LocalExecutor
+from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
+
+
+class Told(Watch):
+    """Keeps what it is told."""
+
+    def __init__(self) -> None:
+        self.bars: list[tuple[str, int, int | None]] = []
+        self.notes: list[str] = []
+
+    def progress(self, description: str, done: int, total: int | None) -> None:
+        self.bars.append((description, done, total))
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
 
 @pytest.fixture
@@ -17,12 +38,104 @@ def store(tmp_path: Path):
         yield opened
 
 
-def test_a_run_that_is_over_is_taken_before_one_that_ended_early(store: Store) -> None:
-    for status in ("finished", "interrupted"):
-        store.finish(store.begin(manifest()), status, 1.0)
+@pytest.fixture
+def executors(monkeypatch) -> list[Plan]:
+    """The plans for which an executor was made; all of them evaluate in closed form."""
+    plans: list[Plan] = []
+
+    def make(planned: Plan) -> LocalExecutor:
+        plans.append(planned)
+        return LocalExecutor(ClosedForm())
+
+    monkeypatch.setattr(runs, "make_executor", make)
+    return plans
+
+
+def wanted(seed: int, strategy: str = "random") -> Wanted:
+    planned = partial(plan, RunConfig(policy="pinhole", strategy=strategy, budget=3, seed=seed))
+    return Wanted(planned().manifest, planned)
+
+
+def do(store: Store, *needed: Wanted, watch: Watch = SILENT) -> dict[str, Run]:
+    named = {f"{one.manifest.strategy} {one.manifest.seed}": one for one in needed}
+    return complete(store, named, watch, flag="--out")
+
+
+def test_adjacent_runs_that_differ_in_their_strategy_alone_share_an_executor(store: Store, executors: list[Plan]):
+    do(store, wanted(1), wanted(1, "causes"), wanted(2))
+    assert [run.manifest.seed for run in store.runs()] == [1, 1, 2]
+    assert [planned.manifest.seed for planned in executors] == [1, 2]
+
+
+@pytest.mark.usefixtures("executors")
+def test_finished_runs_are_left_alone(store: Store):
+    do(store, wanted(1))
+    assert [run.id for run in do(store, wanted(1), wanted(2)).values()] == [1, 2]
+    assert [run.manifest.seed for run in store.runs()] == [1, 2]
+
+
+@pytest.mark.usefixtures("executors")
+def test_an_interrupted_run_is_resumed(store: Store):
+    run = store.begin(wanted(1).plan().manifest)
+    do(store, wanted(1))
+    assert [(kept.id, kept.status, store.count(kept.id)) for kept in store.runs()] == [(run, "finished", 3)]
+
+
+@pytest.mark.usefixtures("executors")
+def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch):
+    store.begin(wanted(1).plan().manifest)
+    told = Told()
+    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
+    do(store, wanted(1), watch=told)
+    assert [(run.status, store.count(run.id)) for run in store.runs()] == [("running", 0), ("finished", 3)]
+    assert told.notes[0].startswith("random 1: begins anew, since run 1 ended early at another place: ")
+
+
+def test_runs_of_several_places_are_noted_as_such(store: Store):
+    told = Told()
+    places = ("", "", json.dumps({"processor": "arm64", "instructions": "DEFAULT", "torch": "2.13"}))
+    for place in places:
+        store.begin(manifest(place=place))
+    note_places(store.runs()[:2], told)
+    note_places(store.runs(), told)
+    (note,) = told.notes
+    assert "(run 1, 2: not known; run 3: arm64, DEFAULT, torch 2.13)" in note
+
+
+@pytest.mark.usefixtures("executors")
+def test_progress_counts_the_rollouts_of_all_runs(store: Store):
+    told = Told()
+    do(store, wanted(1), wanted(2), watch=told)
+    assert told.bars[0] == ("run 1 of 2: random 1", 0, 6)
+    assert told.bars[-1] == ("run 2 of 2: random 2", 6, 6)
+
+
+def test_a_run_that_judges_no_scene_is_an_error(store: Store, monkeypatch):
+    broken = Always(Outcome.error("no light"))
+    monkeypatch.setattr(runs, "make_executor", lambda planned: LocalExecutor(broken))
+    with pytest.raises(VlafuzzError, match=r"no scene could be judged: .*no light"):
+        do(store, wanted(1))
+
+
+@pytest.mark.usefixtures("executors")
+def test_a_run_that_cannot_be_done_is_left_out_where_that_is_allowed(store: Store):
+    left: list[str] = []
+
+    def fails() -> Plan:
+        raise UsageError("no room")
+
+    needed = {"impossible": Wanted(wanted(1).manifest, fails), "possible": wanted(2)}
+    done = complete(store, needed, SILENT, flag="--out", left_out=lambda key, error: left.append(f"{key}: {error}"))
+    assert (left, list(done)) == (["impossible: no room"], ["possible"])
+
+
+@pytest.mark.parametrize(("statuses", "taken"), [("failed finished stopped", 2), ("failed running", 2)])
+def test_of_equal_runs_the_first_finished_one_counts_else_the_newest(store: Store, statuses: str, taken: int):
+    for status in statuses.split():
+        store.finish(store.begin(manifest()), status, 1.0)  # type: ignore[arg-type]
     result = stored(store, manifest(), "--out")
     assert result
-    assert (result.id, result.status) == (1, "finished")
+    assert result.id == taken
 
 
 @pytest.mark.parametrize(

@@ -36,22 +36,8 @@ def lint(
     Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
     of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
     """
-<<<<<<< HEAD
-    check_frame(frame, files)
-=======
-    check_number("--states", states, 1)
-    suites = [str(name) for name in files if _world_of(str(name)) and not name.exists()]
-    if suites and len(suites) < len(files):
-        raise UsageError(f"files and suites at once: {suites[0]}", hint="lint them one after the other")
-    if suites:
-        of_files = {"--static": static, "--frame": frame, "--pack": pack}
-        refuse(of_files, "a suite's initial states are checked as they are")
-        _lint_suites(suites, states, json=json, verbose=verbose)
-        return
-    refuse({"--states": states}, "only suites have initial states")
     if frame and not any(map(is_document, files)):
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
->>>>>>> 004fa665 (Strategies that find no more causes than random scenes, lab coverage and old names are gone)
     world, packs, judged = world_with(SceneFormats), opened(pack), list[FileVerdicts]()
     with Bar() as bar:
         for path in files:

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.campaign.launch import SpeedOf
 from vlafuzz.common.files import make_folder
 from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
@@ -19,7 +18,7 @@ from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare.certified import Known, certified, certify, known_results, uncertified
 from vlafuzz.lab.compare.comparison import Comparison, Counted, compare_runs
-from vlafuzz.lab.runs import Wanted, complete
+from vlafuzz.lab.runs import SpeedOf, Wanted, complete
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Run, Trial
@@ -51,7 +50,7 @@ def compare(
         run: the same for all runs, but for strategy and seed; it names the store.
         limit: policy rollouts to triage the failures of each run; 0 for no triage.
         folder: for the results; made before the runs.
-        speed_of: see ``do_missing``.
+        speed_of: see ``complete``.
     """
     assert run.store
     first = config.plan(run)
@@ -62,18 +61,13 @@ def compare(
         return replace(planned, manifest=replace(planned.manifest, commit=first.manifest.commit))
 
     wanted = {
-        job: Wanted(
-            manifest=replace(first.manifest, strategy=job.strategy, seed=job.seed),
-            plan=partial(plan, job),
-            group=job.seed,  # the executor does not depend on the strategy
-            triage=limit,
-        )
+        job: Wanted(replace(first.manifest, strategy=job.strategy, seed=job.seed), partial(plan, job))
         # One of every strategy before the second of any: an interrupted comparison is balanced.
         for job in (Job(name, run.seed + number) for number in range(repeats) for name in strategies)
     }
     make_folder(folder)
     with Store.open(run.store, "write") as store:
-        runs = list(complete(store, wanted, watch, speed_of, flag="--store").values())
+        runs = list(complete(store, wanted, watch, speed_of, flag="--store", triage=limit).values())
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)

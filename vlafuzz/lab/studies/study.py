@@ -2,17 +2,17 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.campaign.launch import SpeedOf, WantedRun
 from vlafuzz.common.files import make_folder
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.runs import Wanted, complete
+from vlafuzz.lab.runs import SpeedOf, Wanted, complete
 from vlafuzz.lab.studies.result import JUDGED, Arm, StudyResult, arm, study_result
 from vlafuzz.lab.studies.variants import CONTROL, Says, Variant, mutants, paraphrases, reworded, two_steps
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -110,7 +110,7 @@ def study(
 ) -> StudyResult:
     """Do the runs that the folder's store lacks, each of ``config.budget`` scenes, and count all.
 
-    ``speed_of``: see ``do_missing``.
+    ``speed_of``: see ``complete``.
     """
     operators = load_operators(config.operators)
     for policy in filter(None, request.policies):
@@ -254,18 +254,13 @@ class _Runner:
         problems: list[UsageError] = []
 
         # The paper's boxes cannot hold all confounders.
-        def leave_out(run: WantedRun, error: UsageError) -> None:
-            self.left_out.append(f"{run.name}: {error.message}")
+        def leave_out(part: Part, error: UsageError) -> None:
+            self.left_out.append(f"{part}: {error.message}")
             self.watch.note(f"left out: {self.left_out[-1]}")
             problems.append(error)
 
         wanted = {
-            part: Wanted(
-                manifest=planned.manifest,
-                plan=lambda planned=planned: planned,  # type: ignore[misc]
-                scenes=scenes.get(part, ()),
-                group=part,
-            )
+            part: Wanted(planned.manifest, partial(plans.__getitem__, part), scenes.get(part, ()))
             for part, planned in plans.items()
         }
         done = complete(self.store, wanted, self.watch, self.speed_of, flag="--out", left_out=leave_out)
