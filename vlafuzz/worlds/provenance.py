@@ -12,7 +12,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict
 from importlib import metadata
 from pathlib import Path
 
@@ -26,40 +26,13 @@ _PACKAGES = ("mani_skill", "sapien", "torch", "numpy", "scipy")
 _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", "MKL_CBWR")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Place:
-    """Where rollouts are computed, as far as it can decide their outcome.
-
-    Attributes:
-        processor: its architecture and, on Linux, its vendor: MKL chooses its kernels by both. instructions: the
-        instruction set that torch uses, with the limits that are set for its libraries. torch: its version, with the
-        build.
-        threads: of torch; None for policies that fix their number or run behind a server.
-        renderer: device and driver with its version; empty for policies without cameras.
-    """
-
-    processor: str
-    instructions: str
-    torch: str
-    threads: int | None = None
-    renderer: str = ""
-
-    def __str__(self) -> str:
-        return ", ".join(part for part in self._words() if part)
-
-    def differences(self, other: Place) -> str:
-        """This place in contrast to another one, ``AVX2 instead of AVX512``, where both are known."""
-        pairs = zip(self._words(), other._words(), strict=True)
-        differing = ((mine, theirs) for mine, theirs in pairs if mine and theirs and mine != theirs)
-        return ", ".join(f"{mine} instead of {theirs}" for mine, theirs in differing)
-
-    def _words(self) -> tuple[str, ...]:
-        threads = "" if self.threads is None else f"{self.threads} thread{'s' * (self.threads != 1)}"
-        return self.processor, self.instructions, f"torch {self.torch}", threads, self.renderer
-
-
 def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: bool = False) -> str:
     """This place for a policy, as JSON; empty if torch cannot be loaded, without which there is no simulator.
+
+    It has what can decide an outcome: ``processor``, its architecture and, on Linux, its vendor, by which MKL chooses its
+    kernels; ``instructions``, the set that torch uses, with the limits that are set for its libraries; ``torch``, its
+    version with the build; ``threads`` of torch, None for policies that fix their number or run behind a server;
+    ``renderer``, device and driver with its version, empty for policies without cameras.
 
     Args:
         name: of the policy, as the user gave it.
@@ -71,20 +44,21 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
         threads = (1 if workers else _threads()) if name.startswith((PREFIX, OBJECT)) else None
     except ImportError:
         return ""
+    vendor = cpuinfo("vendor_id")
     limits = [f"{name}={os.environ[name]}" for name in _LIMITS if os.environ.get(name)]
-    place = Place(
-        processor=_processor(),
-        instructions=", ".join([instructions, *limits]),
-        torch=version,
-        threads=threads,
-        renderer=renderer() if spec.cameras else "",
-    )
-    return json.dumps(asdict(place), sort_keys=True)
+    place = {
+        "processor": f"{platform.machine()} {vendor}" if vendor else platform.machine(),
+        "instructions": ", ".join([instructions, *limits]),
+        "torch": version,
+        "threads": threads,
+        "renderer": renderer() if spec.cameras else "",
+    }
+    return json.dumps(place, sort_keys=True)
 
 
 def in_words(place: str) -> str:
     """A place as conditions keep it, in words; empty if it is not known."""
-    return str(_read(place)) if place else ""
+    return ", ".join(filter(None, _words(place))) if place else ""
 
 
 def by_place(places: Mapping[int, str]) -> str:
@@ -101,14 +75,16 @@ def elsewhere(then: str, now: str) -> str:
         return ""
     if not (then and now):
         return "at a place that is not known"
-    differences = _read(then).differences(_read(now))
-    return f"at another place: {differences}" if differences else ""
+    pairs = zip(_words(then), _words(now), strict=True)
+    differing = [f"{one} instead of {other}" for one, other in pairs if one and other and one != other]
+    return f"at another place: {', '.join(differing)}" if differing else ""
 
 
-def _read(place: str) -> Place:
-    """A place as conditions keep it, without what later versions may have added."""
-    known = {part.name for part in fields(Place)}
-    return Place(**{name: value for name, value in json.loads(place).items() if name in known})
+def _words(place: str) -> list[str]:
+    """A place part by part, without what later versions may have added; empty where a part is not known."""
+    said, threads = json.loads(place), json.loads(place).get("threads")
+    counted = "" if threads is None else f"{threads} thread{'s' * (threads != 1)}"
+    return [said["processor"], said["instructions"], f"torch {said['torch']}", counted, said.get("renderer", "")]
 
 
 def _torch() -> tuple[str, str]:
@@ -129,11 +105,6 @@ def _threads() -> int:
     import torch
 
     return torch.get_num_threads()
-
-
-def _processor() -> str:
-    vendor = cpuinfo("vendor_id")
-    return f"{platform.machine()} {vendor}" if vendor else platform.machine()
 
 
 def described(spec: PolicySpec) -> str:

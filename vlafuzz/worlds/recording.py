@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import cv2
 import imageio.v3 as imageio
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
+_DRAWN = 256  # sides of a picture of outlines, pixels
 _INK, _RED = (235, 235, 235), (220, 40, 40)
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
@@ -78,7 +79,8 @@ class Recording:
         Raises:
             UsageError: the file cannot be written.
         """
-        _write(path, _held(self.frames), extension=".mp4", fps=hz, codec="libx264", macro_block_size=4)
+        with writing(path):
+            write_whole(path, to_mp4(self.frames, hz))
 
     def contact_strip(self, columns: int = 4) -> Picture:
         """``columns`` frames side by side, evenly spaced from the first to the last."""
@@ -90,7 +92,7 @@ class Recording:
         first = self.observations[0]
         pictures = list(first.images.values())
         if first.outlines is not None:
-            pictures.append(draw_outlines(first.outlines))
+            pictures.append(_drawn(first.outlines))
         if not pictures:
             raise UsageError("this policy asks for no pictures", hint="leave --seen out")
         height = max(picture.shape[0] for picture in pictures)
@@ -98,14 +100,14 @@ class Recording:
         return np.concatenate(padded, axis=1)
 
 
-def draw_outlines(outlines: Outlines, size: int = 256) -> Picture:
+def _drawn(outlines: Outlines) -> Picture:
     """Outlines in their apparent colours on the table's, with the hand as a cross."""
-    picture = np.full((size, size, 3), np.round(outlines.table * 255), dtype=np.uint8)
+    picture = np.full((_DRAWN, _DRAWN, 3), np.round(outlines.table * 255), dtype=np.uint8)
     for thing in outlines.things:
-        u, v = np.minimum((thing.pixels * size).astype(int), size - 1).T
+        u, v = np.minimum((thing.pixels * _DRAWN).astype(int), _DRAWN - 1).T
         picture[v, u] = np.round(thing.colour * 255)
     if outlines.hand is not None:
-        u, v = (outlines.hand * size).astype(int).tolist()
+        u, v = (outlines.hand * _DRAWN).astype(int).tolist()
         cv2.drawMarker(picture, (u, v), (255, 0, 255), cv2.MARKER_CROSS, 12, 2)
     return picture
 
@@ -116,14 +118,15 @@ def write_picture(path: Path, picture: Picture) -> None:
     Raises:
         UsageError: the file cannot be written.
     """
-    _write(path, picture, extension=".png")
+    with writing(path):
+        write_whole(path, to_png(picture))
 
 
 def to_mp4(frames: list[Picture], fps: int) -> bytes:
     """H.264 video, small enough for dozens of them in a page."""
     video = imageio.imwrite(
         "<bytes>",
-        _held(frames),
+        np.stack(frames + [frames[-1]] * _HELD_FRAMES),
         extension=".mp4",
         fps=fps,
         codec="libx264",
@@ -141,15 +144,6 @@ def to_png(picture: Picture) -> bytes:
 def to_jpeg(picture: Picture) -> bytes:
     """JPEG of a few kilobytes."""
     return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))
-
-
-def _held(frames: list[Picture]) -> Picture:
-    return np.stack(frames + [frames[-1]] * _HELD_FRAMES)
-
-
-def _write(path: Path, pixels: Picture, **options: Any) -> None:
-    with writing(path):
-        write_whole(path, imageio.imwrite("<bytes>", pixels, **options))
 
 
 def _captioned(picture: Picture, *lines: str) -> Picture:

@@ -2,7 +2,7 @@
 
 robosuite computes the full forward dynamics three times a simulation step: before the controller, in it, and in the
 step itself. Nothing of the first two is used but positions and velocities, so MuJoCo's two half steps, with the
-controller between them, give the same states. Until MuJoCo 3.3.2, nothing can be left out.
+controller between them, give the same states.
 """
 
 from __future__ import annotations
@@ -49,9 +49,6 @@ class Control:
         self._mass = np.zeros((self._model.nv, self._model.nv))
         self._jacobians = np.zeros((2, 3, self._model.nv))
         self._controller.update = self._update
-        self._thorough = self._forward_leaves_traces()
-        names = ("mj_forward", "mj_step") if self._thorough else ("mj_step1", "mj_step2")
-        self._halves = tuple(getattr(self._mujoco, name) for name in names)
         # robosuite's first action of an episode starts from the arm as built, not from the initial state
         self._start = {
             name: copy(value) for name, value in vars(self._controller).items() if isinstance(value, np.ndarray | bool)
@@ -67,40 +64,24 @@ class Control:
 
     def step(self, action: Array) -> None:
         """Simulate one control step. ``action``: ``(7,)``."""
-        begin, end = self._halves
         for number in range(self._steps):
             if number == _OBSERVED:
                 self.seen = self._data.qpos.copy()
             elif number == _OBSERVED + 1:
                 self.seen_fingers = self._data.qpos[self._finger_positions].copy()
-            begin(self._model, self._data)
+            self._mujoco.mj_step1(self._model, self._data)
             if number == 0:
                 self._controller.set_goal(action[:-1])
             torques = np.clip(self._controller.run_controller(), *self._limits)
             fingers = self._gripper.format_action(action[-1:])
             self._data.ctrl[self._fingers] = self._middle + self._half * fingers
             self._data.ctrl[self._arm] = torques
-            end(self._model, self._data)
-
-    def _forward_leaves_traces(self) -> bool:
-        """Whether computing the dynamics moves the point where the solver starts: in MuJoCo 3.3.2 it does.
-
-        Then none of robosuite's computations may be left out.
-        """
-        solution = self._data.qacc_warmstart
-        before = solution.copy()
-        solution[:] = 0.0
-        self._mujoco.mj_forward(self._model, self._data)
-        moved = bool(solution.any())
-        solution[:] = before
-        return moved
+            self._mujoco.mj_step2(self._model, self._data)
 
     def _update(self, force: bool = False) -> None:  # noqa: FBT001, FBT002 - robosuite's signature
         controller, data = self._controller, self._data
         if not (controller.new_update or force):
             return
-        if self._thorough:
-            self._mujoco.mj_forward(self._model, data)
         translation, rotation = self._jacobians
         self._mujoco.mj_jacSite(self._model, data, translation, rotation, self._site)
         controller.ee_pos = np.array(data.site_xpos[self._site])
@@ -112,9 +93,6 @@ class Control:
         controller.J_pos = np.array(translation[:, self._velocities])
         controller.J_ori = np.array(rotation[:, self._velocities])
         controller.J_full = np.vstack([controller.J_pos, controller.J_ori])
-        try:
-            self._mujoco.mj_fullM(self._model, data, self._mass)
-        except TypeError:  # before MuJoCo 3.4
-            self._mujoco.mj_fullM(self._model, self._mass, data.qM)
+        self._mujoco.mj_fullM(self._model, data, self._mass)
         controller.mass_matrix = self._mass[self._velocities, :][:, self._velocities]
         controller.new_update = False

@@ -35,21 +35,6 @@ SPREAD = 0.6  # of half a region's size: how far from its middle things go that 
 TRIES = 4  # for each thing
 
 
-def can_solve(env: LiberoEnv) -> bool:
-    """Whether the task only needs things carried: nothing to push, no doors, drawers or knobs to move.
-
-    The environment is in its initial state 0 afterwards.
-    """
-    env.reset()
-    sites = env.robosuite.object_sites_dict
-    for atom in env.task.goal:
-        if atom[0] not in PLACING and not env.holds(atom):
-            return False
-        if atom[0] in PLACING and getattr(sites.get(atom[2]), "joints", None):  # in a drawer
-            return False
-    return not env.task.instruction.startswith("push")
-
-
 class Expert:
     """Solves a task from the environment's present state on.
 

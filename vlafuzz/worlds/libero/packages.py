@@ -68,8 +68,7 @@ def quiet() -> Iterator[None]:
 def forget() -> None:
     """Release what MuJoCo keeps of the last model that it compiled: some hundred megabytes of pictures."""
     mujoco = load("mujoco")
-    if hasattr(mujoco, "mj_clearCache"):  # older ones keep no pictures
-        mujoco.mj_clearCache(mujoco.mj_getCache())
+    mujoco.mj_clearCache(mujoco.mj_getCache())
     mujoco.MjModel.from_xml_string("<mujoco/>")  # it keeps the last one's source
     with contextlib.suppress(OSError, AttributeError):  # the C library of GNU alone keeps what is free
         ctypes.CDLL(None).malloc_trim(0)
