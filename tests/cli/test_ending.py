@@ -111,7 +111,7 @@ def swallow(*_):
         signal.raise_signal(signal.SIGINT)
     except BaseException:
         time.sleep(60)
-lists.world_with = swallow
+lists.opened = swallow
 """
     with started(swallowing, "list", "operators") as process:
         _, stderr = process.communicate()
@@ -119,7 +119,7 @@ lists.world_with = swallow
 
 
 def test_an_interrupted_command_says_so(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.cli.lists.world_with", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr("vlafuzz.cli.lists.opened", lambda *_: signal.raise_signal(signal.SIGINT))
     assert typed(capsys, ["list", "operators"], code=130).err == "error: interrupted\n"
 
 
@@ -172,7 +172,7 @@ def test_a_strategy_that_leaves_the_process_is_no_success(capsys):
 
 
 def test_no_exit_from_within_is_taken_for_success(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.cli.lists.world_with", leave)
+    monkeypatch.setattr("vlafuzz.cli.lists.opened", leave)
     assert "ended the process: sys.exit(0)" in typed(capsys, ["list", "operators"], code=2).err
 
 

@@ -15,9 +15,7 @@ from vlafuzz.cli.output import Bar, print_rows, stderr, table
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
-from vlafuzz.model.scene_lines import is_document, write_scenes
-from vlafuzz.worlds import world_with
-from vlafuzz.worlds.capabilities import Frame, SceneFormats
+from vlafuzz.model.scene_lines import Frame, is_document, write_scenes
 
 Wanted = Literal["failed", "passed", "all"]
 Shown = Literal["failed", "minimal", "random"]
@@ -261,10 +259,11 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
+    from vlafuzz.worlds.tabletop.objects import load_catalogue
+    from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
-    world = world_with(SceneFormats)
     with Bar() as bar:
-        imported = [world.import_scenes(path, frame) for path in bar.track(files, "reading")]
+        imported = [read_vlatest(path, load_catalogue(), frame=frame) for path in bar.track(files, "reading")]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
     if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):

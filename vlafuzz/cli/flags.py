@@ -107,11 +107,10 @@ def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
     if not folders:
         return ()
     # Imported late: `vlafuzz doctor` has to start anywhere.
-    from vlafuzz.worlds import world_with
-    from vlafuzz.worlds.capabilities import Catalogued
+    from vlafuzz.worlds.tabletop.world import WORLD
 
     with Bar() as bar:
-        return world_with(Catalogued).open_packs(folders, bar)
+        return WORLD.open_packs(folders, bar)
 
 
 def _read_config(context: typer.Context, values: list[str] | None) -> list[str] | None:

@@ -11,9 +11,7 @@ import typer
 from vlafuzz.cli.flags import JsonFlag, PackFlag, opened, option
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
 from vlafuzz.errors import UsageError, sentence
-from vlafuzz.model.scene_lines import is_document
-from vlafuzz.worlds import world_with
-from vlafuzz.worlds.capabilities import FileVerdicts, Frame, SceneFormats
+from vlafuzz.model.scene_lines import Frame, is_document
 
 
 def lint(
@@ -38,11 +36,14 @@ def lint(
     """
     if frame and not any(map(is_document, files)):
         raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
-    world, packs, judged = world_with(SceneFormats), opened(pack), list[FileVerdicts]()
+    from vlafuzz.worlds.manipulation.operator_set import load_operators
+    from vlafuzz.worlds.tabletop import lint as tabletop
+
+    packs, judged = opened(pack), list[tabletop.FileVerdicts]()
     with Bar() as bar:
         for path in files:
             quick = is_document(path) if static is None else static
-            judged.append(world.lint(path, frame or "fit", packs, bar, settle=not quick))
+            judged.append(tabletop.lint(path, frame or "fit", packs, bar, settle=not quick))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         problems_of = ([asdict(problem) for problem in file.problems] for file in judged)
@@ -55,10 +56,10 @@ def lint(
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:
             counted = [
-                {"": key, "scenes": value, "are": world.lint_means.get(key, "")} for key, value in file.counts.items()
+                {"": key, "scenes": value, "are": tabletop.MEANS.get(key, "")} for key, value in file.counts.items()
             ]
             print_rows(counted, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
-    stderr().print(f"a target counts as visible with at least {world.visibility}")
+    stderr().print(f"a target counts as visible with at least {load_operators().visible}")
     if missing := sum(bool(re.match("unknown object '[^']+:", problem.reason)) for _, problem in problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if problems:

@@ -7,8 +7,7 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened, option
 from vlafuzz.cli.output import print_rows
-from vlafuzz.worlds import known_worlds, world_with
-from vlafuzz.worlds.capabilities import Catalogued
+from vlafuzz.worlds import known_worlds
 
 
 def operators(
@@ -19,10 +18,12 @@ def operators(
     json: JsonFlag = False,
 ) -> None:
     """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
-    listed = world_with(Catalogued).listed_operators(operators, task, robot, opened(pack))
-    if listed.differing and not json:
-        typer.echo(f"ranges differ in {', '.join(listed.differing)}: --task shows them", err=True)
-    print_rows(listed.rows, json=json, title=listed.title)
+    from vlafuzz.worlds.tabletop.world import WORLD
+
+    title, rows, differing = WORLD.listed_operators(operators, task, robot, opened(pack))
+    if differing and not json:
+        typer.echo(f"ranges differ in {', '.join(differing)}: --task shows them", err=True)
+    print_rows(rows, json=json, title=title)
 
 
 def objects(pack: PackFlag = None, json: JsonFlag = False) -> None:
@@ -30,17 +31,19 @@ def objects(pack: PackFlag = None, json: JsonFlag = False) -> None:
 
     Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON has metres.
     """
-    rows: list[dict[str, Any]] = []
-    for one in world_with(Catalogued).listed_objects(opened(pack)):
-        row: dict[str, Any] = {"object": one.name, "spoken": one.spoken, "role": one.role, "size": one.size}
-        if json:
-            rows.append(row | {"mass": one.mass, "rest poses": one.poses})
-            continue
-        size = " × ".join(f"{100 * side:.1f}" for side in one.size)
-        poses = [pose if width is None else f"{pose} {100 * width:.1f} cm" for pose, width in one.poses.items()]
-        row = {"object": one.name, "role": one.role, "size in cm": size, "kg": one.mass}
-        rows.append(row | {"rest poses, narrowest grasps": ", ".join(poses)})
+    from vlafuzz.worlds.tabletop.world import WORLD
+
+    rows = WORLD.listed_objects(opened(pack))
+    if not json:
+        rows = [_in_words(row) for row in rows]
     print_rows(rows, json=json, title="objects")
+
+
+def _in_words(row: dict[str, Any]) -> dict[str, Any]:
+    size = " × ".join(f"{100 * side:.1f}" for side in row["size"])
+    poses = [pose if width is None else f"{pose} {100 * width:.1f} cm" for pose, width in row["rest poses"].items()]
+    shown = {"object": row["object"], "role": row["role"], "size in cm": size, "kg": row["mass"]}
+    return shown | {"rest poses, narrowest grasps": ", ".join(poses)}
 
 
 def policies(json: JsonFlag = False) -> None:

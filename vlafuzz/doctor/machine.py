@@ -19,6 +19,12 @@ from vlafuzz.doctor import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 
 PYTHONS = ((3, 11), (3, 12))  # what pyproject.toml admits
+# What follows where a package of the simulator cannot be imported.
+PACKAGES = {
+    "mani_skill": "no scene can be simulated",
+    "sapien": "no scene can be simulated",
+    "torch": "ManiSkill cannot be loaded",
+}
 LITTLE_DISK = 1e9  # bytes: some thousand videos
 # Run in a separate process, as an incompatible native library may crash.
 _IMPORT = """
@@ -40,18 +46,20 @@ def machine() -> Iterator[Check]:
     yield Check("python", platform.python_version(), "ok" if fits else "warn", hint)
     yield Check("vlafuzz", __version__)
     try:
-        from vlafuzz.worlds import world_with
-        from vlafuzz.worlds.capabilities import Equipped
-
-        world = world_with(Equipped)
+        from vlafuzz.worlds.tabletop import renderer
     except ImportError as error:  # of what the package itself needs
         yield Check("packages", f"ImportError: {error}", "refuse", "nothing runs; hint: run scripts/setup")
         return
-    yield from check_packages(world.packages())
+    yield from check_packages(PACKAGES)
     workers = plural(most_workers(), "worker")
     yield Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
-    drawing = world.try_drawing()
-    yield Check("renderer", drawing.name, "ok" if drawing.works else "warn", drawing.follows)
+    probed = renderer.probe()
+    if probed.works:
+        software = "llvmpipe" in (probed.device or "")
+        yield Check("renderer", probed.name, "ok", "in software: pictures cost more than physics" if software else "")
+    else:
+        lost = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
+        yield Check("renderer", probed.problem or "", "warn", f"{lost}; hint: {renderer.HINT}")
     yield check_cache(assets.cache_dir())
     yield check_disk(Path.cwd())
 

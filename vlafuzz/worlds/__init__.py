@@ -7,15 +7,13 @@ from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from vlafuzz.common.plugins import PREFIX, check_trusted, is_reference, make_of, trust
 from vlafuzz.errors import PrerequisiteError, UsageError, suggestion
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.base import World
-
-T = TypeVar("T")
 
 
 @cache
@@ -58,14 +56,6 @@ def world_of(task: str) -> World:
 def usual_world() -> World:
     """The world that is meant where nobody names one."""
     return next(iter(known_worlds().values()))
-
-
-def world_with(capability: type[T]) -> T:
-    """The first of our worlds that has a capability, one of the protocols in ``capabilities``."""
-    for world in known_worlds().values():
-        if isinstance(world, capability):
-            return world
-    raise PrerequisiteError(f"no world is {capability.__name__}", hint="reinstall vlafuzz")
 
 
 def default_task() -> str:

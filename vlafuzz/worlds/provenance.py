@@ -29,9 +29,9 @@ _LIMITS = ("ONEDNN_MAX_CPU_ISA", "DNNL_MAX_CPU_ISA", "MKL_ENABLE_INSTRUCTIONS", 
 def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: bool = False) -> str:
     """This place for a policy, as JSON; empty if torch cannot be loaded, without which there is no simulator.
 
-    It has what can decide an outcome: ``processor``, its architecture and, on Linux, its vendor, by which MKL chooses its
-    kernels; ``instructions``, the set that torch uses, with the limits that are set for its libraries; ``torch``, its
-    version with the build; ``threads`` of torch, None for policies that fix their number or run behind a server;
+    It has what can decide an outcome: ``processor``, its architecture and, on Linux, its vendor, by which MKL chooses
+    its kernels; ``instructions``, the set that torch uses, with the limits that are set for its libraries; ``torch``,
+    its version with the build; ``threads`` of torch, None for policies that fix their number or run behind a server;
     ``renderer``, device and driver with its version, empty for policies without cameras.
 
     Args:

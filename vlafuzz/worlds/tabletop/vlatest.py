@@ -15,8 +15,7 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
-from vlafuzz.model.scene_lines import SceneFile, is_document, read_scenes
-from vlafuzz.worlds.capabilities import Frame, Imported
+from vlafuzz.model.scene_lines import Frame, SceneFile, is_document, read_scenes
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.rigs import rig
@@ -148,6 +147,28 @@ class _Entry:
     def order(self) -> tuple[int, ...]:
         """Indices of the targets, then of the other objects."""
         return self.targets + tuple(index for index in range(len(self.things)) if index not in self.targets)
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The scenes of a file of VLATest.
+
+    Attributes:
+        read: number of scenes in the file.
+        numbers: of the imported scenes in the file.
+        missing: names without a counterpart of ours, with the number of scenes that have them.
+    """
+
+    path: Path
+    read: int
+    numbers: tuple[int, ...]
+    scenes: tuple[Scene, ...]
+    missing: dict[str, int]
+
+    @property
+    def left_out(self) -> int:
+        """Number of scenes with an object that has no counterpart."""
+        return self.read - len(self.scenes)
 
 
 def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from vlafuzz.common import assets
 from vlafuzz.common.watch import Watch
-from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
@@ -21,17 +20,14 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
-from vlafuzz.worlds.capabilities import Drawing, FileVerdicts, Frame, Imported, ListedObject, ListedOperators, Problem
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld, check_names
 from vlafuzz.worlds.provenance import versions
-from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
-from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
@@ -40,30 +36,16 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-from vlafuzz.worlds.tabletop.vlatest import read_scene_file, read_vlatest
 
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.model import Interface
     from vlafuzz.worlds.recording import Recording
 
 
-BROKEN = "broken"  # a line that is no scene
-
-
 class Tabletop(TableWorld):
-    """The world of VLATest's tasks, ``Equipped`` and ``Catalogued``, with ``SceneFormats``."""
+    """The world of VLATest's tasks. It alone has objects of packs, and reads scene files of another program."""
 
     usual = True
-    lint_means: ClassVar[Mapping[str, str]] = {
-        "left out": "not read: an object has no counterpart here",
-        "valid": "fair",
-        "semantic": "with an unknown object, rest pose or task",
-        "geometry": "with objects off the table, in each other, or too close",
-        "unseen": "with a target that cannot be seen in the first picture",
-        "settling": "in which something falls, rolls or shifts in the first second",
-        "solved": "that are solved before the robot moves",
-        BROKEN: "lines that hold no scene",
-    }
     tasks, robots = tuple(TASKS), tuple(RIGS)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
         "mini": mini,
@@ -137,20 +119,13 @@ class Tabletop(TableWorld):
 
         return TabletopDemonstrator(interface)
 
-    def packages(self) -> dict[str, str]:
-        missing = "no scene can be simulated"
-        return {"mani_skill": missing, "sapien": missing, "torch": "ManiSkill cannot be loaded"}
-
-    def try_drawing(self) -> Drawing:
-        probed = renderer.probe()
-        if probed.works:
-            software = "llvmpipe" in (probed.device or "")
-            slow = "in software: pictures cost more than physics" if software else ""
-            return Drawing(probed.name, works=True, follows=slow)
-        lost = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
-        return Drawing(probed.problem or "", works=False, follows=f"{lost}; hint: {renderer.HINT}")
-
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
+        """The packs in these folders, measured; notes say what is missing in them.
+
+        Raises:
+            UsageError: a folder is no pack and has none in it.
+            CatalogueError: a mesh is damaged.
+        """
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
         packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
         for pack in packs:
@@ -163,13 +138,19 @@ class Tabletop(TableWorld):
             catalogue[name]  # once per object, up to some seconds
         return packs
 
-    def listed_objects(self, packs: Sequence[Pack]) -> list[ListedObject]:
+    def listed_objects(self, packs: Sequence[Pack]) -> list[dict[str, Any]]:
+        """The objects of the catalogue, or of packs, as rows: metres, kilograms, and poses with narrowest grasps."""
         catalogue = load_catalogue(packs=packs)
         return [_listed(catalogue[name]) for name in catalogue.preferred(catalogue.names())]
 
     def listed_operators(
         self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Pack]
-    ) -> ListedOperators:
+    ) -> tuple[str, list[dict[str, str]], list[str]]:
+        """The operators of a file: a title, a row for each, the tasks with ranges of their own.
+
+        Raises:
+            CatalogueError, UsageError: a run would refuse the file.
+        """
         setup, known = rig(robot or PANDA.robot), set(load_catalogue(packs=packs))
         chosen = load_operators(source or setup.operators)
         check_names(chosen, known.union(*(world.objects for world in known_worlds().values())))
@@ -190,40 +171,7 @@ class Tabletop(TableWorld):
         seen = bounds if chosen.visible else "targets need not be visible"
         apart = f"{chosen.min_distance:g} m between the centres of any two objects"
         title = f"{chosen.source.stem}: {apart}; {seen}"
-        return ListedOperators(title=title, rows=rows, differing=sorted(chosen.tasks) if task is None else ())
-
-    def import_scenes(self, path: Path, frame: Frame) -> Imported:
-        return read_vlatest(path, load_catalogue(), frame=frame)
-
-    @property
-    def visibility(self) -> str:
-        return str(load_operators().visible)
-
-    def lint(self, path: Path, frame: Frame, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
-        catalogue, usual = load_catalogue(packs=packs), load_operators()
-        source, problems = read_scene_file(path, catalogue, frame), list[Problem]()
-        if not (source.lines or source.left_out):
-            raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-        for done, (number, scene) in enumerate(source.lines):
-            watch.progress(path.name, done, len(source.lines))
-            if isinstance(scene, SceneError):
-                problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
-                continue
-            rejection = check_static(scene, catalogue, usual.min_distance, usual.visible)
-            if settle and rejection is None:
-                from vlafuzz.worlds.tabletop.sim.world import settled
-
-                rejection = settled(scene, catalogue)
-            if rejection:
-                problems.append(Problem(number, rejection.check, rejection.reason))
-        failed = Counter(problem.check for problem in problems)
-        scenes = len(source.lines) - failed[BROKEN]
-        counts = {
-            "scenes": scenes,
-            "left out": source.left_out,
-            "valid": scenes - sum(failed[check] for check in CHECKS),
-        }
-        return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
+        return title, rows, sorted(chosen.tasks) if task is None else []
 
 
 def _is_robots_only(folder: Path) -> bool:
@@ -244,16 +192,15 @@ def _lacks(pack: Pack) -> Iterable[str]:
         yield f"no collision mesh, so left out: {', '.join(pack.left_out)}"
 
 
-def _listed(model: ObjectModel) -> ListedObject:
-    poses = {pose.name: min((grasp.width for grasp in pose.grasps), default=None) for pose in model.stable_poses}
-    return ListedObject(
-        name=model.name,
-        spoken=model.spoken,
-        role=model.role,
-        size=tuple(round(float(side), 4) for side in np.ptp(model.vertices, axis=0)),
-        mass=model.mass,
-        poses=poses,
-    )
+def _listed(model: ObjectModel) -> dict[str, Any]:
+    return {
+        "object": model.name,
+        "spoken": model.spoken,
+        "role": model.role,
+        "size": tuple(round(float(side), 4) for side in np.ptp(model.vertices, axis=0)),
+        "mass": model.mass,
+        "rest poses": {pose.name: min((one.width for one in pose.grasps), default=None) for pose in model.stable_poses},
+    }
 
 
 WORLD = Tabletop()

@@ -1,0 +1,75 @@
+"""Verdicts on the scenes of a file, ours or VLATest's."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from vlafuzz.common.watch import Watch
+from vlafuzz.errors import SceneError
+from vlafuzz.model.scene_lines import Frame
+from vlafuzz.worlds.manipulation.operator_set import load_operators
+from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
+from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue
+from vlafuzz.worlds.tabletop.vlatest import read_scene_file
+
+BROKEN = "broken"  # a line that is no scene
+# What is counted.
+MEANS = {
+    "left out": "not read: an object has no counterpart here",
+    "valid": "fair",
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+    BROKEN: "lines that hold no scene",
+}
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A problem in a line of a file of scenes; ``check`` is the check that the line fails, or ``broken``."""
+
+    line: int
+    check: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class FileVerdicts:
+    """The verdicts on the scenes of a file; ``counts`` of scenes by what ``MEANS`` explains."""
+
+    path: Path
+    counts: Mapping[str, int]
+    problems: Sequence[Problem]
+
+
+def lint(path: Path, frame: Frame, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
+    """Check all scenes of a file, with objects of the catalogue and of packs; with ``settle`` also simulated.
+
+    Raises:
+        SceneError: there are no scenes in it.
+    """
+    catalogue, usual = load_catalogue(packs=packs), load_operators()
+    source, problems = read_scene_file(path, catalogue, frame), list[Problem]()
+    if not (source.lines or source.left_out):
+        raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+    for done, (number, scene) in enumerate(source.lines):
+        watch.progress(path.name, done, len(source.lines))
+        if isinstance(scene, SceneError):
+            problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
+            continue
+        rejection = check_static(scene, catalogue, usual.min_distance, usual.visible)
+        if settle and rejection is None:
+            from vlafuzz.worlds.tabletop.sim.world import settled
+
+            rejection = settled(scene, catalogue)
+        if rejection:
+            problems.append(Problem(number, rejection.check, rejection.reason))
+    failed = Counter(problem.check for problem in problems)
+    scenes = len(source.lines) - failed[BROKEN]
+    counts = {"scenes": scenes, "left out": source.left_out, "valid": scenes - sum(failed[check] for check in CHECKS)}
+    return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
