@@ -13,15 +13,15 @@ from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
 from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.exports.demonstrations import Demonstrations, _key
-from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.exports.demonstrations import Demonstrations
+from vlafuzz.exports.expert_runner import ExpertRunner, Solution
 from vlafuzz.exports.selection import around, failures_of_store
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.servers import options_of
-from vlafuzz.store.records import Manifest, Solution
+from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import described
 
@@ -98,39 +98,6 @@ def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
     assert max(x) - min(x) < 0.01
 
 
-def test_the_store_keeps_what_the_expert_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    path = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE)
-    with Store.open(path, "write") as store:
-        failures = failures_of_store(store, None, "failed")
-        first = Demonstrations(store)
-        before = first.solved(around(path, failures), 2, 2)
-        monkeypatch.setattr(ExpertRunner, "solve", None)  # nobody asks it again
-        again = Demonstrations(store)
-        after = again.solved(around(path, failures), 2, 2)
-    assert (first.known, again.known) == (0, 2)
-    for one, other in zip(before, after, strict=True):
-        assert np.array_equal(one.solution.actions, other.solution.actions)
-
-
-def test_solutions_for_another_kind_of_actions_are_others(tmp_path: Path):
-    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
-    with Store.open(path, "write") as store:
-        Demonstrations(store).solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
-        finer = [replace(each, run=tiny_pictures(hz=10)) for each in failures_of_store(store, None, "failed")]
-        demonstrations = Demonstrations(store)
-        demonstrations.solved(around(path, finer), 1, 1)
-    assert demonstrations.known == 0
-
-
-def test_a_stored_solution_of_another_width_is_none(tmp_path: Path):
-    path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
-    with Store.open(path, "write") as store:
-        store.keep_solution(_key(tiny_pictures()), CAN, Solution(0, np.ones((4, 9), np.float32)))
-        demonstrations = Demonstrations(store)
-        (found,) = demonstrations.solved(around(path, failures_of_store(store, None, "failed")), 1, 1)
-    assert (demonstrations.known, found.solution.actions.shape[1]) == (0, 7)
-
-
 def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), INSIDE, CAN)
     with Store.open(path) as store:
@@ -154,13 +121,13 @@ def test_actions_that_are_read_from_the_dataset_solve_their_scenes(tmp_path: Pat
     assert [row["finding"] for row in episodes] == [CAN.digest, APPLE.digest, CAN.digest]
     runner = ExpertRunner(manifest)
     with Store.open(path) as store:
-        for episode in episodes:
+        for episode in episodes[:2]:
             own = rows[episode["dataset_from_index"] : episode["dataset_to_index"]]
             scene = store.scene(episode["scene"])
             shown = runner.record(scene, np.array([row["action"] for row in own], np.float32))
             assert shown is not None
             first = np.array(Image.open(io.BytesIO(own[0]["observation.images.front"]["bytes"])))
-            assert np.array_equal(shown.images["observation.images.front"][0], first)
+            assert np.array_equal(Image.open(io.BytesIO(shown.pictures["observation.images.front"][0])), first)
             assert np.array_equal(shown.states[-1], own[-1]["observation.state"])
     runner.close()
 
@@ -195,7 +162,7 @@ def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
         (["--format", "lerobot", "--demos", "3", "--demos-per-scene", "2"], "exclude each other"),
         (["--format", "lerobot", "--hold-out", "1"], "--hold-out 1: not a share from 0 to below 1"),
         (["--format", "lerobot", "--scenes", "minimal"], "has no minimal finding"),
-        (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause or neighbourhood"),
+        (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause"),
     ],
 )
 def test_flags_that_make_no_sense(tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]):

@@ -19,8 +19,7 @@ from PIL import Image
 
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.cli import main
-from vlafuzz.exports.expert_runner import Demonstration
-from vlafuzz.exports.packed import packed
+from vlafuzz.exports.packed import Packed, packed
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
@@ -59,30 +58,30 @@ def read_by_lerobot(folder: Path) -> dict[str, Any]:
     return json.loads(done.stdout)
 
 
-def shown(number: int, steps: int) -> Demonstration:
-    rng = np.random.default_rng(number)
-    return Demonstration(
-        replace(nominal(), instruction=f"pick up thing {number % 2}"),
-        {"observation.images.front": rng.integers(0, 256, (steps, 12, 16, 3), np.uint8)},
-        rng.normal(size=(steps, 7)).astype(np.float32),
-        rng.normal(size=(steps, 7)).astype(np.float32),
-    )
+def pictures(number: int, steps: int) -> np.ndarray:
+    return np.random.default_rng(number).integers(0, 256, (steps, 12, 16, 3), np.uint8)
+
+
+def shown(number: int, steps: int) -> Packed:
+    states, actions = np.random.default_rng(number).normal(size=(2, steps, 7)).astype(np.float32)
+    about = replace(nominal(), instruction=f"pick up thing {number % 2}")
+    return packed(about, {"observation.images.front": pictures(number, steps)}, states, actions)
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     from vlafuzz.exports.lerobot import write_dataset
 
-    demos = [packed(shown(number, steps)) for number, steps in enumerate(STEPS)]
+    demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
     assert write_dataset(demos, tmp_path / "shown", 5, "panda", NAMES) == len(STEPS)
     return tmp_path / "shown"
 
 
 def test_every_frame_is_written_unchanged(folder: Path):
     frames = parquet.read_table(folder / FRAMES.format(0)).to_pylist()
-    pictures = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
+    images = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
-    assert np.array_equal(pictures, np.concatenate([demo.images["observation.images.front"] for demo in demos]))
+    assert np.array_equal(images, np.concatenate([pictures(*demo) for demo in enumerate(STEPS)]))
     for key, wanted in (
         ("observation.state", [demo.states for demo in demos]),
         ("action", [demo.actions for demo in demos]),
@@ -116,7 +115,7 @@ def test_statistics_are_those_of_all_frames(folder: Path):
     stats = json.loads((folder / "meta/stats.json").read_text())
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
     actions = np.concatenate([demo.actions for demo in demos]).astype(np.float64)
-    pixels = np.concatenate([demo.images["observation.images.front"].reshape(-1, 3) for demo in demos]) / 255
+    pixels = np.concatenate([pictures(*demo).reshape(-1, 3) for demo in enumerate(STEPS)]) / 255
     for stat, values in ((stats["action"], actions), (stats["observation.images.front"], pixels)):
         wanted = {"min": values.min(0), "max": values.max(0), "mean": values.mean(0), "std": values.std(0)}
         wanted["q90"] = np.quantile(values, 0.9, axis=0)
@@ -130,7 +129,7 @@ def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytes
     from vlafuzz.exports import lerobot
 
     monkeypatch.setattr(lerobot, "FILE_BYTES", 1)
-    lerobot.write_dataset([packed(shown(number, 2)) for number in range(3)], tmp_path, 5, "panda", NAMES)
+    lerobot.write_dataset([shown(number, 2) for number in range(3)], tmp_path, 5, "panda", NAMES)
     assert [parquet.read_metadata(tmp_path / FRAMES.format(number)).num_rows for number in range(3)] == [2] * 3
     episodes = parquet.read_table(tmp_path / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert [row["data/file_index"] for row in episodes] == [0, 1, 2]
@@ -185,6 +184,6 @@ def test_lerobots_own_loader_reads_it(folder: Path):
     assert (read["episodes"], read["frames"], read["fps"], read["shape"]) == (3, 12, 5, [3, 12, 16])
     assert read["state"] == demos[0].states[0].tolist()
     assert read["action"] == demos[0].actions[:2].tolist()
-    assert read["corner"] == demos[0].images["observation.images.front"][0, 0, 0].tolist()
+    assert read["corner"] == pictures(0, STEPS[0])[0, 0, 0].tolist()
     assert (read["task"], read["last"], read["padded"]) == ("pick up thing 0", [2, 4], [False, True])
     assert read["mean"] == pytest.approx(actions.mean(0), abs=1e-6)

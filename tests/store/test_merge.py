@@ -1,14 +1,12 @@
 import sqlite3
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from tests.doubles import failed, manifest, passed, scene, trial
+from tests.doubles import failed, manifest, passed, trial
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
-from vlafuzz.store.records import Solution
 from vlafuzz.store.store import Store
 
 
@@ -119,12 +117,3 @@ def test_a_store_that_is_being_written_is_merged_as_it_is_at_that_moment(two: li
 def test_a_store_that_a_run_is_writing_is_no_place_for_it(two: list[Path], tmp_path: Path):
     with Store.open(tmp_path / "out.db", "write"), pytest.raises(StoreError, match="is writing to it"):
         merge(two, tmp_path / "out.db")
-
-
-def test_solutions_of_the_expert_are_kept(two: list[Path], tmp_path: Path):
-    for path, attempt in zip(two, (1, 2), strict=True):
-        with Store.open(path, "write") as store:
-            store.keep_solution("key", scene(), Solution(attempt, np.ones((1, 7), np.float32)))
-    merge(two, tmp_path / "out.db")
-    with Store.open(tmp_path / "out.db") as store:
-        assert [kept.attempt for kept in store.solutions("key").values()] == [1]

@@ -8,7 +8,6 @@ import pytest
 from tests.doubles import failed, manifest, passed, rollout, scene, trial
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.store.records import Solution
 from vlafuzz.store.store import Store
 
 KEY = manifest().key()
@@ -173,17 +172,6 @@ def test_time_that_a_run_has_noted_counts_and_not_that_of_its_parallel_rollouts(
         store.add(number, trial(proposal, passed()))
     store.finish(number, "interrupted", 0.25, 0.0, 0.0)
     assert store.reopen(number).seconds == 0.25
-
-
-def test_solutions_come_back_under_their_key(store: Store):
-    solved = Solution(3, np.arange(20, dtype=np.float32).reshape(2, 10))
-    store.keep_solution("a", scene(), solved)
-    store.keep_solution("b", scene(), Solution(None, np.zeros((0, 7), np.float32)))
-    (kept,), (unsolved,) = store.solutions("a").values(), store.solutions("b").values()
-    assert (kept.attempt, kept.actions.tolist()) == (3, solved.actions.tolist())
-    assert (unsolved.attempt, unsolved.actions.shape) == (None, (0, 7))
-    assert list(store.solutions("a")) == [scene().digest]
-    assert store.solutions("c") == {}
 
 
 def test_a_copy_of_the_file_has_everything_although_somebody_follows_the_run(path: Path, tmp_path: Path):

@@ -45,14 +45,6 @@ def export(
             "200",
         ),
     ] = None,
-    firm: Annotated[
-        float | None,
-        option(
-            "Share of 20 rollouts, 19 jittered and one exact, that have to fail in a scene of a corpus, and to pass in "
-            "its counterparts. A scene that fails less often moves on in the same direction.",
-            "until it is clear that most do",
-        ),
-    ] = None,
     workers: Annotated[
         int | None,
         option(
@@ -103,7 +95,7 @@ def export(
     and so on.
 
     With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with the
-    pictures, state and actions of the policy: demonstrations to train it with. The store keeps the solutions.
+    pictures, state and actions of the policy: demonstrations to train it with.
 
     VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are left out,
     with a note.
@@ -133,7 +125,7 @@ def export(
                 "--minimal goes with neither --verdict nor --format",
                 hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
             )
-        _export_corpus(sources[0], out, run, controls, firm, workers or 1)
+        _export_corpus(sources[0], out, run, controls, workers or 1)
     elif format_ == "store":
         from vlafuzz.store.merge import merge
 
@@ -194,13 +186,9 @@ def _export_demonstrations(
     _note_left_out(written.left_out)
 
 
-def _export_corpus(
-    store: Path, out: Path, run: int | None, controls: int | None, firm: float | None, workers: int
-) -> None:
+def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None, workers: int) -> None:
     """Check the minimal failures once more and write those that hold: a corpus, or one for each task."""
     check_number("--controls", controls, 0)
-    if firm is not None and not 0.5 <= firm <= 1:
-        raise UsageError(f"--firm {firm:g}: not a share from 0.5 to 1", hint="--firm 0.9 leaves out the rest")
     from vlafuzz.cli.triage import note_alone
     from vlafuzz.failures.corpus.controls import CONTROLS
     from vlafuzz.failures.corpus.export import export as export_corpus
@@ -227,7 +215,6 @@ def _export_corpus(
                     run=run,
                     task=task,
                     controls=wanted,
-                    firm=firm,
                     workers=workers,
                     watch=bar,
                 )

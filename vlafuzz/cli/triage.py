@@ -36,12 +36,6 @@ def command(
         int | None, option("Policy rollouts of all failures together, after which no further one is begun.", "no limit")
     ] = None,
     time: TimeFlag = None,
-    thorough: Annotated[
-        bool,
-        option(
-            "Shrink every failure to its smallest values, also those of a cause certified before.", flag="--thorough"
-        ),
-    ] = False,
     workers: WorkersFlag = None,
     executor: ExecutorFlag = None,
     trust: TrustFlag = False,
@@ -86,7 +80,6 @@ def command(
             limit=limit,
             allowance=allowance,
             place=place,
-            thorough=thorough,
             watch=shown_on(bar, "failures"),
         )
         summary = summarise(opened)

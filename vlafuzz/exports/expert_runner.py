@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Latency, Scene
@@ -16,7 +16,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.model import Interface, Written, interface_of
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.store.records import Manifest, Solution
+from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
 
 if TYPE_CHECKING:
@@ -24,24 +24,14 @@ if TYPE_CHECKING:
 
 UNFAIR = "its scene is not fair"
 BROKEN = "the simulator broke"
+UNSOLVED = "the expert does not solve it"
 
 
-@dataclass(frozen=True, eq=False)
-class Demonstration:
-    """A solution from the start to success, with one item per control step.
+class Solution(NamedTuple):
+    """What the expert did in its ``attempt``-th attempt: actions ``(steps, n)`` as the policy writes them."""
 
-    Attributes:
-        images: by the name of the picture, uint8 ``(steps, height, width, 3)``, before the action.
-        states: float32 ``(steps, m)``, in the policy's layout.
-        actions: ``(steps, n)``, as it writes them.
-        finding: digest of the failing scene that it is for; empty for a random scene.
-    """
-
-    scene: Scene
-    images: Mapping[str, NDArray[np.uint8]]
-    states: NDArray[np.float32]
-    actions: NDArray[np.float32]
-    finding: str = ""
+    attempt: int
+    actions: Actions
 
 
 class ExpertRunner:
@@ -55,7 +45,7 @@ class ExpertRunner:
         self._playing: dict[bool, tuple[SceneEvaluator, _Player]] = {}  # by whether there are pictures
 
     def solve(self, scene: Scene, first: int = 0) -> Solution | str:
-        """The expert's solution, beginning with its ``first`` attempt; or why there is nothing to be solved.
+        """The expert's solution, beginning with its ``first`` attempt; or why there is none.
 
         It acts without latency, as it corrects itself at every step; a replay then has the scene's.
         """
@@ -72,10 +62,13 @@ class ExpertRunner:
                 actions = np.stack(self._demonstrator.written)
                 if prompt == scene or self._played(scene, actions, pictures=False) is not None:
                     return Solution(attempt, actions)
-        return Solution(None, np.zeros((0, len(self.interface.action_names)), np.float32))
+        return UNSOLVED
 
-    def record(self, scene: Scene, actions: Actions, finding: str = "") -> Demonstration | None:
+    def record(self, scene: Scene, actions: Actions, finding: str = "") -> Packed | None:
         """What the policy would see and do; None if the actions do not solve the scene.
+
+        Args:
+            finding: see ``Packed``.
 
         Raises:
             PrerequisiteError: rendering does not work here.
@@ -84,13 +77,9 @@ class ExpertRunner:
         if steps is None:
             return None
         names = self.interface.pictures.items()
-        return Demonstration(
-            scene,
-            {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names},
-            np.stack([self.interface.state(seen) for seen, _ in steps]),
-            np.stack([written for _, written in steps]),
-            finding,
-        )
+        images = {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names}
+        states = np.stack([self.interface.state(seen) for seen, _ in steps])
+        return packed(scene, images, states, np.stack([written for _, written in steps]), finding)
 
     def close(self) -> None:
         for evaluator in (self._solving, *(evaluator for evaluator, _ in self._playing.values())):

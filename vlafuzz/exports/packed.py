@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from vlafuzz.exports.expert_runner import Demonstration
 from vlafuzz.model.scene import Scene
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
@@ -60,11 +59,12 @@ class Levels:
 
 @dataclass(frozen=True, eq=False)
 class Packed:
-    """A ``Demonstration`` with its pictures as PNG, by name.
+    """A demonstration, a solution from the start to success with one item per control step, its pictures as PNG.
 
     Attributes:
-        sizes: height, width and channels of the pictures.
-        levels: their histograms.
+        pictures: by name, before the action; ``sizes``: their height, width and channels; ``levels``: their histograms.
+        states: float32 ``(steps, m)``, in the policy's layout; ``actions``: ``(steps, n)``, as it writes them.
+        finding: digest of the failing scene that it is for; empty for a random scene.
     """
 
     scene: Scene
@@ -76,18 +76,18 @@ class Packed:
     finding: str = ""
 
 
-def packed(shown: Demonstration) -> Packed:
-    """The same demonstration, with its pictures compressed."""
-    images = shown.images
-    return Packed(
-        shown.scene,
-        {name: [_png(frame) for frame in frames] for name, frames in images.items()},
-        {name: frames.shape[1:] for name, frames in images.items()},
-        {name: Levels.of(frames) for name, frames in images.items()},
-        shown.states,
-        shown.actions,
-        shown.finding,
-    )
+def packed(
+    scene: Scene,
+    images: Mapping[str, NDArray[np.uint8]],
+    states: NDArray[np.float32],
+    actions: NDArray[np.float32],
+    finding: str = "",
+) -> Packed:
+    """A demonstration with its ``images``, ``(steps, height, width, 3)`` by name, compressed."""
+    pictures = {name: [_png(frame) for frame in frames] for name, frames in images.items()}
+    sizes = {name: frames.shape[1:] for name, frames in images.items()}
+    levels = {name: Levels.of(frames) for name, frames in images.items()}
+    return Packed(scene, pictures, sizes, levels, states, actions, finding)
 
 
 def _png(frame: NDArray[np.uint8]) -> bytes:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.errors import CorpusError, PrerequisiteError, StoreError, UsageError, install
+from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
 from vlafuzz.exports.selection import Failure, Which, around, at_random, failures_of_corpus, failures_of_store, split
 from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
@@ -82,14 +81,11 @@ def write_demonstrations(
     interface, robot, hz = _alike(source, failures)
     scenes = sum(len(failure.scenes) for failure in failures)
     total = number or per_scene * scenes
-    with _solutions(source, watch) as store:
-        shown = Demonstrations(store, workers, watch)
-        watch.note(_forecast(failures, held_out, total, interface, hz, workers))
-        wanted = at_random(source, failures) if which == "random" else around(source, failures)
-        most = total if number is None and which != "random" else TRIES * max(total, scenes)
-        solved = shown.solved(wanted, total, most)
-    if shown.known:
-        watch.note(f"{plural(shown.known, 'solution')} of the expert known from before")
+    shown = Demonstrations(workers, watch)
+    watch.note(_forecast(failures, held_out, total, interface, hz, workers))
+    wanted = at_random(source, failures) if which == "random" else around(source, failures)
+    most = total if number is None and which != "random" else TRIES * max(total, scenes)
+    solved = shown.solved(wanted, total, most)
     names = {STATE: interface.state_names, ACTION: interface.action_names}
     with whole(out) as folder:
         written = write_dataset(shown.shown(solved), folder, hz, robot, names)
@@ -124,22 +120,6 @@ def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, i
     ((robot, *_),), (interface,) = kinds, kinds.values()
     hz = world_of(failures[0].scene.task).robot(str(robot)).control_hz
     return interface, str(robot), hz or interface.spec.action.hz
-
-
-@contextmanager
-def _solutions(source: Path, watch: Watch) -> Iterator[Store | None]:
-    """The store, to keep solutions there; None for a corpus, and where it cannot be written."""
-    if is_corpus(source):
-        yield None
-        return
-    try:
-        store = Store.open(source, "write")
-    except StoreError as error:
-        watch.note(f"note: the expert's solutions are not kept: {error.message}")
-        yield None
-        return
-    with store:
-        yield store
 
 
 def _forecast(

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 from vlafuzz.model.conditions import Conditions, Origin, Role, condition
-from vlafuzz.model.evidence import Actions, Failure, Rate, Witness
+from vlafuzz.model.evidence import Failure, Rate, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
@@ -172,19 +172,6 @@ class Triaged(Failure):
     def key(self) -> tuple[str, str]:
         """See ``Finding.key``."""
         return self.scene.digest, self.policy_key
-
-
-@dataclass(frozen=True, eq=False)
-class Solution:
-    """What the expert did in a scene.
-
-    Attributes:
-        attempt: that solved it, by its number; None if none did.
-        actions: ``(steps, n)`` as a policy writes them, see ``clients.model``; none if none solved it.
-    """
-
-    attempt: int | None
-    actions: Actions
 
 
 class Judged(NamedTuple):

@@ -19,7 +19,7 @@ from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Manifest, Run, Solution, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -281,19 +281,6 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
     check_operators(triaged.causes, *named)
     return triaged
-
-
-def solution_row(scene: Scene, key: str, solution: Solution) -> Row:
-    """Columns of ``solution``."""
-    actions = solution.actions
-    kept = {"attempt": solution.attempt, "width": actions.shape[1], "actions": pack(actions)}
-    return {"scene": scene.digest, "key": key} | kept
-
-
-def to_solution(row: sqlite3.Row) -> Solution:
-    """The inverse of ``solution_row``."""
-    check_counts(row)
-    return Solution(row["attempt"], unpack(row["actions"], -1, max(row["width"], 1)))
 
 
 def repeat_row(run: int, made: str, scene: str, number: int, judged: Judged) -> Row:

@@ -20,7 +20,6 @@ from vlafuzz.store.records import (
     Manifest,
     Repeats,
     Run,
-    Solution,
     Spent,
     Status,
     Triaged,
@@ -132,12 +131,6 @@ class Store:
             self._insert("attribution", rows.attribution_row(run, found))
             for rank, cause in enumerate(found.causes, start=1):
                 self._insert("cause", rows.cause_row(run, rank, cause))
-
-    def keep_solution(self, key: str, scene: Scene, solution: Solution) -> None:
-        """Store what the expert did in a scene, for demonstrations under conditions with this key."""
-        with self._transaction():
-            self._insert_scene(scene)
-            self._insert("solution", rows.solution_row(scene, key, solution), "OR REPLACE")
 
     def keep_repeats(self, run: int, made: str, repeats: Repeats) -> None:
         """Store rollouts of a triage that was interrupted, in place of all earlier ones of the run.
@@ -253,12 +246,6 @@ class Store:
         selected = self._select("SELECT * FROM triage ORDER BY rowid")
         with intact(self.path):
             return [rows.to_triaged(row, self._scene) for row in selected]
-
-    def solutions(self, key: str) -> dict[str, Solution]:
-        """What ``keep_solution`` stored under a key, by the scene's digest."""
-        with intact(self.path):
-            selected = self._select("SELECT * FROM solution WHERE key = ?", key)
-            return {row["scene"]: rows.to_solution(row) for row in selected}
 
     def repeats(self, run: int, made: str) -> Repeats:
         """What ``keep_repeats`` stored of a run."""

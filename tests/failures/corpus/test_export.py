@@ -51,16 +51,6 @@ def altered(change: Callable[[Scene, int, Outcome], Outcome], **options) -> Call
     return lambda run: Altered([DARK], **options)
 
 
-def loose(scene: Scene, number: int, outcome: Outcome) -> Outcome:
-    """It passes in every fourth rollout."""
-    return passed() if number % 4 == 3 else outcome
-
-
-def chaotic(scene: Scene, number: int, outcome: Outcome) -> Outcome:
-    """It passes in every fourth rollout, unless it is very dark."""
-    return passed() if number % 4 == 3 and scene.light.intensity > 0.2 else outcome
-
-
 def later(scene: Scene, number: int, outcome: Outcome) -> Outcome:
     rollouts = (replace(failed().rollouts[0], reached=("grasp",)),)
     return Outcome.of(rollouts, CheckingRunner.stages) if outcome.lost_stage else passed()
@@ -156,16 +146,9 @@ def test_what_does_not_hold_any_more_is_left_out_and_said(store: Store, make, sa
         export(store, make, name="a", run=1, controls=0)
 
 
-def test_a_share_of_the_neighbourhood_can_be_asked_for(store: Store):
-    assert len(export(store, altered(loose), name="a", run=1, firm=0.7).cases) == 2
-    with pytest.raises(StoreError, match="it fails in less than 80% of its neighbourhood"):
-        export(store, altered(loose), name="a", run=1, firm=0.8)
-    assert len(export(store, runner, name="a", run=1, firm=0.95).cases) == 2
-
-
 def test_several_processes_check_the_same(store: Store):
-    alone = export(store, runner, name="a", firm=0.9, controls=20)
-    shared = export(store, runner, name="a", firm=0.9, controls=20, workers=2)
+    alone = export(store, runner, name="a", controls=20)
+    shared = export(store, runner, name="a", controls=20, workers=2)
     assert [case.scene for case in shared.cases] == [case.scene for case in alone.cases]
     assert (shared.controls, shared.renderer) == (alone.controls, alone.renderer)
 
@@ -185,25 +168,3 @@ def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
     with pytest.raises(UsageError, match=r"has findings of .* and task"):
         export(store, runner, name="a")
     assert len(export(store, runner, name="a", run=run).cases) == 1
-
-
-def test_a_scene_that_does_not_hold_firmly_moves_on_in_the_same_direction(store: Store):
-    found = {row.scene.digest: row for row in store.triaged()}
-    cases = export(store, altered(chaotic), name="a", run=1, firm=0.95).cases
-    assert cases
-    for case in cases:
-        before = found[case.found]
-        assert case.scene.light.intensity <= 0.2 < before.shrunk.light.intensity
-        assert (case.signature, case.counterparts) == (before.signature, before.counterparts)
-        assert (case.certified.failures, case.certified.rollouts) == (20, 20)
-        (threshold,), (old,) = case.causes.thresholds, before.causes.thresholds
-        assert threshold.at == old.at
-        assert 0 < threshold.share < old.share
-
-
-def test_a_scene_does_not_move_to_where_no_witness_solves_it(store: Store):
-    def solvable(scene: Scene) -> bool:
-        return scene.light.intensity > 0.3
-
-    with pytest.raises(StoreError, match="it fails in less than 95% of its neighbourhood"):
-        export(store, altered(chaotic, solvable=solvable), name="a", run=1, firm=0.95)

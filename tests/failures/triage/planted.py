@@ -89,10 +89,10 @@ class Planted:
         oracle.count_up_to(self.lost)
         return oracle
 
-    def shrunk(self, scene: Scene, oracle: Oracle | None = None, *, lessen: bool = False) -> Shrunk:
+    def shrunk(self, scene: Scene, oracle: Oracle | None = None) -> Shrunk:
         """What is left of a scene, certified."""
         oracle = oracle or self.oracle()
-        way = shrink(scene, oracle, self.space, lessen=lessen)
+        way = shrink(scene, oracle, self.space)
         return certify(way, oracle, self.space, Reference(None, STAGES))
 
     def finding(self, seed: int) -> Scene:

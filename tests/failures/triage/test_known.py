@@ -16,11 +16,11 @@ from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
 
 
-def results(path: Path, failing: Sequence[Scene], runner: PlantedRunner, **options: bool) -> list[Triaged]:
+def results(path: Path, failing: Sequence[Scene], runner: PlantedRunner) -> list[Triaged]:
     """What triage makes of scenes, in their order."""
     with Store.open(path / "a.db", "write") as store:
         fill(store, failing)
-        triage(store, lambda run: runner, **options)
+        triage(store, lambda run: runner)
         found = {triaged.scene: triaged for triaged in store.triaged()}
     return [found[scene] for scene in failing]
 
@@ -65,12 +65,6 @@ def test_the_next_triage_knows_what_the_last_one_certified(tmp_path):
         for limit in (1, 2):
             triage(store, lambda run: PlantedRunner([DARK]), limit=limit)
         assert [bool(each.causes.thresholds) for each in store.triaged()] == [True, False]
-
-
-def test_thorough_triage_searches_for_every_finding(tmp_path):
-    found = results(tmp_path, scenes([DARK], WAVE + 2), PlantedRunner([DARK]), thorough=True)
-    assert all(each.causes.thresholds for each in found)
-    assert all(each.scene.light.intensity < each.shrunk.light.intensity for each in found)
 
 
 def test_a_finding_with_another_cause_is_shrunk_to_its_own(tmp_path):

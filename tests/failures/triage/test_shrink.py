@@ -1,6 +1,5 @@
 """What is left of a failing scene is what was planted, operator by operator."""
 
-from dataclasses import replace
 from itertools import combinations
 from statistics import median
 
@@ -14,7 +13,6 @@ from vlafuzz.failures.triage.certify import certify
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Camera
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.space import GROUPS
 
@@ -88,22 +86,6 @@ def test_the_bound_on_rollouts_holds_and_the_best_so_far_is_kept(case, seed, mos
     assert judge.rollouts == oracle.spent <= most
     assert judge.fails(shrunk.scene)
     assert SPACE.severity(shrunk.scene) <= SPACE.severity(finding) + 1e-9
-
-
-def test_a_value_stops_two_steps_past_its_threshold():
-    judge = Planted([lambda scene: scene.camera.yaw > 2.5])
-    found = replace(judge.finding(4), camera=Camera(yaw=3.1))
-    shrunk = judge.shrunk(found, lessen=True)
-    assert (shrunk.scene.camera.yaw, shrunk.operators) == (2.8, ("camera-orientation",))
-
-
-def test_a_value_stops_a_quarter_of_the_way_back_where_that_is_more():
-    judge = Planted([lambda scene: scene.targets[0].x > 0.02])
-    finding = judge.finding(0)
-    assert finding.targets[0].x > 0.06
-    expected = 0.021 + (finding.targets[0].x - 0.021) / 4
-    assert judge.shrunk(finding, lessen=True).scene.targets[0].x == pytest.approx(expected, abs=0.0011)
-    assert judge.shrunk(finding).scene.targets[0].x == finding.targets[0].x
 
 
 def test_of_two_causes_either_of_which_is_enough_one_is_left():

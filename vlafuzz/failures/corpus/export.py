@@ -25,7 +25,7 @@ from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import provenance
 
-PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about; more with --firm
+PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about
 SAME = "its scene is that of another finding"
 
 
@@ -37,7 +37,6 @@ def export(
     run: int | None = None,
     task: str | None = None,
     controls: int = CONTROLS,
-    firm: float | None = None,
     workers: int = 1,
     watch: Watch = SILENT,
 ) -> Corpus:
@@ -51,9 +50,6 @@ def export(
         run: only findings that this run found first; ``task``: only those of one task.
         controls: number of random scenes in which the policy is rolled out as a baseline for ``regress``; more where it
             passes rarely, see ``record``.
-        firm: share of 20 rollouts that have to fail in a scene, and to pass in its counterparts. Where they do not, the
-            scene moves on in the same direction until they do. By default most have to, and each is repeated until that
-            is clear.
         workers: processes that share the rollouts; ``runner`` is picklable where there are several.
 
     Raises:
@@ -83,7 +79,7 @@ def export(
                 renderer = checker.renderer
                 ((_, recorded),) = crew.each(partial(record, checker, manifest.seed, watch=watch), [controls])
                 _check_power(checker.space, recorded, watch)
-            one = partial(check, run=numbers.index(number), runner=checker, share=firm)
+            one = partial(check, run=numbers.index(number), runner=checker)
             for index, result in crew.each(one, findings):
                 results[index] = result
                 checked(next(done))

@@ -58,7 +58,6 @@ class Job(NamedTuple):
     Attributes:
         known: None where every finding is to be shrunk by a search of its own.
         repeats: rollouts of an interrupted triage, to which those of this one are added.
-        lessen: see ``Triager``.
     """
 
     run: Run
@@ -68,12 +67,11 @@ class Job(NamedTuple):
     blamed: Mapping[Scene, Sequence[str]]
     known: Sequence[Triaged] | None
     repeats: Repeats
-    lessen: bool = False
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
         until = deadline or Deadline()
         about = runner, self.max_rollouts, self.trials, self.blamed
-        return Triager(*about, repeats=self.repeats, lessen=self.lessen, deadline=until)
+        return Triager(*about, repeats=self.repeats, deadline=until)
 
 
 def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:

@@ -13,10 +13,8 @@ from vlafuzz.model.space import CONFOUNDERS, Space
 PLACES = 3  # beyond the scene; the last one is the end of the range
 
 
-def outward(
-    space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None
-) -> Iterator[tuple[Scene, float]]:
-    """Scenes beyond a failing one, the nearest first, each with the factor by which its way is longer.
+def outward(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> Iterator[Scene]:
+    """Scenes beyond a failing one, the nearest first.
 
     Args:
         operators: that move, the confounders' as one, which stay; all others keep their values. reference: from which
@@ -30,4 +28,4 @@ def outward(
     for step in sorted(steps - {path.length}):
         moved = path.at(step)
         if directed(space, moved, operators, reference) == directions:
-            yield moved, step / path.length
+            yield moved

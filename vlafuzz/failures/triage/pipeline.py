@@ -84,7 +84,6 @@ def triage(
     limit: int | None = None,
     allowance: Allowance | None = None,
     place: Place = HERE,
-    thorough: bool = False,
     watch: Callable[[Progress], None] = lambda progress: None,
 ) -> Counter[Unjudged]:
     """Triage every finding that was not triaged yet; each result is stored at once.
@@ -101,9 +100,7 @@ def triage(
             stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
-        place: where it rolls out: here, in processes or on ray. Results do not depend on it. thorough: shrink every
-        finding by a search of its own, to its smallest values, also where it has a
-            cause that is certified already, and locate its thresholds anew.
+        place: where it rolls out: here, in processes or on ray. Results do not depend on it.
         watch: called after every finding.
 
     Returns:
@@ -131,12 +128,10 @@ def triage(
             _blamed(store, by_key[runs[number].manifest.key()]),
             None,
             store.repeats(number, made),
-            lessen=thorough,
         )
         for number, some in groupby(todo, lambda finding: finding.run)
     ]
-    if not thorough:
-        jobs = [job._replace(known=_known(store, job)) for job in jobs]
+    jobs = [job._replace(known=_known(store, job)) for job in jobs]
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))

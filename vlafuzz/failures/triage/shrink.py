@@ -16,21 +16,11 @@ from vlafuzz.model.space import CONFOUNDERS, Space
 
 K = TypeVar("K")
 SURE = 2  # rollouts that fail in a scene, before others are tried from there
-# Past its threshold, a value goes on by so many grid steps or, if that is more, by this share of the way back
-# to the finding, so that no scene sits on an edge.
-BEYOND, RETREAT = 2, 0.25
 _ROUNDING = 1e-12  # severities are sums of square roots
 
 
 def shrink(
-    scene: Scene,
-    oracle: Oracle,
-    space: Space,
-    reference: Scene | None = None,
-    *,
-    sure: int = SURE,
-    values: bool = True,
-    lessen: bool = False,
+    scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None, *, sure: int = SURE, values: bool = True
 ) -> list[Scene]:
     """Reset in a failing scene what can be reset to a reference while it still fails.
 
@@ -40,12 +30,11 @@ def shrink(
         reference: a scene of the same targets; None for the nominal one.
         sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
         values: reset single values, too, not operators and confounders alone.
-        lessen: move the values that are left as close to the reference as they go.
 
     Returns:
         The failing scenes on the way, from the finding to the last and simplest one.
     """
-    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values, lessen)
+    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values)
     shrinker.run()
     return shrinker.way
 
@@ -73,7 +62,6 @@ class _Shrinker:
     way: list[Scene]
     sure: int = SURE
     values: bool = True
-    lessen: bool = False
 
     @property
     def best(self) -> Scene:
@@ -84,21 +72,11 @@ class _Shrinker:
             pass  # an object that was in the way of a fair scene may be gone
         if self._is_blocked():
             self._unblock()
-        in_way = False  # whether a confounder keeps a target from its place
         while True:
-            before = self.best
             self.drop_confounders()
             if self.values:
                 self.drop_values()
-            for name in self._left() if self.lessen else [CONFOUNDERS] * in_way:
-                for gene in self._free(self.space.group(name)):
-                    self._lessen(gene)
-            if self._drop_operators():
-                continue
-            if not self.values or (in_way and self.best == before):
-                return
-            in_way = Answer.UNFAIR in self._without_one() and CONFOUNDERS in self._left()
-            if not in_way:
+            if not self._drop_operators() and not (self.values and self._make_way()):
                 return
 
     def drop_confounders(self) -> None:
@@ -124,6 +102,19 @@ class _Shrinker:
             if self._fails([places])[0]:
                 self._go_to(places)
 
+    def _make_way(self) -> bool:
+        """Move confounders that keep a target from its place as near as they still fail; whether any could be."""
+        before = self.best
+        if CONFOUNDERS in self._left() and Answer.UNFAIR in self._without_one():
+            for gene in self._free(self.space.group(CONFOUNDERS)):
+                path = Path(self.space, self.best, [gene], self.reference)
+                passes, fails = 0, path.length
+                while fails - passes > 1 and self.oracle.room:
+                    middle = (passes + fails) // 2
+                    passes, fails = (passes, middle) if self._fails([path.at(middle)])[0] else (middle, fails)
+                self._go_to(path.at(fails))
+        return self.best != before
+
     def drop_values(self) -> None:
         """Reset values one by one; the confounders' by operator first, as they have twenty values."""
         left = self._left()
@@ -138,30 +129,6 @@ class _Shrinker:
             axes = self.space.axes(self.best, name, self._start)
             if len(axes) > 1:  # the one that is left says where to it has to go
                 self._drop(list(axes), partial(self._without_axes, name))
-
-    def _lessen(self, gene: Gene) -> None:
-        """Move a value to some way past the threshold of the failure."""
-        path = Path(self.space, self.best, [gene], self.reference)
-        if gene.kind == "count" or path.length <= 1:
-            return
-        passes, fails = 0, path.length
-        while fails - passes > 1 and self.oracle.room:
-            middle = (passes + fails) // 2
-            if self._fails([path.at(middle)])[0]:
-                fails = middle
-            else:
-                passes = middle
-        beyond = min(fails + self._margin(gene, fails, path.at(passes)), path.length)
-        if fails - passes == 1 and self._fails([path.at(beyond)])[0]:
-            fails = beyond
-        self._go_to(path.at(fails))
-
-    def _margin(self, gene: Gene, fails: int, before: Scene) -> int:
-        """Grid steps to go on past a step that fails, given the scene before it."""
-        if self.oracle.known(before) is not Answer.PASSES:
-            return BEYOND  # it is not fair: there is no threshold here
-        back = Path(self.space, self.way[0], [gene], self.reference).length - fails
-        return max(BEYOND, round(back * RETREAT))
 
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
         """Remove all keys that can go; returns whether there were any.

@@ -61,7 +61,6 @@ class Triager:
             changes it.
         known: certified findings, one of each signature. A finding that their operators explain keeps its own values of
             these, and thresholds of a known signature are not located again.
-        lessen: shrink values, too, see ``shrink``.
         deadline: after which a finding is given up.
     """
 
@@ -72,7 +71,6 @@ class Triager:
     rolled: Repeats = field(default_factory=dict)
     repeats: Repeats = field(default_factory=dict, kw_only=True)
     known: Sequence[Triaged] = field(default=(), kw_only=True)
-    lessen: bool = field(default=False, kw_only=True)
     deadline: Deadline = field(default_factory=Deadline, kw_only=True)
 
     def triage(self, finding: Finding) -> Triaged | Unjudged:
@@ -118,7 +116,7 @@ class Triager:
         oracle.budget = round(most * TO_SHRINK)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
-        farther = [alone, *(moved for moved, _ in outward(space, alone, names))]
+        farther = [alone, *outward(space, alone, names)]
         firm = next((one for one in farther if oracle.answers([one], lead=FIRST)[0] is Answer.FAILS), None)
         firm = firm or max(farther, key=lambda one: oracle.rate(one).share)
         if not oracle.rate(firm).failures:
@@ -216,7 +214,7 @@ class Triager:
             return replace(triaged, detail="even the nominal scene of the same objects fails")
         shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
-            way = shrink(triaged.scene, oracle, space, reference.scene, lessen=self.lessen)
+            way = shrink(triaged.scene, oracle, space, reference.scene)
             oracle.budget = confirmed + round(most * TO_CERTIFY)
             shrunk = certify(way, oracle, space, reference)
         else:
