@@ -47,24 +47,6 @@ def test_it_names_the_broken_checkpoint_and_exits_with_1(capsys):
     assert len(OPENED) <= 5
 
 
-def test_after_an_interruption_it_goes_on_with_the_answers_in_a_file(monkeypatch, capsys):
-    arguments = ["--checkpoints", "100", "200", "300", "400", "--answers", "a.jsonl", "--json"]
-    assert bisect(*arguments) == 1
-    first, whole = json.loads(capsys.readouterr().out), Path("a.jsonl").read_text()
-    Path("a.jsonl").write_text(whole[:-5])  # killed while it wrote a line
-    evaluated: list[object] = []
-    evaluate = RuleRunner.evaluate
-    monkeypatch.setattr(RuleRunner, "evaluate", lambda self, *of: [evaluated.append(of), evaluate(self, *of)][1])
-    assert bisect(*arguments) == 1
-    captured = capsys.readouterr()
-    assert json.loads(captured.out) == first
-    assert f"{first['rollouts'] - 1} outcomes are known already" in captured.err
-    assert (len(evaluated), Path("a.jsonl").read_text()) == (1, whole)
-    Path("a.jsonl").write_text('{"policy": 1}\n')
-    assert bisect(*arguments) == 2
-    assert capsys.readouterr().err.startswith("error: a.jsonl, line 1: policy: ")
-
-
 def test_its_time_may_end_before_it_tells(capsys):
     assert bisect("--checkpoints", "100", "200", "--time", "0.000001s") == 3
     assert "200: --time is over: cannot tell: 0 of 0 controls could be judged" in capsys.readouterr().err

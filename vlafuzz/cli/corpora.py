@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, label_option, option, option_of
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
+from vlafuzz.cli.output import Bar, print_json, print_lines, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.text import percent
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
@@ -166,7 +166,6 @@ def bisect(
     comparisons: Annotated[int | None, option("Most comparisons.", "log2 of the checkpoints, and 2")] = None,
     time: TimeFlag = None,
     trust: TrustFlag = False,
-    answers: Annotated[Path | None, option("Keep outcomes by checkpoint in this file, and reuse those in it.")] = None,
     json: JsonFlag = False,
 ) -> None:
     """Find out which checkpoint broke a policy: exit code 1 if one did.
@@ -193,10 +192,7 @@ def bisect(
     from vlafuzz.failures.corpus.tables import bisection_document
 
     exported = read_corpus(corpus)
-    again = "with --answers FILE outcomes are kept, and the same command goes on"
-    if answers:
-        again = f"the outcomes are kept in {answers}: the same command goes on"
-    with interruptible(f"interrupted\nhint: {again}") as bar:
+    with Bar() as bar:
         result = bisect_checkpoints(
             corpus,
             exported,
@@ -206,7 +202,6 @@ def bisect(
             error=error,
             comparisons=comparisons,
             deadline=until,
-            answers=answers,
             watch=bar,
         )
     if json:

@@ -22,7 +22,7 @@ from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.breaking import Belief, Shape, believe, likeliest
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Comparison, compare
-from vlafuzz.failures.corpus.sides import Answers, Recorded, Side
+from vlafuzz.failures.corpus.sides import Recorded, Remembered, Side
 
 BLOCK = 10  # controls that are run before the probabilities are looked at again
 CLEAR = 10  # a comparison ends where its checkpoint is broken or works but for this part of the error
@@ -205,7 +205,7 @@ class _Search:
     ) -> None:
         self._probes, self._checkpoints, self._error, self._watch = probes, checkpoints, error, watch
         self._deadline = deadline
-        self._baseline = Answers().of(baseline)
+        self._baseline = Remembered(baseline)
         recorded = isinstance(baseline, Recorded)
         self._of_baseline = np.array([float(probe.passed) if recorded else np.nan for probe in probes])
         self._outcomes = np.full((len(checkpoints), len(probes)), np.nan)
@@ -293,7 +293,7 @@ def unjudged(side: Side, compared: Comparison) -> PrerequisiteError:
     """The error where no verdict on a policy is possible."""
     if compared.stopped == "time":
         message = f"{side.name}: --time is over: {compared.verdict}"
-        return PrerequisiteError(message, hint="give more --time; with --answers FILE outcomes are kept")
+        return PrerequisiteError(message, hint="give more --time")
     if compared.controls.policy.of and not compared.lacking:
         return PrerequisiteError(f"{side.name}: {compared.verdict}", hint="give a corpus with more controls")
     details = (f": {scene.detail}" for scene in compared.compared if scene.standing == "error")

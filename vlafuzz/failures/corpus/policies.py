@@ -17,7 +17,7 @@ from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import Difference, Known
 from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import Comparison, rollouts_of
-from vlafuzz.failures.corpus.sides import Answers, Recorded, Rerun, Side
+from vlafuzz.failures.corpus.sides import Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.conditions import Model
 from vlafuzz.rollouts import scene_runner
@@ -137,31 +137,27 @@ def bisect_checkpoints(
     error: float = 0.05,
     comparisons: int | None = None,
     deadline: Deadline | None = None,
-    answers: Path | None = None,
     watch: Watch = SILENT,
 ) -> Bisection:
     """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
 
     Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is open at a
-    time. ``answers`` is a file that keeps their outcomes by name, see ``Answers``.
+    time.
     """
     bisect.check_checkpoints(checkpoints)
     controls = [probe for probe in _probes(folder, corpus) if probe.group == "control"]
     for checkpoint in checkpoints:
         _check_baseline(baseline, Model(checkpoint))
-    known, most = Answers(answers), comparisons or bisect.most_comparisons(len(checkpoints))
+    most = comparisons or bisect.most_comparisons(len(checkpoints))
     _check_power(folder, corpus, controls, baseline, alpha, watch)
-    watch.note(
-        f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each"
-        f"{f'; {len(known)} outcomes are known already' if len(known) else ''}"
-    )
+    watch.note(f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each")
 
     @contextmanager
     def opened(name: str) -> Iterator[Side]:
         # The last one is opened first; the others' notes are the same.
         noting = watch if name == checkpoints[-1] else SILENT
         with closing(_rerun(folder, corpus, Model(name), noting)) as side:
-            yield known.of(side)
+            yield side
 
     with ExitStack() as stack:
         old = _baseline(folder, corpus, baseline, stack, watch)
@@ -169,7 +165,7 @@ def bisect_checkpoints(
             controls,
             checkpoints,
             opened,
-            known.of(old) if baseline else old,
+            old,
             alpha=alpha,
             error=error,
             comparisons=most,

@@ -1,26 +1,16 @@
 """Sides of a comparison: a policy that is rolled out, or what is known of one, scene by scene."""
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from pathlib import Path
 from typing import Protocol
 
-from pydantic import ConfigDict
-
-from vlafuzz.common.files import writing
-from vlafuzz.common.reading import parse_json, read_text, validated
-from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
-
-_HINT = "give --answers the file of an earlier `vlafuzz bisect`, or a new one"
-
 
 Asked = tuple[Probe, int]  # a scene, and the number of a rollout in it
 
@@ -81,87 +71,17 @@ class Rerun:
             runner.close()
 
 
-@dataclass(frozen=True)
-class _Row:
-    """A line of a file of answers: the name of a policy, the digest of a scene, and whether it passed there.
+class Remembered:
+    """A side that is asked once for every rollout; those that broke are tried again."""
 
-    ``passed`` is None where the rollout broke. ``repeat`` tells several rollouts in one scene apart.
-    """
-
-    __pydantic_config__ = ConfigDict(extra="forbid")
-    policy: str
-    scene: str
-    passed: bool | None
-    repeat: int = 0
-
-
-class Answers:
-    """What is known already, so that what was interrupted can go on. Rollouts that broke are tried again.
-
-    Args:
-        path: a file of JSON lines, which grows with every outcome; None to keep them in memory only.
-
-    Raises:
-        UsageError: the file cannot be read or written, or is none of these.
-    """
-
-    def __init__(self, path: Path | None = None) -> None:
-        self._path = path
-        self.known: dict[tuple[str, str, int], Outcome] = {}
-        if path is not None:
-            with writing(path, _HINT), path.open("a"):
-                pass  # it can be written
-            for number, line in enumerate(_whole_lines(path), start=1):
-                self._read(line, f"{path}, line {number}")
-
-    def __len__(self) -> int:
-        return sum(answer.judged for answer in self.known.values())
-
-    def of(self, side: Side) -> Side:
-        """A side that is asked only for what is not known of it."""
-        return _Remembering(side.name, self, side)
-
-    def keep(self, policy: str, probe: Probe, repeat: int, answer: Outcome) -> None:
-        self.known[policy, probe.scene.digest, repeat] = answer
-        if self._path is not None:
-            passed = answer.passed if answer.judged else None
-            row = {"policy": policy, "scene": probe.scene.digest, "passed": passed, "repeat": repeat}
-            with writing(self._path, _HINT), self._path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(row) + "\n")
-
-    def _read(self, line: str, where: str) -> None:
-        try:
-            value = parse_json(line)
-        except ValueError as error:
-            raise UsageError(f"{where}: not JSON: {error}", _HINT) from None
-        row = validated(_Row, value, where, UsageError, _HINT)
-        verdict = {True: Verdict.PASSED, False: Verdict.FAILED, None: Verdict.ERROR}[row.passed]
-        self.known[row.policy, row.scene, row.repeat] = Outcome(verdict=verdict)
-
-
-@dataclass(frozen=True)
-class _Remembering:
-    name: str
-    kept: Answers
-    side: Side
+    def __init__(self, side: Side) -> None:
+        self.name, self._side, self._known = side.name, side, dict[Asked, Outcome]()
 
     def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
-        """The known results, or those of rollouts."""
-        known = [self.kept.known.get((self.name, probe.scene.digest, repeat)) for probe, repeat in asked]
-        lacking = [one for one, outcome in zip(asked, known, strict=True) if not (outcome and outcome.judged)]
-        rolled = self.side.answers(lacking)
-        for (probe, repeat), outcome in zip(asked, known, strict=True):
-            if not (outcome and outcome.judged):
-                outcome = next(rolled)
-                self.kept.keep(self.name, probe, repeat, outcome)
+        """The known outcomes, or those of rollouts."""
+        rolled = self._side.answers([one for one in asked if one not in self._known])
+        for one in asked:
+            outcome = self._known.get(one) or next(rolled)
+            if outcome.judged:
+                self._known[one] = outcome
             yield outcome
-
-
-def _whole_lines(path: Path) -> list[str]:
-    """The lines of a file; one that an interruption left unfinished is cut off."""
-    text = read_text(path, UsageError, _HINT)
-    whole = text[: text.rfind("\n") + 1]
-    if whole != text:
-        with writing(path, _HINT), path.open("r+b") as file:
-            file.truncate(len(whole.encode()))
-    return whole.splitlines()
