@@ -1,5 +1,6 @@
 """``vlafuzz doctor``."""
 
+from collections.abc import Iterator
 from typing import Annotated
 
 import typer
@@ -16,6 +17,10 @@ WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "propriocepti
 
 def doctor(
     policy: Annotated[str | None, option_of("policy", "none: check this machine")] = None,
+    world: Annotated[
+        str | None,
+        option("The policy's world; without a policy, one of your own, python:pkg.mod:factory, to be checked itself."),
+    ] = None,
     task: Annotated[str | None, option_of("task", "the first: `vlafuzz list worlds`")] = None,
     robot: Annotated[str | None, option_of("robot", "the world's first")] = None,
     operators: OperatorsFlag = None,
@@ -25,26 +30,30 @@ def doctor(
     time: TimeFlag = None,
     json: JsonFlag = False,
 ) -> None:
-    """Check this machine, or a policy: what is there, whether it works, and what follows from it.
+    """Check this machine, a policy or a world: what is there, whether it works, and what follows from it.
 
     A policy is checked in the simulator: whether it sees, hears, repeats itself and can do the task; where it fails,
-    whether something is the wrong way round. Exit code 3: something must be fixed first.
+    whether something is the wrong way round. A world of your own is checked for resets that repeat themselves, values
+    that arrive and act, and pictures. Exit code 3: something must be fixed first.
     """
     packs = opened(pack) or None
     values = {"task": task, "robot": robot, "operators": operators, "packs": packs, "seed": seed}
     flags = {name: value for name, value in values.items() if value is not None}
     until, done, interrupted = deadline("--time", time), list[Check](), False
-    if policy is None and (flags or n is not None or time is not None):
+    if policy is None and (flags.keys() - {"task" if world else ""} or n is not None or time is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
     with Bar() as bar:
-        if policy is None:
+        if policy is None and world is not None:
+            checks = _checks_of(world, task)
+        elif policy is None:
             checks = machine()
         else:
             check_number("--n", n, 1, 1000)
             from vlafuzz.campaign.config import RunConfig
             from vlafuzz.doctor.exam import examine
+            from vlafuzz.worlds import task_of
 
-            run = RunConfig(policy=policy, **flags)  # type: ignore[arg-type]
+            run = RunConfig(policy=policy, **flags | {"task": task_of(world, task)})  # type: ignore[arg-type]
             checks = examine(run, 10 if n is None else n, bar, until)
         try:
             for check in checks:
@@ -60,3 +69,18 @@ def doctor(
         raise typer.Abort
     if any(check.verdict == "refuse" for check in done):
         raise typer.Exit(3)
+
+
+def _checks_of(world: str, task: str | None) -> Iterator[Check]:
+    """The checks of a world of the user's own, in the task that is named, or in its first."""
+    from vlafuzz.common.plugins import trust
+    from vlafuzz.worlds import parted, world_named
+    from vlafuzz.worlds.soundness import examine
+
+    name, named = parted(world)
+    trust(name)
+    made = world_named(name)
+    wanted = task or named or next(iter(made.tasks))
+    made.task(wanted)
+    for finding in examine(made, wanted, name):
+        yield Check(*finding)

@@ -234,12 +234,13 @@ class Scene:
 _ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
 EXTRAS: dict[str, Any] = {part.name: part.default for part in fields(Scene) if part.metadata.get("extra")}
 """The parts of a scene that extra operators vary, by field name, with their nominal values."""
-_UNITS: dict[str, str] = {
+UNITS: dict[str, str] = {
     part.name: part.metadata["unit"]
     for kind in (Placement, Light, Camera, *map(type, EXTRAS.values()))
     for part in fields(kind)
     if "unit" in part.metadata
 }
+"""What is written behind a number, by field name; worlds of values add theirs by the path of the value."""
 
 
 def in_words(path: str, value: float | str) -> str:
@@ -253,7 +254,7 @@ def amount(path: str, value: float | str) -> str:
     """A value without its name: ``2.5°``."""
     if isinstance(value, str):
         return value
-    unit = _UNITS.get(path.rpartition(".")[2], "")
+    unit = UNITS.get(path) or UNITS.get(path.rpartition(".")[2], "")
     return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit}"
 
 

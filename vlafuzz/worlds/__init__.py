@@ -86,7 +86,7 @@ def task_of(world: str | None, task: str | None) -> str | None:
     """
     if world is None:
         return task
-    name, named = _parted(world)
+    name, named = parted(world)
     if is_reference(name):
         trust(name)  # the user named it
     found = world_named(name)
@@ -105,8 +105,8 @@ def task_of(world: str | None, task: str | None) -> str | None:
     return wanted
 
 
-def _parted(world: str) -> tuple[str, str]:
-    """The name of a world, and the task behind it if there is one."""
+def parted(world: str) -> tuple[str, str]:
+    """The name of a world, and the task behind it, empty if there is none."""
     if is_reference(world):
         parts = world.split(":")
         return ":".join(parts[:3]), ":".join(parts[3:])

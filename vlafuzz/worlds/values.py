@@ -16,10 +16,9 @@ import hashlib
 import json
 from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,6 @@ from numpy.typing import NDArray
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
-from vlafuzz.model.genes import Gene, Grid
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space, Values
@@ -36,64 +34,15 @@ from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, by_name, operators_of
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one
-_PREFIX = "values."  # of a gene's path
 State = TypeVar("State")
 Array = NDArray[np.float64]
-Value = float | str
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """One value that a reset takes, and an operator at the same time.
-
-    Args:
-        name: lower-case letters, digits and dashes.
-        step: of the grid; values of a scene are nominal plus a whole number of steps.
-        options: of a value that is a text, the nominal one first, in place of the numbers.
-        says: what it changes, in a few words.
-    """
-
-    name: str
-    low: float = 0.0
-    high: float = 0.0
-    nominal: float = 0.0
-    step: float = 1.0
-    options: tuple[str, ...] = ()
-    says: str = ""
-
-    @property
-    def gene(self) -> Gene:
-        path = _PREFIX + self.name
-        if self.options:
-            return Gene(self.name, path, "category", Grid.choice(len(self.options)), options=self.options)
-        return Gene(self.name, path, "real", Grid(self.low, self.high, self.step, self.nominal))
-
-
-@dataclass(frozen=True)
-class Parameters:
-    """The parameters of a world by name, and which of them vary: the ``Operators`` of its space."""
-
-    operators: Mapping[str, Parameter]
-    varied: frozenset[str]
-
-    @property
-    def decisive(self) -> Collection[str]:
-        return self.operators
-
-    @cached_property
-    def digest(self) -> str:
-        return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
-
-    def to_json(self) -> str:
-        """As conditions keep them."""
-        ranges = {name: asdict(parameter) for name, parameter in self.operators.items()}
-        return json.dumps({"varied": sorted(self.varied), "operators": ranges}, sort_keys=True)
 
 
 class _Composer:
@@ -104,13 +53,12 @@ class _Composer:
         self.genes = tuple(parameter.gene for parameter in world.parameters)
 
     def compose(self, values: Mapping[str, float]) -> Scene:
-        given = ((gene, values[gene.path]) for gene in self.genes)
-        told = {gene.operator: gene.options[int(one)] if gene.options else float(one) for gene, one in given}
+        told = {one.name: one.told(values[PREFIX + one.name]) for one in self._world.parameters}
         return self._world.scene(self._task, told)
 
     def values(self, scene: Scene) -> Values:
         known = dict(scene.values)
-        return {gene.path: _number(gene, known.get(gene.operator)) for gene in self.genes}
+        return {PREFIX + one.name: one.number(known.get(one.name)) for one in self._world.parameters}
 
 
 class ValuesSpace(Space):
@@ -142,26 +90,27 @@ class ValuesSpace(Space):
         """Numbers that vary change by less than half a step, within their ranges."""
         rng = np.random.default_rng([int(scene.digest, 16), number])
         values = self.values(scene)
-        for gene in self.genes:
-            if gene.kind == "real":
-                moved = values[gene.path] + gene.grid.step * float(rng.uniform(-0.5, 0.5))
-                values[gene.path] = min(max(moved, gene.grid.low), gene.grid.high)
+        for one in self._world.parameters:
+            if one.is_smooth and one.operator in self.operators.varied:
+                path = PREFIX + one.name
+                moved = values[path] + one.step * float(rng.uniform(-0.5, 0.5))
+                values[path] = min(max(moved, one.low), one.high)
         return self.compose(values)
 
 
-def _number(gene: Gene, value: Value | None) -> float:
-    if value is None:
-        return gene.grid.nominal
-    if not gene.options:
-        return float(value) if isinstance(value, int | float) else float("nan")
-    return float(gene.options.index(value)) if value in gene.options else float("nan")
-
-
 class ValuesEpisode(Episode):
-    """A rollout in a scene of values."""
+    """A rollout in a scene of values; ``cameras`` are names of pictures that the policy asks for."""
 
-    def __init__(self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, task: Task) -> None:
-        self._world, self._state = world, world.reset(dict(scene.values), seed)
+    def __init__(
+        self,
+        world: ValuesWorld[Any],
+        scene: Scene,
+        seed: int,
+        conditions: Conditions,
+        task: Task,
+        cameras: Collection[str] = (),
+    ) -> None:
+        self._world, self._state, self._cameras = world, world.reset(dict(scene.values), seed), cameras
         self._hash = hashlib.blake2b(digest_size=16)
         monitor = Monitor(task.stages, task.published)
         super().__init__(scene, seed, conditions, monitor, task.stage_names)
@@ -170,15 +119,17 @@ class ValuesEpisode(Episode):
     def hz(self) -> int:
         return self._world.control_hz
 
+    @property
+    def over(self) -> bool:
+        return super().over or self._world.ended(self._state)
+
     def observe(self) -> Observation:
-        seen = np.asarray(self._world.observe(self._state), dtype=np.float32)
-        picture = self._world.picture(self._state)
         return Observation(
             self.start.episode,
             len(self.actions),
             self.instruction,
-            images={} if picture is None else {"camera": picture},
-            state=seen,
+            images={camera: self.picture(camera) for camera in self._cameras},
+            state=np.asarray(self._world.observe(self._state), dtype=np.float32),
             privileged=self._state,
         )
 
@@ -193,7 +144,7 @@ class ValuesEpisode(Episode):
 
     def _execute(self, action: Array) -> None:
         self._state = self._world.step(self._state, action)
-        self._hash.update(np.asarray(self._world.observe(self._state), dtype=np.float64).tobytes())
+        self._hash.update(self._world.fingerprint(self._state))
         self.monitor.observe(self._state)
 
     def _states_hash(self) -> str:
@@ -201,7 +152,7 @@ class ValuesEpisode(Episode):
 
 
 class ValuesEvaluator(SceneEvaluator):
-    """Runs a policy in scenes of values; nothing is kept between two of them."""
+    """Runs a policy in scenes of values; what is kept between two of them, the world decides."""
 
     def __init__(
         self,
@@ -212,7 +163,9 @@ class ValuesEvaluator(SceneEvaluator):
         recording: Recording | None,
         checked: bool,
     ) -> None:
-        self._world, self._task = world, world.task(conditions.task)
+        self._task = world.task(conditions.task)
+        self._world = world.opened(own_name(conditions.task))
+        self._cameras = [camera.name for camera in policy.spec.cameras]
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
 
     def check(self, scene: Scene) -> Rejection | None:
@@ -222,14 +175,21 @@ class ValuesEvaluator(SceneEvaluator):
         return Rejection("geometry", problem) if problem else None
 
     def begin(self, scene: Scene, seed: int) -> Episode:
-        return ValuesEpisode(self._world, scene, seed, self._conditions, self._task)
+        return ValuesEpisode(self._world, scene, seed, self._conditions, self._task, self._cameras)
 
     def renew(self) -> None:
-        """Nothing is kept."""
+        self._world.close()
+
+
+def own_name(task: str) -> str:
+    """A task's name as its world has it, without the world's."""
+    return task.rpartition("/")[2]
 
 
 class ValuesWorld(World, Generic[State]):
     """A world whose scenes are values by name. A subclass says what they are, and how a rollout goes.
+
+    ``GymWorld`` is one whose rollouts happen in an environment of gymnasium.
 
     Actions are the policy's seven numbers, of which the world uses as many of the first ones as it needs, or as many as
     ``action_width`` and the policy's ``ActionSpec`` say.
@@ -259,6 +219,10 @@ class ValuesWorld(World, Generic[State]):
     def observe(self, state: State) -> Any:
         """What the policy sees, as ``Observation.state``: an array of numbers."""
 
+    def ended(self, state: State) -> bool:
+        """Whether a rollout cannot go on, before the horizon."""
+        return False
+
     def instruction(self, task: str, values: Mapping[str, Value]) -> str:
         """What the policy is told."""
         return task.replace("-", " ")
@@ -275,20 +239,45 @@ class ValuesWorld(World, Generic[State]):
         """A policy that solves scenes by the state, ``Observation.privileged``, if there is one."""
         return None
 
+    # What the checks of a world ask, ``vlafuzz.worlds.soundness``, and what keeps a simulator between scenes.
+
+    def applied(self, state: State) -> Mapping[str, Value]:
+        """The values that the simulator has, read back from it, as far as it can tell them."""
+        return {}
+
+    def own_start(self, seed: int) -> State | None:
+        """The simulator's own start, which the nominal scene should equal; None if it has none."""
+        return None
+
+    def some_action(self, rng: np.random.Generator) -> Array:
+        """A random action, ``(action_width,)``."""
+        return rng.uniform(-1, 1, self.action_width)
+
+    def fingerprint(self, state: State) -> bytes:
+        """Equal for equal states, bit for bit, as far as they are seen."""
+        return np.asarray(self.observe(state), dtype=np.float64).tobytes()
+
+    def opened(self, task: str) -> Self:
+        """The world for one rollout at a time in a task, with a simulator of its own if it keeps one."""
+        return self
+
+    def close(self) -> None:
+        """Release the simulator; the next reset makes a new one."""
+
     # What follows is the protocol ``World``.
 
     @cached_property
     def named(self) -> dict[str, Parameter]:
         """The parameters by name."""
-        return {parameter.name: parameter for parameter in self.parameters}
+        return by_name(self.parameters)
 
     def scene(self, task: str, values: Mapping[str, Value]) -> Scene:
         """The scene of a task with these values."""
         told = tuple(sorted(values.items()))
-        return Scene(task, (), self.instruction(task.rpartition("/")[2], values), robot=ROBOT, values=told)
+        return Scene(task, (), self.instruction(own_name(task), values), robot=ROBOT, values=told)
 
     def has(self, task: str) -> bool:
-        return task.rpartition("/")[2] in self.tasks
+        return own_name(task) in self.tasks
 
     def task(self, name: str) -> Task:
         if not self.has(name):
@@ -299,7 +288,7 @@ class ValuesWorld(World, Generic[State]):
         return Robot(robot=ROBOT, control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))
 
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
-        return self._space(scene.task, self.named).conditions
+        return self._space(scene.task, operators_of(self.parameters)).conditions
 
     def space(self, wanted: Wanted, operators: Operators | None = None) -> ValuesSpace:
         if isinstance(operators, Parameters):
@@ -307,10 +296,11 @@ class ValuesWorld(World, Generic[State]):
         if wanted.operators is not None:
             problem = f"--operators {wanted.operators}: this world names its ranges itself"
             raise UsageError(problem, hint="--vary says which of them vary")
+        known = operators_of(self.parameters)
         for name in wanted.vary:
-            if name not in self.named:
-                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, self.named))
-        return self._space(wanted.task, wanted.vary or self.named)
+            if name not in known:
+                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, known))
+        return self._space(wanted.task, wanted.vary or known)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:
         stored = json.loads(conditions.operators)
@@ -330,4 +320,4 @@ class ValuesWorld(World, Generic[State]):
         return {"expert": expert} if expert else {}
 
     def _space(self, task: str, vary: Collection[str]) -> ValuesSpace:
-        return ValuesSpace(self, task, Parameters(self.named, frozenset(vary) & self.named.keys()))
+        return ValuesSpace(self, task, Parameters(self.named, frozenset(vary) & operators_of(self.parameters).keys()))

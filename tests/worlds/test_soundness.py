@@ -1,0 +1,61 @@
+"""Defects of worlds that their checks name, and sound worlds of which they say nothing."""
+
+import pytest
+
+from tests.worlds import carts
+from vlafuzz.cli import main
+from vlafuzz.worlds.soundness import Finding, examine
+
+MODULE = "python:tests.worlds.carts"
+# The world, the check that names its defect, and a word of the sentence.
+DEFECTS = (
+    ("GlobalGenerator", "resets", "numpy.random or random"),
+    ("IgnoresSeed", "resets", "the seed is ignored"),
+    ("StepsByChance", "steps", "numpy.random or random"),
+    ("KeepsState", "repeats", "after a rollout the nominal scene is another one"),
+    ("AppliesLate", "repeats", "at the next reset only"),
+    ("DependsOnProcess", "processes", "another process has another rollout"),
+    ("SwappedUnit", "values", "a swapped unit: it takes radians for degrees"),
+    ("SwapsCategories", "values", "ice was set, the simulator has felt"),
+    ("ClipsReadBack", "values", "mass (how heavy the cart is): 2.7 kg was set, the simulator has 2.5 kg"),
+    ("IgnoresReadBack", "values", "0.5 kg was set, the simulator has 2 kg"),
+    ("IgnoresValue", "effects", "mass (how heavy the cart is): no effect"),
+    ("Clips", "effects", "mass (how heavy the cart is): clipped, 2.7 kg to 4 kg act alike"),
+    ("MapsCategoryWrongly", "effects", "floor: ice and felt act alike"),
+    ("OtherNominal", "nominal", "the nominal scene differs from the environment's own"),
+    ("Solved", "start", "the nominal scene is solved before the first step"),
+    ("NoSuccess", "world", "define success(now)"),
+    ("DrawsDifferently", "pictures", "drawn differently a second time"),
+    ("DrawingMoves", "pictures", "render must change no state"),
+    ("DrawingCrashes", "pictures", "drawing raises RuntimeError: no display"),
+)
+
+
+def findings(name: str) -> dict[str, Finding]:
+    own = name == "DependsOnProcess"  # the only check that needs a process, which takes seconds
+    world = getattr(carts, name)()
+    return {found.check: found for found in examine(world, "reach", f"{MODULE}:{name}" if own else "")}
+
+
+@pytest.mark.parametrize(("name", "check", "words"), DEFECTS, ids=[row[0] for row in DEFECTS])
+def test_a_defect_is_named_by_its_check_and_by_no_other(name: str, check: str, words: str):
+    bad = {found.check: found for found in findings(name).values() if found.verdict != "ok"}
+    assert list(bad) == [check]
+    assert words in f"{bad[check].found}: {bad[check].follows}"
+
+
+@pytest.mark.parametrize("name", ["Carts", "ReadBack", "Expert", "NoSeedNeeded"])
+def test_nothing_is_said_of_a_sound_world(name: str):
+    assert [found for found in findings(name).values() if found.verdict != "ok"] == []
+
+
+def test_doctor_checks_a_world_also_in_another_process(capsys):
+    assert main(["doctor", "--world", f"{MODULE}:ReadBack"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "another process has the same rollout" in out
+    assert main(["doctor", "--world", f"{MODULE}:Solved:reach"]) == 3
+
+
+def test_a_world_that_comes_with_vlafuzz_is_not_checked_that_way(capsys):
+    assert main(["doctor", "--world", "tabletop"]) == 2
+    assert "this world comes with vlafuzz" in capsys.readouterr().err

@@ -1,0 +1,336 @@
+"""Any environment of gymnasium as a world: a file of parameters, and a class that says what they change.
+
+``class Pole(GymWorld)`` is enough for ``vlafuzz run --world python:pole:Pole --policy python:pole:push``. The opposite
+direction, scenes of a corpus as an environment, is ``vlafuzz.exports.gym``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import metadata
+from typing import Any, Self
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
+from vlafuzz.model.task import Stage
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.harness import WIDTH
+from vlafuzz.worlds.base import TryingPolicy
+from vlafuzz.worlds.parameters import Parameter as Parameter
+from vlafuzz.worlds.parameters import Value
+from vlafuzz.worlds.parameters import read_parameters as read_parameters
+from vlafuzz.worlds.values import ValuesWorld
+
+Array = NDArray[np.float64]
+Env = gymnasium.Env[Any, Any]
+SUCCESS = ("success", "is_success")  # keys of an info, by convention
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Now:
+    """A moment of a rollout: what ``reset`` or the last ``step`` of the environment returned.
+
+    Attributes:
+        task: its name.
+        values: of the scene. seed: of the rollout.
+        steps: control steps so far.
+    """
+
+    env: Env
+    task: str
+    values: Mapping[str, Value]
+    seed: int
+    observation: Any
+    info: Mapping[str, Any]
+    reward: float = 0.0
+    terminated: bool = False
+    truncated: bool = False
+    steps: int = 0
+
+
+class GymWorld(ValuesWorld[Now]):
+    """A world whose rollouts happen in an environment of gymnasium.
+
+    A subclass has ``tasks``, ``parameters``, ``make`` and ``apply``, and may have the other methods of the first part.
+    Stages other than success alone are ``Stage``s by the ``Now``.
+
+    Attributes:
+        fresh: make a new environment for every rollout, for one that keeps something over its reset.
+        has_own_start: whether the nominal scene is to equal the environment's own start.
+        packages: distributions whose versions decide outcomes, besides gymnasium and the environment's.
+    """
+
+    fresh: bool = False
+    has_own_start: bool = True
+    packages: Sequence[str] = ()
+    _task: str = ""
+    _env: Env | None = None
+
+    def make(self, task: str) -> Env:
+        """The environment of a task; with ``render_mode="rgb_array"`` for pictures."""
+        raise UsageError(f"{type(self).__name__} makes no environment", hint="define make(task)")
+
+    def apply(self, env: Env, values: Mapping[str, Value]) -> None:
+        """Set the values in an environment before its reset, which also gets them as ``options``."""
+
+    def start(self, env: Env, values: Mapping[str, Value], seed: int) -> tuple[Any, Mapping[str, Any]]:
+        """Reset an environment to a scene, as ``env.reset`` does; here is what has to be set after it."""
+        self.apply(env, values)
+        return env.reset(seed=seed, options=dict(values))
+
+    def success(self, now: Now) -> bool:
+        """Whether the task is solved; by default what ``info`` says."""
+        for key in SUCCESS:
+            if key in now.info:
+                return bool(np.all(np.asarray(now.info[key])))
+        if now.steps == 0:
+            return False
+        problem = f"{type(self).__name__}: the environment's info has neither {' nor '.join(SUCCESS)}"
+        raise PrerequisiteError(problem, hint="define success(now)")
+
+    def progress(self, now: Now) -> float:
+        """How near success is, in [0, 1]; search profits from it."""
+        return 0.0
+
+    def picture(self, state: Now) -> NDArray[np.uint8] | None:
+        """``(height, width, 3)``, by default what the environment renders."""
+        drawn = state.env.render()
+        return None if drawn is None else np.asarray(drawn, dtype=np.uint8)
+
+    def solve(self, now: Now) -> Any:
+        """The expert's next action, or several, one a row. Without it no failure is shown to be solvable."""
+        raise NotImplementedError
+
+    @classmethod
+    def policy(cls, act: Any, *, name: str = "", deterministic: bool = True) -> Callable[[], GymPolicy]:
+        """What makes a policy of this world, for ``--policy python:module:NAME``; also as a decorator.
+
+        Args:
+            act: a function of an observation; or a class without arguments, or an object, with a method ``act``
+                that is one. A method ``reset(seed)`` is called where a rollout begins.
+            deterministic: the same observations and seed always give the same actions.
+        """
+        return lambda: GymPolicy(cls(), act, name or getattr(act, "__name__", "own"), deterministic=deterministic)
+
+    # What follows is ``ValuesWorld``.
+
+    @cached_property
+    def stages(self) -> Sequence[Stage]:  # type: ignore[override]
+        return (Stage("success", self.success, self.progress, steps=1),)
+
+    @cached_property
+    def horizon(self) -> int:  # type: ignore[override]
+        spec = self._kept.spec
+        if spec is None or spec.max_episode_steps is None:
+            problem = f"{type(self).__name__}: the environment has no limit of steps"
+            raise UsageError(problem, hint="horizon = …: control steps after which a rollout ends")
+        return int(spec.max_episode_steps)
+
+    @cached_property
+    def space_of_actions(self) -> spaces.Space[Any]:
+        """The environment's; a UsageError if it is none of arrays or whole numbers."""
+        space = self._kept.action_space
+        if not isinstance(space, spaces.Box | spaces.Discrete | spaces.MultiDiscrete | spaces.MultiBinary):
+            problem = f"{type(self).__name__}: actions of {type(space).__name__} are not supported"
+            raise UsageError(problem, hint="gymnasium.wrappers.TransformAction makes an array of them")
+        return space
+
+    @cached_property
+    def action_width(self) -> int:  # type: ignore[override]
+        """How many numbers an action has; one more than seven, which would be a hand's motion."""
+        width = int(np.prod(self.space_of_actions.shape or (1,)))
+        return width + 1 if width == WIDTH else width
+
+    @cached_property
+    def simulator(self) -> str:
+        module = type(self._kept.unwrapped).__module__.partition(".")[0]
+        found = (metadata.packages_distributions().get(module) or [])[:1]
+        names = dict.fromkeys(["gymnasium", *found, *self.packages])
+        return ", ".join(f"{name} {version}" for name, version in _versions(names))
+
+    def reset(self, values: Mapping[str, Value], seed: int) -> Now:
+        env = self._ready()
+        observation, info = self.start(env, values, seed)
+        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
+
+    def own_start(self, seed: int) -> Now | None:
+        if not self.has_own_start:
+            return None
+        env = self._ready()
+        observation, info = env.reset(seed=seed)
+        return Now(env=env, task=self._name, values={}, seed=seed, observation=observation, info=info)
+
+    def step(self, state: Now, action: Array) -> Now:
+        fitting = fitted(self.space_of_actions, action)
+        observation, reward, terminated, truncated, info = state.env.step(fitting)
+        return replace(
+            state,
+            observation=observation,
+            info=info,
+            reward=float(reward),
+            terminated=bool(terminated),
+            truncated=bool(truncated),
+            steps=state.steps + 1,
+        )
+
+    def observe(self, state: Now) -> Array:
+        """All numbers of the observation, pictures left out."""
+        parts = [part.ravel() for part in _leaves(state.observation) if not _is_picture(part)]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def fingerprint(self, state: Now) -> bytes:
+        seen = b"".join(np.ascontiguousarray(part).tobytes() for part in _leaves(state.observation))
+        return seen + np.array([state.reward, state.terminated]).tobytes()
+
+    def ended(self, state: Now) -> bool:
+        return state.terminated or state.truncated
+
+    def expert(self) -> TryingPolicy | None:
+        return GymExpert(self) if type(self).solve is not GymWorld.solve else None
+
+    def some_action(self, rng: np.random.Generator) -> Array:
+        self.space_of_actions.seed(int(rng.integers(2**31)))
+        return np.asarray(self.space_of_actions.sample(), dtype=np.float64).ravel()
+
+    def opened(self, task: str) -> Self:
+        """The same world with an environment of its own; the first gets the one by which the spaces were read."""
+        own = copy(self)
+        own._task = task
+        if task == self._name:
+            self._env = None
+        else:
+            own._env = None
+        return own
+
+    def close(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+    @property
+    def _name(self) -> str:
+        return self._task or self.tasks[0]
+
+    @property
+    def _kept(self) -> Env:
+        """The environment that is there, or else made."""
+        if self._env is None:
+            self._env = self.make(self._name)
+        return self._env
+
+    def _ready(self) -> Env:
+        """The environment for the next rollout."""
+        if self.fresh:
+            self.close()
+        return self._kept
+
+
+def fitted(space: spaces.Space[Any], action: Array) -> Any:
+    """An action in its space; a PolicyError says in a sentence why it does not fit."""
+    if action.size == WIDTH + 1 and np.prod(space.shape or (1,)) == WIDTH:
+        action = action[:WIDTH]
+    if action.size != np.prod(space.shape or (1,)):
+        problem = f"the action has {action.size} numbers, {space} takes {int(np.prod(space.shape or (1,)))}"
+        raise PolicyError(problem, "look at the action space", "bad_action")
+    shaped = action.reshape(space.shape or ()).astype(space.dtype)
+    if np.issubdtype(space.dtype, np.integer) and np.any(shaped.ravel() != action):
+        raise PolicyError(f"the action {_short(action)} is not whole, as {space} wants it", None, "bad_action")
+    if isinstance(space, spaces.Box):
+        outside = (shaped < space.low) | (shaped > space.high)
+        if np.any(outside):
+            first = int(np.flatnonzero(outside)[0])
+            low, high = space.low.ravel()[first], space.high.ravel()[first]
+            problem = f"the action {_short(action)} does not fit: number {first} is not within {low:g} to {high:g}"
+            raise PolicyError(problem, "clip it, or look at its unit", "bad_action")
+        return shaped
+    fitting = shaped if space.shape else shaped[()]
+    if not space.contains(fitting):
+        raise PolicyError(f"the action {_short(action)} does not fit {space}", "look at its range", "bad_action")
+    return fitting
+
+
+class GymPolicy:
+    """A function of an observation of the environment as a policy."""
+
+    attempt = 0
+
+    def __init__(self, world: GymWorld, act: Any, name: str, *, deterministic: bool = True) -> None:
+        self._world, made = world, act() if isinstance(act, type) else act
+        self._made, self._act = made, getattr(made, "act", made)
+        action = ActionSpec(width=world.action_width)
+        self.spec = PolicySpec(name, action=action, state=True, deterministic=deterministic)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        for episode in episodes:
+            if callable(begin := getattr(self._made, "reset", None)):
+                begin(episode.seed)
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [_chunk(self._world, self._act(seen.privileged.observation)) for seen in observations]
+
+    def close(self) -> None:
+        """Close the environment by which the action space was read."""
+        self._world.close()
+
+
+class GymExpert:
+    """The expert of a world: its ``solve``."""
+
+    attempt = 0
+
+    def __init__(self, world: GymWorld) -> None:
+        self._world, action = world, ActionSpec(width=world.action_width)
+        self.spec = PolicySpec("expert", action=action, state=True, privileged=True, execute=None)
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        """Nothing is kept."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return [_chunk(self._world, self._world.solve(seen.privileged)) for seen in observations]
+
+    def close(self) -> None:
+        """Nothing is kept."""
+
+
+def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
+    """Actions as rows of ``action_width`` numbers: of one action, or of several one after the other."""
+    given, space = np.asarray(answer, dtype=np.float64), world.space_of_actions
+    rows = given.reshape(len(given), -1) if given.ndim > len(space.shape or ()) else given.reshape(1, -1)
+    if rows.shape[1] == WIDTH == world.action_width - 1:
+        rows = np.pad(rows, ((0, 0), (0, 1)))
+    return ActionChunk(rows)
+
+
+def _leaves(observation: Any) -> Iterator[NDArray[Any]]:
+    """The arrays in an observation."""
+    if isinstance(observation, Mapping):
+        for part in observation.values():
+            yield from _leaves(part)
+    elif isinstance(observation, tuple | list):
+        for part in observation:
+            yield from _leaves(part)
+    elif not isinstance(observation, str):
+        yield np.asarray(observation)
+
+
+def _is_picture(part: NDArray[Any]) -> bool:
+    return part.dtype == np.uint8 and part.ndim >= 2
+
+
+def _versions(names: Mapping[str, None]) -> Iterator[tuple[str, str]]:
+    for name in names:
+        try:
+            yield name, metadata.version(name)
+        except metadata.PackageNotFoundError:
+            raise PrerequisiteError(f"there is no package {name}", hint=f"pip install {name}") from None
+
+
+def _short(action: Array) -> str:
+    return np.array2string(action, precision=3, threshold=8)

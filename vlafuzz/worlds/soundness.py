@@ -1,0 +1,407 @@
+"""Whether a world of values can be believed: checks of its resets, steps, values and pictures, each a sentence."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from multiprocessing import get_context
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from vlafuzz.common.plugins import make_of
+from vlafuzz.errors import UsageError, VlafuzzError, sentence
+from vlafuzz.policies.base import Observation
+from vlafuzz.worlds.base import World
+from vlafuzz.worlds.parameters import Parameter, Value
+from vlafuzz.worlds.values import ValuesWorld
+
+STEPS = 40  # of a rollout with random actions, at most
+PLACES = 9  # values of a range that are tried, evenly spaced
+SEED = 7
+BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
+GLOBAL = "it draws from numpy.random or random, which no seed reaches: draw from env.np_random"
+# Factors by which a value is off where its unit is mistaken.
+UNITS = {
+    math.pi / 180: "degrees for radians",
+    180 / math.pi: "radians for degrees",
+    1e-3: "a unit a thousand times smaller",
+    1e3: "a unit a thousand times larger",
+    1e-2: "a unit a hundred times smaller",
+    1e2: "a unit a hundred times larger",
+}
+Values = Mapping[str, Value]
+
+
+class Finding(NamedTuple):
+    """The result of one check, a row as of a policy's checks; ``refuse``: nothing should run before a correction."""
+
+    check: str
+    found: str
+    verdict: Literal["ok", "warn", "refuse"] = "ok"
+    follows: str = ""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Fingerprints of a rollout, from its reset on; ``applied``: what the simulator says that it has."""
+
+    states: tuple[bytes, ...]
+    picture: bytes
+    applied: Values
+    solved: bool
+
+    def differs(self, other: Trace) -> int | None:
+        """The first step after which it is not as the other, 0 for the reset; None if there is none."""
+        pairs = enumerate(zip(self.states, other.states, strict=False))
+        first = next((step for step, (mine, theirs) in pairs if mine != theirs), None)
+        if first is None and len(self.states) != len(other.states):
+            return min(len(self.states), len(other.states))
+        return first
+
+
+def examine(world: World, task: str, reference: str = "") -> Iterator[Finding]:
+    """All checks of a world of values in one task, up to the first after which the others would mean nothing.
+
+    Args:
+        reference: ``python:module:factory`` of the world, for a process of its own; empty to do without.
+
+    Raises:
+        UsageError: the world is none of values.
+    """
+    if not isinstance(world, ValuesWorld):
+        raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
+    exam = _Exam(world, task)
+    checks: tuple[Callable[[], Finding], ...] = (
+        exam.resets,
+        exam.steps,
+        exam.repeats,
+        lambda: in_another_process(exam, reference),
+        exam.values,
+        exam.effects,
+        exam.nominal,
+        exam.start,
+        exam.pictures,
+    )
+    for check in checks:
+        try:
+            finding = check()
+        except VlafuzzError as error:
+            finding = Finding("world", error.message, "refuse", error.hint or "")
+        except Exception as error:  # of the user's code, or of the simulator
+            finding = Finding("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", "mend it")
+        yield finding
+        if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
+            return
+
+
+class _Exam:
+    """The checks of a world in one task."""
+
+    def __init__(self, world: ValuesWorld[Any], task: str) -> None:
+        self.world, self.task = world, task
+        self.nominal_values: dict[str, Value] = {one.name: one.told(one.number(None)) for one in world.parameters}
+        self._usual: Trace | None = None
+        self._tried: dict[str, list[tuple[Value, Trace]]] = {}
+
+    def resets(self) -> Finding:
+        """Whether two new environments begin, and go on, alike."""
+        first, second = self._new(), self._new()
+        if first.differs(second) != 0:
+            return Finding("resets", "two new environments begin alike with the same values and seed")
+        found = "two new environments begin differently with the same values and seed"
+        return Finding("resets", found, "refuse", self._unseeded("the seed is ignored: hand it to every generator"))
+
+    def steps(self) -> Finding:
+        """Whether the same actions lead to the same states."""
+        first, second = self._new(), self._new()
+        step = first.differs(second)
+        if step is None:
+            return Finding("steps", f"the same actions lead to the same states for {len(first.states) - 1} steps")
+        found = f"the same actions lead elsewhere after step {step}, with the same values and seed"
+        return Finding("steps", found, "refuse", self._unseeded("a step draws by chance: no time, no own generator"))
+
+    def repeats(self) -> Finding:
+        """Whether a reset forgets all that was before."""
+        world, usual, far = self._opened(), self._new(), self._far()
+        begun = self._rollout(world, self.nominal_values, steps=0)
+        again = self._rollout(world, self.nominal_values, steps=0)
+        self._rollout(world, self.nominal_values)
+        after = self._rollout(world, self.nominal_values)
+        other = self._opened()
+        away, *late = (self._rollout(other, far) for _ in range(3))
+        back = self._rollout(other, self.nominal_values)
+        world.close()
+        other.close()
+        if again.differs(begun) is not None:
+            follows = "the seed is ignored: hand it to every generator at every reset"
+            return Finding("repeats", "a second reset with the same seed begins differently", "refuse", follows)
+        if away.differs(late[0]) is not None and late[0].differs(late[1]) is None:
+            follows = "what apply sets reaches the simulator at the next reset only"
+            return Finding("repeats", "the same values act differently at a second reset", "refuse", follows)
+        if after.differs(usual) is not None or back.differs(usual) is not None:
+            why = "a rollout" if after.differs(usual) is not None else "other values"
+            follows = "the reset keeps something: reset it, or say fresh = True for a new environment each time"
+            return Finding("repeats", f"after {why} the nominal scene is another one", "refuse", follows)
+        return Finding("repeats", "a reset forgets the rollouts and values before it")
+
+    def values(self) -> Finding:
+        """Whether the simulator has the values that it was given, as far as it says them."""
+        told = 0
+        for one in self.world.parameters:
+            for value, trace in self._levels(one):
+                if one.name not in trace.applied:
+                    continue
+                told += 1
+                has = trace.applied[one.name]
+                if not _equal(value, has):
+                    found = f"{_named(one)}: {_said(one, value)} was set, the simulator has {_said(one, has)}"
+                    return Finding("values", found, "refuse", _mistake(value, has))
+        if not told:
+            return Finding("values", "the world reads none of them back: applied(now) would")
+        return Finding("values", f"{told} of them are read back as they were set")
+
+    def effects(self) -> Finding:
+        """Whether each value changes something, up to the ends of its range."""
+        idle, alike = [], []
+        for one in self.world.parameters:
+            traces = self._levels(one)
+            if one.name in (traces[0][1].applied if traces else {}):
+                continue  # it arrives, whatever follows from it
+            same = [not self._differ(one, (a, b)) for a, b in pairwise(traces)]
+            if same and all(same):
+                idle.append(_named(one))
+            elif one.options:
+                pairs = [(a, b) for a, b in combinations(traces, 2) if not self._differ(one, (a, b))]
+                alike += [f"{one.name}: {a[0]} and {b[0]} act alike" for a, b in pairs[:1]]
+            elif any(same[:1] + same[-1:]):
+                alike.append(_end(one, [value for value, _ in traces], same))
+        if idle:
+            found = f"{', '.join(idle)}: no effect in {self._length()}, nor in a picture"
+            return Finding("effects", found, "warn", "look at how it is applied, or leave it out")
+        if alike:
+            return Finding("effects", "; ".join(alike), "warn", "narrow the range to what is applied, or mend apply")
+        return Finding("effects", f"each of the {len(self.world.parameters)} values changes what happens")
+
+    def nominal(self) -> Finding:
+        """Whether the nominal scene is the simulator's own start."""
+        world = self._opened()
+        try:
+            state = world.own_start(SEED)
+            if state is None:
+                return Finding("nominal", "the world has no start of its own to compare with")
+            own = self._trace(world, state, STEPS)
+        finally:
+            world.close()
+        step = self._new().differs(own)
+        if step is None:
+            return Finding("nominal", "the nominal scene is the environment's own")
+        names = [one for one in self.world.parameters if one.name in own.applied]
+        wrong = [one for one in names if not _equal(self.nominal_values[one.name], own.applied[one.name])]
+        said = [
+            f"{_named(one)} is {_said(one, own.applied[one.name])}, not {_said(one, self.nominal_values[one.name])}"
+            for one in wrong
+        ]
+        where = "from its reset on" if step == 0 else f"after step {step}"
+        found = f"the nominal scene differs from the environment's own {where}"
+        follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
+        return Finding("nominal", ": ".join([found, *[", ".join(said)][: bool(said)]]), "warn", follows)
+
+    def start(self) -> Finding:
+        """Whether a scene is solved before anything is done."""
+        if self._new().solved:
+            return Finding("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
+        for one in self.world.parameters:
+            solved = [value for value, trace in self._levels(one) if trace.solved]
+            if solved:
+                found = f"{_named(one)}: the scene is solved before the first step at {_said(one, solved[0])}"
+                return Finding("start", found, "warn", "narrow the range, or let unfair(values) say so")
+        return Finding("start", "no scene is solved before the first step")
+
+    def pictures(self) -> Finding:
+        """Whether pictures can be drawn, are the same again, and change nothing."""
+        world = self._opened()
+        try:
+            state = world.reset(self.nominal_values, SEED)
+            drawn = [world.picture(state) for _ in range(2)]
+            if drawn[0] is None or drawn[1] is None:
+                return Finding("pictures", "the world draws none")
+            if drawn[0].ndim != 3 or drawn[0].dtype != np.uint8:
+                found = f"a picture has the shape {drawn[0].shape} and {drawn[0].dtype}"
+                return Finding("pictures", found, "refuse", "expected (height, width, 3) and uint8")
+            other = world.picture(world.reset(self.nominal_values, SEED))
+            same = other is not None and np.array_equal(drawn[0], drawn[1]) and np.array_equal(drawn[0], other)
+            if not same:
+                found = "the same moment is drawn differently a second time"
+                return Finding("pictures", found, "warn", "a policy that sees fails by chance, then")
+            watched = self._trace(world, world.reset(self.nominal_values, SEED), STEPS, draw=True)
+        except Exception as error:  # of the renderer
+            found = sentence(f"drawing raises {type(error).__name__}: {error}")
+            return Finding("pictures", found, "refuse", "mend it, or let picture(now) return None")
+        finally:
+            world.close()
+        if watched.differs(self._new()) is not None:
+            found = "what follows is another, if pictures are drawn meanwhile"
+            return Finding("pictures", found, "refuse", "render must change no state and draw from no generator")
+        return Finding("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")
+
+    # How rollouts are made.
+
+    def _opened(self) -> ValuesWorld[Any]:
+        """The world with a simulator that nobody has used."""
+        world = self.world.opened(self.task)
+        world.close()
+        return world
+
+    def _new(self) -> Trace:
+        """A nominal rollout in a new simulator."""
+        world = self._opened()
+        try:
+            return self._rollout(world, self.nominal_values)
+        finally:
+            world.close()
+
+    def _rollout(self, world: ValuesWorld[Any], values: Values, steps: int = STEPS) -> Trace:
+        return self._trace(world, world.reset(dict(values), SEED), steps)
+
+    def _trace(self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False) -> Trace:
+        """What happens from a state on, by the same random actions every time."""
+        rng = np.random.default_rng(SEED)
+        applied, solved = dict(world.applied(state)), world.stages[-1].holds(state)
+        states = [world.fingerprint(state)]
+        picture = b"" if draw else _drawn(world, state)
+        while len(states) <= min(steps, world.horizon) and not world.ended(state):
+            if draw:
+                world.picture(state)
+            state = world.step(state, world.some_action(rng))
+            states.append(world.fingerprint(state))
+        world.stages[-1].holds(state)  # which raises where nothing says what success is
+        return Trace(tuple(states), picture, applied, solved)
+
+    def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
+        """Rollouts with a value all over its range, the others nominal."""
+        if one.name not in self._tried:
+            world, self._tried[one.name] = self._opened(), []
+            for value in _spread(one):
+                values = self.nominal_values | {one.name: value}
+                if self.world.unfair(values) is None:
+                    self._tried[one.name].append((value, self._rollout(world, values)))
+            world.close()
+        return self._tried[one.name]
+
+    def _differ(self, one: Parameter, pair: tuple[tuple[Value, Trace], tuple[Value, Trace]]) -> bool:
+        """Whether two values of a parameter act differently, if need be in rollouts of the expert."""
+        (first, mine), (second, theirs) = pair
+        if mine.differs(theirs) is not None or mine.picture != theirs.picture:
+            return True
+        return self._solved(one, first) != self._solved(one, second)
+
+    def _solved(self, one: Parameter, value: Value) -> list[bytes]:
+        """The states of a rollout of the expert with this value; none without an expert."""
+        expert, world = self.world.expert(), self._opened()
+        if expert is None:
+            return []
+        state, states = world.reset(self.nominal_values | {one.name: value}, SEED), list[bytes]()
+        while len(states) < world.horizon and not world.ended(state):
+            seen = np.asarray(world.observe(state), dtype=np.float32)
+            asked = Observation("exam", len(states), "", state=seen, privileged=state)
+            for action in expert.act([asked])[0].actions:
+                if not world.ended(state):
+                    state = world.step(state, action)
+                    states.append(world.fingerprint(state))
+        world.close()
+        return states
+
+    def _far(self) -> dict[str, Value]:
+        """A fair scene in which as much as possible is not nominal."""
+        far = dict(self.nominal_values)
+        for one in self.world.parameters:
+            for value in reversed(_spread(one)):
+                if value != far[one.name] and self.world.unfair(far | {one.name: value}) is None:
+                    far[one.name] = value
+                    break
+        return far
+
+    def _unseeded(self, otherwise: str) -> str:
+        """Why two rollouts differ: global generators, if they are alike with these seeded, or something else."""
+        traces = []
+        for _ in range(2):
+            random.seed(SEED)
+            np.random.seed(SEED)  # noqa: NPY002 - the very generator that a world must not use
+            traces.append(self._new())
+        return GLOBAL if traces[0].differs(traces[1]) is None else otherwise
+
+    def _length(self) -> str:
+        expert = " and in the expert's rollout" if self.world.expert() else ""
+        return f"{STEPS} steps of random actions{expert}"
+
+
+def in_another_process(exam: _Exam, reference: str) -> Finding:
+    """Whether a new process has the same rollout."""
+    if not reference:
+        return Finding("processes", "not compared: the world has no name")
+    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+        there = pool.submit(_there, reference, exam.task).result()
+    step = exam._new().differs(there)
+    if step is None:
+        return Finding("processes", "another process has the same rollout")
+    found = f"another process has another rollout, after step {step}"
+    return Finding("processes", found, "refuse", "no time, process id or hash() of texts in what is drawn")
+
+
+def _there(reference: str, task: str) -> Trace:
+    return _Exam(make_of(reference), task)._new()
+
+
+def _spread(one: Parameter) -> list[Value]:
+    """Values all over the range, on its grid."""
+    if one.options:
+        return list(one.options)
+    grid = one.gene.grid
+    levels = dict.fromkeys(int(level) for level in np.linspace(0, grid.size - 1, min(PLACES, grid.size)).round())
+    return [one.told(grid.value(level)) for level in levels]
+
+
+def _drawn(world: ValuesWorld[Any], state: Any) -> bytes:
+    """The picture of a state; empty where there is none, or drawing fails, which is a check of its own."""
+    try:
+        picture = world.picture(state)
+    except Exception:
+        return b""
+    return b"" if picture is None else np.ascontiguousarray(picture).tobytes()
+
+
+def _equal(value: Value, has: Value) -> bool:
+    if isinstance(value, str) or isinstance(has, str):
+        return value == has
+    return math.isclose(value, has, rel_tol=1e-4, abs_tol=1e-6)
+
+
+def _mistake(value: Value, has: Value) -> str:
+    """What may be the reason for a value that arrives as another."""
+    if not isinstance(value, str) and not isinstance(has, str) and value:
+        for factor, means in UNITS.items():
+            if math.isclose(has / value, factor, rel_tol=1e-3):
+                return f"a swapped unit: it takes {means}"
+    return "it is clipped, ignored or mapped wrongly: look at apply and at applied"
+
+
+def _end(one: Parameter, values: list[Value], same: list[bool]) -> str:
+    """Which end of a range acts as one value."""
+    if same[-1]:
+        first = len(same) - next((i for i, one_same in enumerate(reversed(same)) if not one_same), len(same))
+        return f"{_named(one)}: clipped, {_said(one, values[first])} to {_said(one, values[-1])} act alike"
+    last = next((i for i, one_same in enumerate(same) if not one_same), len(same))
+    return f"{_named(one)}: clipped, {_said(one, values[0])} to {_said(one, values[last])} act alike"
+
+
+def _named(one: Parameter) -> str:
+    return f"{one.name} ({one.says})" if one.says else one.name
+
+
+def _said(one: Parameter, value: Value) -> str:
+    return value if isinstance(value, str) else f"{value:.4g}{' ' * bool(one.unit)}{one.unit}"
