@@ -175,7 +175,7 @@ SAMPLED = "<COLLADA><sampler2D><source>{}</source></sampler2D></COLLADA>"
         ("textured.dae", DAE.format(f"{OUT}<!-- -->.png").encode()),
         ("textured.dae", DAE.format(f"{OUT}<![CDATA[.png]]>").encode()),
         ("textured.dae", b'<!DOCTYPE C [<!ENTITY a "nowhere">]>' + DAE.format(f"&a;/../{OUT}").encode()),
-        ("textured.glb", b"mtllib ../../../x\nv\n{}"),
+        ("textured.glb", f"mtllib {OUT}\nv\n".encode()),
         ("textured.glb", binary(f'{{"images": [{{"uri": "{OUT}", "uri": "nowhere"}}]}}')),
         ("textured.glb", binary(f'{{"images": [{{"uri": "{OUT}"}}], "images": []}}')),
     ],

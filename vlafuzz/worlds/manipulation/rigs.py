@@ -55,24 +55,6 @@ Box = tuple[float, tuple[float, float], tuple[float, float]]
 MAX_LEAN = 0.55  # radians
 
 
-@dataclass(frozen=True)
-class LeanModel:
-    """The outward lean of a hand whose arm cannot point it straight down everywhere.
-
-    It is zero up to ``straight_reach`` metres of effective distance from the base, and grows by ``slope`` radians a
-    metre beyond: horizontal distance plus ``height_weight`` times the height over the table.
-    """
-
-    height_weight: float
-    straight_reach: float
-    slope: float
-
-    def lean(self, distance: float, height: float) -> float:
-        """Radians off the vertical at a distance and a height, metres."""
-        effective = distance + self.height_weight * height
-        return min(max((effective - self.straight_reach) * self.slope, 0.0), MAX_LEAN)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Hand:
     """A gripper as grasp planning sees it. Metres, relative to the tool centre point (TCP).
@@ -85,7 +67,8 @@ class Hand:
         table at which the fingertips clear it.
         highest: height of a grasp over the table up to which the arm can still lift and carry. deep: how far an object
         may stick up between the fingers.
-        lead: factor on commanded displacements, to compensate for the hand lagging behind.
+        straight: effective distance from the base, horizontal plus 2.5 times the height, up to which the arm can point
+            the hand straight down. lead: factor on commanded displacements, to compensate for the hand lagging behind.
         fingers, palm: boxes of the open hand: half width across; span along the closing axis, on both sides; span of
             heights.
     """
@@ -95,14 +78,14 @@ class Hand:
     lowest: float = 0.0
     highest: float = math.inf
     deep: float = math.inf
-    lean_model: LeanModel | None = None
+    straight: float = math.inf
     lead: float = 1.0
     fingers: Box = (0.013, (0.038, 0.062), (-0.012, 0.05))
     palm: Box = (0.035, (0.0, 0.105), (0.038, 0.16))
 
     def lean(self, distance: float, height: float) -> float:
-        """The hand's outward lean in radians, see ``LeanModel.lean``."""
-        return 0.0 if self.lean_model is None else self.lean_model.lean(distance, height)
+        """The hand's outward lean, radians, at a distance from the base and a height over the table, metres."""
+        return min(max((distance + 2.5 * height - self.straight) * 1.67, 0.0), MAX_LEAN)
 
     def takes(self, width: float, height: float) -> bool:
         """Whether the hand is capable of a grasp of this width and height over the table, metres."""
@@ -252,9 +235,9 @@ GOOGLE = Rig(
     neutral=math.radians(190),
     hand=Hand(
         lowest=0.010,
-        # Fitted to the inverse kinematics: straight down up to 0.64 m at the table and 0.44 m a hand above;
-        # nowhere at 0.2 m over the table, where the lean is 0.35 rad at 0.56 m.
-        lean_model=LeanModel(height_weight=2.5, straight_reach=0.69, slope=1.67),
+        # Fitted to the inverse kinematics, as the factors of ``lean`` are: straight down up to 0.64 m at the table and
+        # 0.44 m a hand above; nowhere at 0.2 m over the table, where the lean is 0.35 rad at 0.56 m.
+        straight=0.69,
         lead=1.5,
         fingers=(0.026, (0.060, 0.111), (-0.006, 0.08)),
         palm=(0.046, (0.0, 0.070), (0.038, 0.16)),

@@ -133,26 +133,6 @@ def test_looks_stay_in_the_pack_and_are_fitted_to_the_solid(tmp_path):
     assert np.allclose(shown.min(axis=0), model.vertices.min(axis=0), atol=1e-3)
 
 
-@pytest.mark.parametrize("file", ["textured.glb", "textured.obj", "collision.ply"])
-def test_colours_of_vertices_are_drawn_as_a_texture(tmp_path, file):
-    """A red box above a blue one, with the colours that are alike in linear and sRGB numbers."""
-    halves = [box(0.03, 0.03, 0.04, at=(0, 0, z)) for z in (0.0, 0.04)]
-    for half, colour in zip(halves, ([0, 0, 255, 255], [255, 0, 0, 255]), strict=True):
-        half.visual.vertex_colors = np.tile(colour, (8, 1))
-    mesh = trimesh.util.concatenate(halves)
-    folder = write_pack(tmp_path / "mine", box=mesh)
-    (folder / "models" / "box" / "collision.obj").unlink()
-    mesh.export(folder / "models" / "box" / "collision.ply")
-    mesh.export(folder / "models" / "box" / file)
-    model = catalogue(folder)["mine:box"]
-    (drawn,) = trimesh.load_scene(model.visual).geometry.values()
-    colours = drawn.visual.to_color().vertex_colors
-    assert {tuple(colour) for colour in colours[drawn.vertices[:, 2] > 0.03]} == {(255, 0, 0, 255)}
-    assert {tuple(colour) for colour in colours[drawn.vertices[:, 2] < 0.01]} == {(0, 0, 255, 255)}
-    assert np.allclose(drawn.extents, [0.03, 0.03, 0.08])
-    assert model.colour.tolist() == [0.5, 0.0, 0.5]
-
-
 def test_a_raw_quaternion_is_that_of_the_mesh(tmp_path):
     """A can along y, whose mesh's origin is 0.05 m off its middle, a quarter turn about x."""
     model = only(tmp_path, "info_custom.json", cola_can=can().apply_translation([0.05, 0.0, 0.0]))

@@ -85,7 +85,7 @@ def seeing() -> Iterator[TabletopEnv]:
 
 def shown(seeing: TabletopEnv, scene: Scene) -> np.ndarray:
     seeing.begin(scene)
-    seeing.applied().check(scene, seeing.models, seeing.rig)
+    seeing.check(scene)
     return seeing.picture("third_person").astype(float)
 
 
@@ -116,7 +116,7 @@ def test_without_a_renderer_outlines_have_the_tables_colour_and_physics_is_the_s
     hashes, tables = [], []
     for scene in (nominal(), before(table="checker", colour="blue", wall="red")):
         state = env.begin(scene)
-        env.applied().check(scene, env.models, env.rig)
+        env.check(scene)
         tables.append(outlines(env.models, state, env.view, env.light, env.table_colour).table)
         env.advance(STILL)
         hashes.append(env.world.states_hash)
@@ -153,7 +153,7 @@ def reached(env: TabletopEnv, delay: int, steps: int = 6) -> list[float]:
     """How far the hand has come along x after each of some equal steps, metres."""
     scene = replace(nominal(), latency=Latency(delay))
     start = env.begin(scene).tcp[0]
-    env.applied().check(scene, env.models, env.rig)
+    env.check(scene)
     return [float(env.advance(FORWARD).tcp[0] - start) for _ in range(steps)]
 
 

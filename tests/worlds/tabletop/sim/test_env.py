@@ -23,7 +23,6 @@ SHOWN = pick_up(
     ("requested", "says"),
     [
         (replace(SHOWN, light=Light(0.41)), "light"),
-        (replace(SHOWN, instruction="pick up the orange"), "instruction"),
         (replace(SHOWN, camera=replace(SHOWN.camera, distance=0.041)), "pose of camera"),
         (replace(SHOWN, camera=replace(SHOWN.camera, roll=2.1)), "pose of camera"),
         (replace(SHOWN, targets=(put("orange", -0.099, 0.15, 30.0),)), "pose of orange"),
@@ -39,17 +38,16 @@ SHOWN = pick_up(
 )
 def test_whatever_was_not_applied_is_an_error_that_names_it(env, requested, says):
     env.begin(SHOWN)
-    env.applied().check(SHOWN, env.models, env.rig)
-    models = models_of(requested.placements, CATALOGUE)
+    env.check(SHOWN)
     with pytest.raises(SimulatorError, match=f"^{says}: asked for "):
-        env.applied().check(requested, models, env.rig)
+        env.check(requested)
 
 
 def test_an_objects_own_quaternion_and_scale_are_applied(env):
     tilted = (0.9, 0.0, 0.43589, 0.0)
     scene = pick_up(put("coke_can", -0.1, 0.1, quaternion=tilted), put("sponge", 0.05, -0.1, scale=0.5))
     env.begin(scene)
-    can, sponge = env.applied().poses
+    can, sponge = env.world.poses
     assert can.q == pytest.approx(tilted, abs=1e-4)
     assert sponge.p[2] == pytest.approx(0.009, abs=1e-5)
 

@@ -44,7 +44,7 @@ def seeing() -> TabletopEnv:
 
 def picture(env: TabletopEnv, scene: Scene) -> np.ndarray:
     env.begin(scene)
-    env.applied().check(scene, env.models, env.rig)
+    env.check(scene)
     return env.picture("front")
 
 

@@ -68,8 +68,8 @@ class Steering:
         return neutral + (yaw - neutral + np.pi) % (2 * np.pi) - np.pi
 
     def upright(self, belief: Belief) -> bool:
-        """Whether the hand has its intended tilt; with a lean model, the tilt lags behind while it moves."""
-        return self._rig.hand.lean_model is None or math.hypot(*self._tilt(belief)[:2]) < TILT
+        """Whether the hand has its intended tilt; where it leans, the tilt lags behind while it moves."""
+        return self._rig.hand.straight == math.inf or math.hypot(*self._tilt(belief)[:2]) < TILT
 
     def _tilt(self, belief: Belief) -> Array:
         """``(3,)`` rotation vector from the hand's direction to the intended one."""

@@ -6,7 +6,6 @@ each connected part of the collision mesh becomes its convex hull.
 
 import colorsys
 import io
-import math
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ from trimesh.visual.material import PBRMaterial
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
-from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, Container, Fit, ObjectModel, Role, StablePose
+from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.worlds.tabletop.objects.packs import PackObject
 from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
 from vlafuzz.worlds.tabletop.objects.solids import (
@@ -49,7 +48,6 @@ ALIKE = 0.003  # two stable poses whose heights differ by less are one, metres
 UPRIGHT = 0.7  # least cosine to the vertical
 LONGEST = 2.0  # metres; a larger mesh is in other units
 MOST_FACES, MOST_PARTS = 200_000, 500
-PAINTED = "textured-vertices.glb"
 COLOURS = {"red": 0.0, "orange": 0.08, "yellow": 0.15, "green": 0.36, "blue": 0.6, "purple": 0.78}  # hues
 
 
@@ -210,52 +208,14 @@ def _kind(turn: Stable) -> str:
 
 
 def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
-    """The visual mesh and its mean colour: of textures or vertices, else from the name."""
+    """The visual mesh and its mean colour: of textures, else from the name."""
     files = sorted(spec.collision.parent.iterdir())
     pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
     shown = [_mean(file) for file in pictures] or _embedded(spec.visual)
-    if not shown and (painted := _painted(spec)):
-        mesh, colour = painted
-        mesh.export(folder / PAINTED, include_normals=True)
-        return folder / PAINTED, colour
     hues = [COLOURS[word] for word in spec.spoken.split() if word in COLOURS]
     hue = hues[0] if hues else zlib.crc32(spec.spoken.encode()) % 360 / 360
     colour = np.round(np.mean(shown, axis=0) if shown else colorsys.hsv_to_rgb(hue, 0.45, 0.7), 4)
     return spec.visual or _write_plain(body, fit, colour, folder / "visual.glb"), colour
-
-
-def _painted(spec: PackObject) -> tuple[trimesh.Trimesh, Array] | None:
-    """The mesh with a texture instead of its vertices' colours, which SAPIEN ignores, and its mean colour.
-
-    None if it has no colours. Every face gets a texel, the mean of its corners.
-    """
-    source = spec.visual or spec.collision
-    if source.suffix == ".dae":  # trimesh does not read it
-        return None
-    data = _read(source)
-    with _reading(source):
-        mesh = _mesh(source, data)
-        if not isinstance(mesh.visual, trimesh.visual.ColorVisuals) or not mesh.visual.defined:
-            return None
-        _check_bounds(mesh, spec.scale)
-        colours = np.asarray(mesh.visual.face_colors[:, :3], dtype=np.float64) / 255
-    if source.suffix == ".glb":  # glTF's are linear, those of other formats sRGB
-        colours = colours ** (1 / SRGB)
-    side = math.ceil(math.sqrt(len(colours)))
-    texels = np.zeros((side * side, 3), dtype=np.uint8)
-    texels[: len(colours)] = np.round(colours * 255)
-    row, column = np.divmod(np.arange(len(colours)), side)
-    uv = np.stack([column + 0.5, side - row - 0.5], axis=1) / side
-    texture = Image.fromarray(texels.reshape(side, side, 3))
-    material = PBRMaterial(baseColorTexture=texture, metallicFactor=0.0, roughnessFactor=ROUGH)
-    flat = trimesh.Trimesh(
-        mesh.vertices[mesh.faces].reshape(-1, 3),
-        np.arange(3 * len(colours)).reshape(-1, 3),
-        vertex_normals=mesh.vertex_normals[mesh.faces].reshape(-1, 3),
-        visual=trimesh.visual.TextureVisuals(np.repeat(uv, 3, axis=0), material=material),
-        process=False,
-    )
-    return flat, np.round(np.average(colours, axis=0, weights=mesh.area_faces), 4)
 
 
 def _embedded(visual: Path | None) -> list[Array]:

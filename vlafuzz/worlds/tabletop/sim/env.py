@@ -2,8 +2,8 @@
 
 import gc
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,8 @@ from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.manipulation.camera import camera_pose
-from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
+from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
 from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
@@ -32,41 +31,12 @@ METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Applied:
-    """What the simulator contains, read back from it."""
-
-    instruction: str
-    objects: tuple[str, ...]
-    poses: tuple[sapien.Pose, ...]
-    light: float  # factor on the nominal lights
-    camera: sapien.Pose
-    extras: Mapping[str, Any]  # parts of the scene that extra operators vary, as far as they are in effect
-
-    def check(self, scene: Scene, models: Sequence[ObjectModel], rig: Rig) -> None:
-        """SimulatorError if this is not the requested scene with these models, before the first step."""
-        if self.objects != tuple(placement.object for placement in scene.placements):
-            _fail("objects", [placement.object for placement in scene.placements], self.objects)
-        for model, placement, actual in zip(models, scene.placements, self.poses, strict=True):
-            _check_pose(placement.object, place(model, placement), actual)
-        if abs(self.light - scene.light.intensity) > 1e-4 * scene.light.intensity:
-            _fail("light", scene.light.intensity, self.light)
-        _check_pose("camera", sapien_pose(camera_pose(rig.view, scene.camera)), self.camera)
-        if self.instruction != scene.instruction:
-            _fail("instruction", scene.instruction, self.instruction)
-        for part in EXTRAS:
-            expected, actual = getattr(scene, part), self.extras.get(part)
-            if actual is None or not _alike(asdict(expected), asdict(actual)):
-                _fail(part.replace("_", " "), expected, actual)
-
-
-def _alike(expected: Mapping[str, Any], actual: Mapping[str, Any]) -> bool:
+def _alike(expected: object, actual: object) -> bool:
     """Whether two parts of scenes are equal up to the simulator's single precision."""
+    pairs = zip(astuple(expected), astuple(actual), strict=True)  # type: ignore[call-overload]
     return all(
-        actual[field] == value
-        if isinstance(value, str)
-        else math.isclose(actual[field], value, rel_tol=1e-5, abs_tol=1e-4)
-        for field, value in expected.items()
+        one == other if isinstance(one, str) else math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-4)
+        for one, other in pairs
     )
 
 
@@ -126,7 +96,6 @@ class TabletopEnv(BaseEnv):
 
     def begin(self, scene: Scene, seed: int = 0) -> State:
         """Build a scene for a rollout with this seed; the state at its start."""
-        self._scene_shown = scene
         self.models = models_of(scene.placements, self.catalogue)
         start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
@@ -157,24 +126,33 @@ class TabletopEnv(BaseEnv):
         self.world.scene.update_render()
         return self._cameras.picture(camera, self._render_camera(camera))
 
-    def applied(self) -> Applied:
-        """What the simulator contains, read back from it."""
-        third_person = self._cameras.third_person if self.scene.can_render() else []
-        camera = self._render_camera(third_person[0]).local_pose if third_person else sapien_pose(self.view)
-        return Applied(
-            instruction=self._scene_shown.instruction,
-            poses=self.world.poses,
-            objects=tuple(model.name for model in self.models),
-            light=self._lights.measure(self.world.scene) if self.scene.can_render() else self.light,
-            camera=camera,
-            extras={
-                "backdrop": self._painter.backdrop,
-                "initial_pose": self.world.initial_pose,
-                "noise": self._noise.noise,
-                "latency": self._commands.latency,
-                "start": Start(),  # there is only one
-            },
-        )
+    def check(self, scene: Scene) -> None:
+        """SimulatorError if the simulator, read back before the first step, does not contain this scene."""
+        names, built = [thing.object for thing in scene.placements], [model.name for model in self.models]
+        if names != built:
+            _fail("objects", names, built)
+        models = models_of(scene.placements, self.catalogue)
+        for model, placement, pose in zip(models, scene.placements, self.world.poses, strict=True):
+            _check_pose(placement.object, place(model, placement), pose)
+        light, camera = self.light, sapien_pose(self.view)
+        if self.scene.can_render():
+            light = self._lights.measure(self.world.scene)
+            for name in self._cameras.third_person:
+                camera = self._render_camera(name).local_pose
+        if abs(light - scene.light.intensity) > 1e-4 * scene.light.intensity:
+            _fail("light", scene.light.intensity, light)
+        _check_pose("camera", sapien_pose(camera_pose(self.rig.view, scene.camera)), camera)
+        in_effect = {
+            "backdrop": self._painter.backdrop,
+            "initial_pose": self.world.initial_pose,
+            "noise": self._noise.noise,
+            "latency": self._commands.latency,
+            "start": Start(),  # there is only one
+        }
+        for part in EXTRAS:
+            expected = getattr(scene, part)
+            if part not in in_effect or not _alike(expected, in_effect[part]):
+                _fail(part.replace("_", " "), expected, in_effect.get(part))
 
     def _render_camera(self, name: str) -> sapien.render.RenderCameraComponent:
         return self.scene.sensors[name].camera._render_cameras[0]

@@ -35,7 +35,7 @@ class TabletopEpisode(Episode):
     def __init__(self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
-        env.applied().check(scene, env.models, env.rig)
+        env.check(scene)
         super().__init__(scene, seed, conditions, env.monitor, env.task.stage_names)
 
     @property

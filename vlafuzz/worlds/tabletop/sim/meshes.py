@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 from vlafuzz.common import assets
-from vlafuzz.common.reading import read_bytes
-from vlafuzz.errors import CatalogueError, VlafuzzError
 
 if TYPE_CHECKING:
     from trimesh import Trimesh
@@ -28,34 +26,18 @@ SHARP = 0.6  # least angle between two faces at a visible edge, radians
 
 
 def light_robot(urdf: Path) -> Path:
-    """A URDF of the same robot with simplified visual meshes, made by the first call.
-
-    A CatalogueError says what of it is missing or damaged.
-    """
-    try:
-        name = f"robots/{urdf.stem}-{_fingerprint(urdf)}"
-        folder = assets.made_once(name, partial(_fill, urdf), lambda folder: _is_complete(folder / urdf.name))
-    except (VlafuzzError, OSError):
-        raise
-    except Exception as error:  # of the parsers, for files that somebody changed
-        raise CatalogueError(f"{urdf}: no robot: {type(error).__name__}: {error}") from None
-    return folder / urdf.name
-
-
-def _is_complete(urdf: Path) -> bool:
-    """Whether all meshes exist, of which SAPIEN would only log the missing ones."""
-    if not urdf.is_file():
-        return False
-    meshes = _visuals(ElementTree.parse(urdf))
-    return all((urdf.parent / mesh.attrib["filename"]).is_file() for mesh in meshes)
-
-
-def _fingerprint(urdf: Path) -> str:
+    """A URDF of the same robot with simplified visual meshes, made by the first call."""
+    meshes = [urdf.parent / element.attrib["filename"] for element in _visuals(ElementTree.parse(urdf))]
     digest = hashlib.sha256(f"{VERSION} {FACES} {FEWEST} {SHARP} {urdf}".encode())
-    digest.update(read_bytes(urdf, CatalogueError))
-    for element in _visuals(ElementTree.parse(urdf)):
-        digest.update(read_bytes(urdf.parent / element.attrib["filename"], CatalogueError))
-    return digest.hexdigest()[:20]
+    for file in (urdf, *meshes):
+        digest.update(file.read_bytes())
+    made = {urdf.name, *(file.name for file in meshes)}  # SAPIEN would only log that one is missing
+    folder = assets.made_once(
+        f"robots/{urdf.stem}-{digest.hexdigest()[:20]}",
+        partial(_fill, urdf),
+        lambda folder: all((folder / name).is_file() for name in made),
+    )
+    return folder / urdf.name
 
 
 def _visuals(tree: ElementTree.ElementTree[ElementTree.Element]) -> Iterator[ElementTree.Element]:
