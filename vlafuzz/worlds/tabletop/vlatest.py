@@ -18,7 +18,7 @@ from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
 from vlafuzz.model.scene_lines import Frame, SceneFile, is_document, read_scenes
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
-from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.manipulation.rigs import Workspace, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
@@ -50,13 +50,6 @@ class Counterpart(Strict):
     poses: _Poses
 
 
-class Rectangle(Strict):
-    """A rectangle on the table, metres."""
-
-    x: tuple[float, float]
-    y: tuple[float, float]
-
-
 class Base(Strict):
     """The pose of a robot's base: metres, and degrees."""
 
@@ -70,7 +63,7 @@ class Original(Strict):
 
     robots: dict[str, str]
     bases: dict[str, Base]
-    boxes: dict[str, Rectangle]
+    boxes: dict[str, Workspace]
     small_tasks: tuple[str, ...]
     small: tuple[str, ...]
     small_scale: float
@@ -81,13 +74,13 @@ class Original(Strict):
 class Table(Strict):
     """The content of operators/objects/vlatest.yaml."""
 
-    frames: dict[str, Rectangle]
+    frames: dict[str, Workspace]
     places: dict[str, str]  # the task by the receptacle that others are put on or into
     objects: dict[str, Counterpart]
     ycb: dict[str, Counterpart]
     original: Original
 
-    def drawn_from(self, task: str) -> Rectangle:
+    def drawn_from(self, task: str) -> Workspace:
         """The box that VLATest samples positions from: by default the frame."""
         return self.original.boxes.get(task, self.frames[task])
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.packs import box, can, tray, write_pack
+from tests.packs import box, can, write_pack
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.fairness import check_static
@@ -93,14 +93,10 @@ def test_a_fine_mesh_becomes_a_lean_one_of_the_same_size(tmp_path):
     assert size(model) == pytest.approx([0.06, 0.06, 0.06], abs=2e-3)
 
 
-def test_others_are_put_onto_plates_and_cloths_and_into_what_has_walls(tmp_path):
-    folder = write_pack(tmp_path / "mine", bridge_plate=box(0.1, 0.1, 0.006), tray=tray())
-    objects = catalogue(folder)
-    assert (objects["mine:bridge_plate"].role, objects["mine:bridge_plate"].supports) == ("place", True)
-    cavity = objects["mine:tray"].container
-    assert cavity is not None
-    assert (cavity.width, cavity.depth) == pytest.approx((0.18, 0.14), abs=0.01)
-    assert cavity.rim - cavity.floor == pytest.approx(0.04, abs=1e-3)
+def test_others_are_put_onto_plates_and_cloths_and_into_ycbs_bowl(tmp_path):
+    objects = catalogue(write_pack(tmp_path / "ycb", bridge_plate=box(0.1, 0.1, 0.006), bowl=box(0.15, 0.15, 0.05)))
+    assert (objects["ycb:bridge_plate"].role, objects["ycb:bridge_plate"].supports) == ("place", True)
+    assert (objects["ycb:bowl"].role, objects["ycb:bowl"].container.width) == ("place", 0.072)
 
 
 def test_what_the_gripper_cannot_take_is_an_obstacle_which_may_stand_about(tmp_path):

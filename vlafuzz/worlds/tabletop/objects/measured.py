@@ -21,7 +21,7 @@ from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
-from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, find_cavity, triangles
+from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.worlds.tabletop.objects.packs import PackObject
 from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
@@ -41,6 +41,10 @@ PROMINENT = 0.0008  # metres; PhysX drops corners that protrude by less than 0.7
 LEAST = 1e-9  # cubic metres; smaller parts are dropped
 TALL, ROUND = 1.2, 1.15  # least height / width and most width / depth of an object that stands along y
 SUPPORTS = {"plate", "cloth"}
+CAVITIES = {  # measured on the meshes of ManiSkill's YCB
+    "ycb:bowl": Container(0.072, 0.064, -0.0248, 0.0259),
+    "ycb:plate": Container(0.12, 0.112, -0.0096, 0.0127),
+}
 HEAVIEST = 3.0  # a Panda's payload, kilograms; heavier objects are places
 TRIED, KEPT = 8, 4  # the most stable poses that are examined, and that are kept
 SEARCHED = 24  # the most that are examined if none of those has a grasp
@@ -63,7 +67,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
     body = solid([_reduced(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
-    cavity = find_cavity(body.parts)
+    cavity = CAVITIES.get(name)
     if spec.marks:  # a place for things, as large as the marker
         width, depth, height = np.ptp(body.hull, axis=0).round(4)
         cavity = Container(float(width), float(depth), float(height) / 2, float(height) / 2)

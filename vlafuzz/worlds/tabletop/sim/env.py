@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import astuple
 from typing import Any
 
+import cv2
 import numpy as np
 import sapien
 from mani_skill.envs.sapien_env import BaseEnv
@@ -17,18 +18,23 @@ from vlafuzz.errors import PrerequisiteError, SimulatorError
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
-from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.sim.cameras import Cameras, sapien_pose
-from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend
-from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
+from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend, use_shaders
+from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE, wrist_of
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
+# In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
+WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
 METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
+
+
+def sapien_pose(view: CameraPose) -> sapien.Pose:
+    return sapien.Pose(view.position, view.quaternion)
 
 
 def _alike(expected: object, actual: object) -> bool:
@@ -76,7 +82,7 @@ class TabletopEnv(BaseEnv):
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue
-        self._cameras = Cameras(self.rig, cameras)
+        self._requests = {request.name: request for request in cameras}
         self.control_hz = self.rig.control_hz or control_hz
         try:
             super().__init__(
@@ -124,7 +130,13 @@ class TabletopEnv(BaseEnv):
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
         self.world.scene.update_render()
-        return self._cameras.picture(camera, self._render_camera(camera))
+        taking, request = self._render_camera(camera), self._requests[camera]
+        taking.take_picture()
+        image: NDArray[np.uint8] = taking.get_picture("Color")[..., :3]
+        size = (request.width, request.height)
+        if image.shape[1::-1] != size:  # a view that is not square is rendered whole, then squeezed to the request
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return image
 
     def check(self, scene: Scene) -> None:
         """SimulatorError if the simulator, read back before the first step, does not contain this scene."""
@@ -137,7 +149,7 @@ class TabletopEnv(BaseEnv):
         light, camera = self.light, sapien_pose(self.view)
         if self.scene.can_render():
             light = self._lights.measure(self.world.scene)
-            for name in self._cameras.third_person:
+            for name in self._third_person:
                 camera = self._render_camera(name).local_pose
         if abs(light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, light)
@@ -158,8 +170,12 @@ class TabletopEnv(BaseEnv):
         return self.scene.sensors[name].camera._render_cameras[0]
 
     def _aim(self) -> None:
-        for name in self._cameras.third_person:
+        for name in self._third_person:
             self.scene.sensors[name].camera.set_local_pose(sapien_pose(self.view))
+
+    @property
+    def _third_person(self) -> list[str]:
+        return [name for name, request in self._requests.items() if request.role == "third_person"]
 
     # Called by ManiSkill
 
@@ -173,7 +189,18 @@ class TabletopEnv(BaseEnv):
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
-        return self._cameras.configs(self.agent)
+        """The requested cameras, at their nominal poses."""
+        view, configs = self.rig.view, []
+        for name, request in self._requests.items():
+            pose, width, fov, mount = sapien.Pose(*WRIST_CAMERA), request.width, np.pi / 2, None
+            if request.role == "third_person":
+                pose, fov = sapien_pose(camera_pose(view)), np.radians(view.fov)
+                width = width if view.aspect == 1 else view.width(request.height)
+            else:
+                mount = wrist_of(self.agent)
+            made = CameraConfig(name, pose, width, request.height, fov, mount=mount, shader_config=use_shaders())
+            configs.append(made)
+        return configs
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))

@@ -29,7 +29,7 @@ _LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
 # What is opaque needs no background behind it: the same pictures, 6 % sooner.
 _COLOUR = "vec4 color = texture(samplerColorRaw, inUV);"
 _OPAQUE = f"{_COLOUR}\n  if (color.a == 1) {{ outColor = color; return; }}"
-_FORMATS = {"Color": "r8g8b8a8unorm", "ColorRaw": "r8g8b8a8unorm", "PositionSegmentation": "r16g16b16a16sint"}
+_FORMATS = {"Color": "r8g8b8a8unorm", "ColorRaw": "r8g8b8a8unorm"}
 
 
 def render_system(scene: sapien.Scene) -> sapien.render.RenderSystem | None:
