@@ -154,7 +154,7 @@ _SCHEMA = (
         PRIMARY KEY (run, rank)
     ) STRICT
     """,
-    # The expert's, as demonstrations; without an attempt where none solves the scene.
+    # Not written any more: what the expert did in scenes of demonstrations.
     """
     CREATE TABLE solution (
         scene TEXT NOT NULL REFERENCES scene,
