@@ -11,8 +11,7 @@ from tests.cli.typed import typed
 from tests.doubles import failed, manifest, trial
 from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
-from vlafuzz.cli import load, main
-from vlafuzz.cli.names import named
+from vlafuzz.cli import load, main, named
 from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus

@@ -114,7 +114,7 @@ class RunConfig:
     stop_early: bool = _option(JUDGE, "", "End a rollout at its first success.", "false", default=False)
     criteria: str = _option(JUDGE, "", "What success means: strict, or published.", "strict", default="strict")
     quality: str | None = _option(
-        JUDGE, "", "Of LIBERO's pictures: full, as its own; fast, nearly so and cheaper on a CPU.", "full"
+        JUDGE, "", "How a world draws, if it has a choice: full; fast, nearly so and cheaper on a CPU.", "full"
     )
     workers: int | None = _option(
         WHERE,

@@ -14,8 +14,7 @@ from typer.core import TyperCommand
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
 from vlafuzz.cli.help import epilog
-from vlafuzz.cli.names import named
-from vlafuzz.common.plugins import trust, trusting
+from vlafuzz.common.plugins import EVERYTHING, trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
 BUG = 70  # the exit code of a traceback
@@ -151,6 +150,22 @@ def load(name: str) -> Any:
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     single.command(name, epilog=epilog(name))(stdout_for_data()(command))
     return typer.main.get_command(single)
+
+
+def named(command: Any, words: Sequence[str]) -> list[str]:
+    """The policies and strategies that flags among the words behind a command name, and ``EVERYTHING`` for ``--trust``.
+
+    A positional word is never among them, nor a value of ``--checkpoints``: a pattern such as ``*`` becomes names of
+    files, which somebody else may have chosen.
+    """
+    given, *_ = command.make_parser(typer.Context(command)).parse_args(list(words))
+    options = {param.name for param in command.params if param.param_type_name == "option"}
+    found: list[str] = []
+    for flag in ("policy", "policy_a", "policy_b", "baseline", "strategy", "strategies"):
+        value = given.get(flag) if flag in options else None
+        for name in [value] if isinstance(value, str) else value or ():
+            found += [one.strip() for one in name.split(",")] if flag == "strategies" else [name]
+    return [*found, *[EVERYTHING] * bool(given.get("trust"))]
 
 
 _groups = {name: typer.Typer(help=says, no_args_is_help=True) for name, says in GROUPS.items()}

@@ -1,11 +1,11 @@
 """``vlafuzz doctor``."""
 
 from collections.abc import Iterator
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, OperatorsFlag, PackFlag, TimeFlag, opened, option, option_of
+from vlafuzz.cli.flags import JsonFlag, TimeFlag, configured, option, with_run_options
 from vlafuzz.cli.output import Bar, print_row, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.doctor import Check
@@ -15,20 +15,22 @@ from vlafuzz.errors import UsageError, check_number
 WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "proprioception"
 
 
+@with_run_options(
+    *("policy", "task", "robot", "operators", "packs", "seed"),
+    policy="none: check this machine",
+    task="the first: `vlafuzz list worlds`",
+    robot="the world's first",
+)
 def doctor(
-    policy: Annotated[str | None, option_of("policy", "none: check this machine")] = None,
+    *,
     world: Annotated[
         str | None,
         option("The policy's world; without a policy, one of your own, python:pkg.mod:factory, to be checked itself."),
     ] = None,
-    task: Annotated[str | None, option_of("task", "the first: `vlafuzz list worlds`")] = None,
-    robot: Annotated[str | None, option_of("robot", "the world's first")] = None,
-    operators: OperatorsFlag = None,
-    pack: PackFlag = None,
-    seed: Annotated[int | None, option_of("seed")] = None,
     n: Annotated[int | None, option("Nominal scenes that the policy is to solve.", "10", flag="--n")] = None,
     time: TimeFlag = None,
     json: JsonFlag = False,
+    **given: Any,
 ) -> None:
     """Check this machine, a policy or a world: what is there, whether it works, and what follows from it.
 
@@ -36,9 +38,8 @@ def doctor(
     whether something is the wrong way round. A world of your own is checked for resets that repeat themselves, values
     that arrive and act, and pictures. Exit code 3: something must be fixed first.
     """
-    packs = opened(pack) or None
-    values = {"task": task, "robot": robot, "operators": operators, "packs": packs, "seed": seed}
-    flags = {name: value for name, value in values.items() if value is not None}
+    flags = configured(given)
+    policy, task = flags.get("policy"), flags.get("task")
     until, done, interrupted = deadline("--time", time), list[Check](), False
     if policy is None and (flags.keys() - {"task" if world else ""} or n is not None or time is not None):
         raise UsageError("nothing but --json goes without --policy", hint="name the policy to be checked")
@@ -53,7 +54,7 @@ def doctor(
             from vlafuzz.doctor.exam import examine
             from vlafuzz.worlds import task_of
 
-            run = RunConfig(policy=policy, **flags | {"task": task_of(world, task)})  # type: ignore[arg-type]
+            run = RunConfig(**flags | {"task": task_of(world, task)})
             checks = examine(run, 10 if n is None else n, bar, until)
         try:
             for check in checks:

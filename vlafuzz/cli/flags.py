@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from inspect import Parameter, signature
 from pathlib import Path
@@ -68,26 +70,32 @@ def option_of(name: str, shown: str | None = None, *, more: str = "", panel: str
     return option(text, default, flag=flag, hidden=not told.flag, panel=panel)
 
 
-def with_run_options(command: Callable[..., None]) -> Callable[..., None]:
-    """The same command with all options of a ``RunConfig``, which it gets in its keywords."""
+Command = Callable[..., None]
+
+
+def with_run_options(*names: str, **shown: str) -> Callable[[Command], Command]:
+    """Gives a command options of a ``RunConfig``, by default all, which it gets in its keywords.
+
+    Args:
+        shown: defaults in words, by the option's name, where they are other ones in this command.
+    """
     hints = get_type_hints(RunConfig)
-    options = [
-        Parameter(
-            name,
-            Parameter.KEYWORD_ONLY,
-            default=None,
-            annotation=Annotated[
-                (told.kind or hints[name]) | None, option_of(name, more=told.of_run, panel=told.panel)
-            ],
+
+    def made(name: str) -> Parameter:
+        told = OPTIONS[name]
+        given = option_of(name, shown.get(name), more="" if names else told.of_run, panel=told.panel)
+        kind = Annotated[(told.kind or hints[name]) | None, given]
+        return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+
+    def decorated(command: Command) -> Command:
+        whole = signature(command, eval_str=True)
+        own = [one for one in whole.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
+        command.__signature__ = whole.replace(  # type: ignore[attr-defined] # typer reads it
+            parameters=[*map(made, names or OPTIONS), *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in own)]
         )
-        for name, told in OPTIONS.items()
-    ]
-    whole = signature(command, eval_str=True)
-    own = [one for one in whole.parameters.values() if one.kind is not Parameter.VAR_KEYWORD]
-    command.__signature__ = whole.replace(  # type: ignore[attr-defined] # typer reads it
-        parameters=[*options, *(one.replace(kind=Parameter.KEYWORD_ONLY) for one in own)]
-    )
-    return command
+        return command
+
+    return decorated
 
 
 def configured(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -95,6 +103,11 @@ def configured(given: Mapping[str, Any]) -> dict[str, Any]:
     read: dict[str, Callable[[Any], Any]] = {"vary": listed, "packs": lambda folders: opened(folders) or None}
     values = {name: read[name](value) if name in read else value for name, value in given.items()}
     return {name: value for name, value in values.items() if value is not None}
+
+
+def typed() -> str:
+    """The command line as the user typed it."""
+    return shlex.join(["vlafuzz", *sys.argv[1:]])
 
 
 def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
@@ -154,12 +167,9 @@ def _flags(path: str, content: Mapping[Any, Any], known: set[str]) -> dict[str, 
     return flags
 
 
-PolicyFlag = Annotated[str | None, option_of("policy")]
 RobotFlag = Annotated[str | None, option_of("robot")]
 LabelFlag = Annotated[str | None, option_of("label")]
 OperatorsFlag = Annotated[str | None, option_of("operators")]
-VaryFlag = Annotated[str | None, option_of("vary")]
-SeedFlag = Annotated[int, option_of("seed", "")]
 WorkersFlag = Annotated[int | None, option_of("workers")]
 ExecutorFlag = Annotated[str | None, option_of("executor")]
 PackFlag = Annotated[list[str] | None, option_of("packs")]

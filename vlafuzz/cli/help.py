@@ -7,7 +7,7 @@ from collections.abc import Mapping
 EXAMPLES: Mapping[str, tuple[str, str]] = {
     "run": (
         "vlafuzz run --policy pinhole --task put-on --budget 100 --store first.db",
-        "vlafuzz run --policy 'openpi:ws://gpu:8000?profile=libero' --vary light,camera-position --time 1h",
+        "vlafuzz run --policy openpi:ws://gpu:8000 --vary light,camera-position --time 1h",
     ),
     "triage": ("vlafuzz triage first.db --limit 5", "vlafuzz triage first.db --rollouts 500 --time 30m"),
     "report": ("vlafuzz report first.db --out page.html", "vlafuzz report mini-pick-up --out corpus.html --no-videos"),

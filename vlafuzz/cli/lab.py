@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, PackFlag, RobotFlag, SeedFlag, WorkersFlag, opened, option, option_of
+from vlafuzz.cli.flags import JsonFlag, configured, opened, option, option_of, typed, with_run_options
 from vlafuzz.cli.output import interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number, suggestion
 from vlafuzz.worlds import usual_world
@@ -17,6 +15,7 @@ from vlafuzz.worlds import usual_world
 STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 
 
+@with_run_options("robot", "operators", "packs", "seed", "workers", operators="paper-rq1, or those of another robot")
 def study(
     study: Annotated[str, typer.Argument(help="Which one: " + ", ".join(STUDIES) + ".")],
     out: Annotated[Path, option("Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")],
@@ -25,15 +24,11 @@ def study(
     ] = None,
     task: Annotated[list[str] | None, option_of("task", "all that the study has", more="May be repeated.")] = None,
     scenes: Annotated[int, option("Scenes a task, and a number of confounders in rq2.", flag="--scenes --n")] = 100,
-    robot: RobotFlag = None,
-    operators: Annotated[str | None, option_of("operators", "paper-rq1, or those of another robot")] = None,
-    pack: PackFlag = None,
     unseen: Annotated[
         list[str] | None, option("The pack of rq5's unseen objects, a folder or a name; may be repeated.")
     ] = None,
-    seed: SeedFlag = 0,
-    workers: WorkersFlag = None,
     json: JsonFlag = False,
+    **given: Any,
 ) -> None:
     """Do an experiment of the VLATest paper with policies, side by side.
 
@@ -72,15 +67,8 @@ def study(
         policies=[*dict.fromkeys(policy or ())] or [None],
         unseen=opened(unseen),
     )
-    run = RunConfig(
-        budget=scenes,
-        seed=seed,
-        robot=robot,
-        operators=operators or ranges_for(robot),
-        packs=opened(pack),
-        workers=workers,
-        command=shlex.join(["vlafuzz", *sys.argv[1:]]),
-    )
+    ranges = {"operators": given["operators"] or ranges_for(given["robot"])}
+    run = RunConfig(**configured(given) | ranges, budget=scenes, command=typed())
     with interruptible("interrupted: all scenes so far are stored\nhint: the same command continues") as bar:
         result = run_study(request, run, out, bar, speed_of)
     document = write(result, out)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, with_run_options
+from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from vlafuzz.common.deadline import Deadline
 
 
-@with_run_options
+@with_run_options()
 def command(
     *,
     world: Annotated[
@@ -83,16 +83,12 @@ def command(
         asked = partial(run_plan, certify=certify, json=json)
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=_typed()))
+        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=typed()))
         plan, speed = _checked(plan, flags, unchecked=unchecked)
         runs = [run_plan(plan, speed, until, certify=certify, json=json)]
         if json:
             print_json(runs[0].document)
     _end(runs, left, fail_on_finding=fail_on_finding)
-
-
-def _typed() -> str:
-    return shlex.join(["vlafuzz", *sys.argv[1:]])
 
 
 def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
@@ -158,7 +154,7 @@ def _run_tasks(
     name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
     path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
     shared = {**flags, "store": path, "policy": policy}
-    config = RunConfig(**{**shared, "task": None}, command=_typed())
+    config = RunConfig(**{**shared, "task": None}, command=typed())
     again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
     first, left = None, ""
     runs: list[Done] = []
