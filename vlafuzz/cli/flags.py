@@ -84,8 +84,9 @@ def with_run_options(*names: str, **shown: str) -> Callable[[Command], Command]:
     def made(name: str) -> Parameter:
         told = OPTIONS[name]
         given = option_of(name, shown.get(name), more="" if names else told.of_run, panel=told.panel)
-        kind = Annotated[(told.kind or hints[name]) | None, given]
-        return Parameter(name, Parameter.KEYWORD_ONLY, default=None, annotation=kind)
+        return Parameter(
+            name, Parameter.KEYWORD_ONLY, default=None, annotation=Annotated[(told.kind or hints[name]) | None, given]
+        )
 
     def decorated(command: Command) -> Command:
         whole = signature(command, eval_str=True)
