@@ -85,10 +85,8 @@ def main() -> None:
     batches: dict[str, float] = {}
     with serving(model, "vla-eval") as address, ExitStack() as stack:
         executors = {
-            kind: stack.enter_context(
-                closing(executor_at(place, make, make_policy(f"{address}&batch={options.batch}")))
-            )
-            for kind, place in ((ALONE, Place(lanes=1)), (TOGETHER, Place()))
+            kind: stack.enter_context(closing(executor_at(Place(), make, make_policy(f"{address}&batch={batch}"))))
+            for kind, batch in ((ALONE, 1), (TOGETHER, options.batch))
         }
         for kind, executor in executors.items():  # makes all simulators
             rollouts(executor, [next(drawn)] * (1 if kind == ALONE else options.batch))

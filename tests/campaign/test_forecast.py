@@ -15,7 +15,7 @@ SLOW = Speed(answer=0.5, simulator=0.0, batch=8, batched=0.8, words="measured: a
 
 
 class Common(Random):
-    shared = True
+    shared, answers_batches = True, True
 
     def __init__(self) -> None:
         super().__init__()
@@ -54,8 +54,7 @@ def test_workers_that_share_a_policy_are_answered_in_batches(planned: Plan):
 
 
 def test_scenes_in_lockstep_are_answered_in_batches_and_share_the_simulator(planned: Plan):
-    manifest = replace(planned.manifest, batch=8)
-    eight = replace(planned, manifest=manifest, place=Place(lanes=16))
+    eight = replace(planned, manifest=replace(planned.manifest, batch=8), policy=Common())
     speed = replace(SLOW, simulator=0.01)
     assert at_a_time(eight) == 8
     assert Forecast(eight, speed, certify=False).run == pytest.approx(300 * 0.7 * 80 * (0.8 / 8 + 0.01))

@@ -43,7 +43,6 @@ def test_rq1_has_a_run_of_every_task(folder: Path, capsys):
     assert {row["stages"]["success"]["of"] for row in document["arms"]} == {6}
     assert json.loads((folder / "rq1.json").read_text()) == document
     assert "What differs from the paper: it has 1000 scenes" in (folder / "rq1.md").read_text()
-    assert (folder / "rq1.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_is_stored_is_not_run_again(folder: Path, capsys):
@@ -125,7 +124,6 @@ def test_rq3_has_three_mutants_of_every_passed_scene_beside_an_unmutated_control
     assert mutated["control"]["share"] == 1
     assert mutated["gain"]["low"] < mutated["gain"]["value"] < 0
     assert "What differs from the paper: it has no control arm" in (folder / "rq3.md").read_text()
-    assert (folder / "rq3.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_rq4_moves_and_turns_the_camera_only(folder: Path, capsys):
@@ -190,7 +188,6 @@ def test_who_passed_nothing_has_nothing_to_lose(folder: Path, capsys, monkeypatc
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Always(failed()))
     (control,) = arms(capsys, "rq3", "--task", "pick-up")
     assert (control["arm"], control["success"]["of"]) == ("control", 0)
-    assert (folder / "rq3.png").exists()
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from vlafuzz.common.statistics import (
+    Share,
     SignedRank,
     holm,
     mean_difference,
@@ -18,7 +19,6 @@ from vlafuzz.common.statistics import (
     paired_difference,
     pairs_needed,
     sequential_interval,
-    share_interval,
     sign_test,
     signed_rank,
     smallest_p,
@@ -122,26 +122,31 @@ def cases(*runs: tuple[int, int]) -> list[tuple[int, bool]]:
     return [(run, number < so) for run, (so, of) in enumerate(runs) for number in range(of)]
 
 
+def grouped(sample: list[tuple[int, bool]]) -> tuple[float, float]:
+    share = Share.grouped(sample)
+    return share.low, share.high
+
+
 def test_the_interval_of_a_share_is_wilsons_of_fewer_cases_where_runs_differ():
     # Shares 0.2, 0.5, 0.8: of 30 cases a variance of 0.03, against 0.25/30; t is 4.303 with 3 runs.
     effective = 0.25 / 0.03 * (1.959964 / 4.302653) ** 2
     expected = wilson(effective / 2, effective)
-    assert share_interval(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
+    assert grouped(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
 
 
 def test_runs_that_are_more_alike_than_chance_do_not_make_it_narrower():
-    assert share_interval(cases((5, 10), (5, 10), (5, 10))) == wilson(15, 30)
+    assert grouped(cases((5, 10), (5, 10), (5, 10))) == wilson(15, 30)
 
 
 @pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], []])
 def test_where_nothing_varies_it_is_wilsons(runs: list[tuple[int, int]]):
     so, of = sum(value[0] for value in runs), sum(value[1] for value in runs)
-    assert share_interval(cases(*runs)) == wilson(so, of)
+    assert grouped(cases(*runs)) == wilson(so, of)
 
 
 def test_the_interval_of_a_share_holds_what_it_says_where_wilsons_does_not():
     rng = np.random.default_rng([0, 4])
-    covered = {share_interval: 0, lambda sample: wilson(sum(so for _, so in sample), len(sample)): 0}
+    covered = {grouped: 0, lambda sample: wilson(sum(so for _, so in sample), len(sample)): 0}
     for _ in range(200):
         shares = rng.beta(0.6 * 4, 0.4 * 4, size=5)  # failures of one run correlate by 0.2
         sample = cases(*((int(rng.binomial(10, share)), 10) for share in shares))

@@ -224,11 +224,3 @@ def test_what_came_later_is_not_in_the_json_of_what_is_without():
     assert '"frame":"vlatest"' in changed.to_json()
     assert '"listed":1' in changed.to_json()
     assert ONE.digest == "f885afad8c551c3bfdf5aefef426fac6"
-
-
-def test_objects_are_listed_with_the_targets_first_unless_told_otherwise():
-    apple, plate, orange = ONE.placements
-    assert ONE.listing == ONE.placements
-    renumbered = replace(ONE, targets=(replace(apple, listed=2), replace(plate, listed=0)),
-                   confounders=(replace(orange, listed=1),))  # fmt: skip
-    assert [placement.object for placement in renumbered.listing] == ["plate", "orange", "apple"]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json as json_format
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, configured, listed, option, typed, with_run_options
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
+from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError, check_number
 
 _CONTINUES = "the same command continues"
@@ -33,7 +35,7 @@ def command(
             "as many as --budget, at least 200",
         ),
     ] = None,
-    out: Annotated[Path | None, option("Folder for plot and JSON.", "runs/compare-…")] = None,
+    out: Annotated[Path | None, option("Folder for compare.json.", "runs/compare-…")] = None,
     json: JsonFlag = False,
     config: ConfigFlag = None,
     **given: Any,
@@ -48,7 +50,7 @@ def command(
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
     from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare.compare import compare
-    from vlafuzz.lab.compare.comparison import rows, sentences, write_folder
+    from vlafuzz.lab.compare.comparison import rows, sentences
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)
@@ -70,11 +72,9 @@ def command(
     else:
         print_rows(rows(compared), title=compared.title)
         print_lines(*sentences(compared))
-    try:
-        written = write_folder(compared, folder)
-    except OSError as error:
-        raise UsageError(f"--out: {error}", hint=f"all runs are stored: {_CONTINUES}") from None
-    Bar.note(f"written to {folder}: {', '.join(written)}")
+    with writing(folder / "compare.json", f"all runs are stored: {_CONTINUES}"):
+        write_whole(folder / "compare.json", json_format.dumps(asdict(compared), indent=2, allow_nan=False) + "\n")
+    Bar.note(f"written: {folder / 'compare.json'}")
 
 
 def _names(strategies: str) -> list[str]:

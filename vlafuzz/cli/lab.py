@@ -18,7 +18,7 @@ STUDIES = ("rq1", "rq2", "rq3", "rq4", "rq5", "rq6", "prompts")
 @with_run_options("robot", "operators", "packs", "seed", "workers", operators="paper-rq1, or those of another robot")
 def study(
     study: Annotated[str, typer.Argument(help="Which one: " + ", ".join(STUDIES) + ".")],
-    out: Annotated[Path, option("Folder for STUDY.json, STUDY.md, STUDY.png and the store of all runs.")],
+    out: Annotated[Path, option("Folder for STUDY.json, STUDY.md and the store of all runs.")],
     policy: Annotated[
         list[str] | None, option_of("policy", "mini, or pinhole where nothing renders", more="May be repeated.")
     ] = None,

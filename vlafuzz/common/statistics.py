@@ -42,8 +42,16 @@ class Share:
 
     @classmethod
     def grouped(cls, cases: Sequence[tuple[Hashable, bool]]) -> Self:
-        """Of cases with their group; those of one group may be alike, see ``share_interval``."""
-        return cls(sum(positive for _, positive in cases), len(cases), *share_interval(cases))
+        """Of cases with their group; those of one group may be alike.
+
+        The interval is Wilson's for the effective number of cases, reduced further when there are few groups: Korn,
+        Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one
+        group, or where all or no cases are positive, it is Wilson's of all cases, which may be too narrow.
+        """
+        groups: dict[Hashable, list[bool]] = {}
+        for of, positive in cases:
+            groups.setdefault(of, []).append(positive)
+        return cls.of_groups([(sum(group), len(group)) for group in groups.values()])
 
     @classmethod
     def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
@@ -62,7 +70,7 @@ class Share:
 def wilson(k: float, n: float) -> Interval:
     """Wilson's 95 % score interval of a share, ``k`` of ``n``; [0, 1] when n is 0.
 
-    SciPy's takes integers only, ``share_interval`` needs effective counts.
+    SciPy's takes integers only, groups have effective counts.
     """
     if n == 0:
         return Interval(0.0, 1.0)
@@ -231,19 +239,6 @@ def _half_width(values: NDArray[np.float64]) -> float:
     from scipy.stats import t
 
     return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
-
-
-def share_interval(cases: Sequence[tuple[Hashable, bool]]) -> Interval:
-    """95 % interval of the share of positive cases, given the run of each case: those of one run are alike.
-
-    This is Wilson's for the effective number of cases, reduced further when there are few runs: Korn, Graubard 1998;
-    Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one run, or where all or
-    no cases are positive, it is Wilson's of all cases, which may be too narrow.
-    """
-    groups: dict[Hashable, list[bool]] = {}
-    for of, positive in cases:
-        groups.setdefault(of, []).append(positive)
-    return _of_groups([(sum(group), len(group)) for group in groups.values()])
 
 
 def _of_groups(groups: Sequence[tuple[int, int]]) -> Interval:

@@ -7,7 +7,7 @@ from typing import Literal
 from vlafuzz.errors import UsageError
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.scene_lines import load_scenes, load_verdicts
+from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.store import Store
 
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
@@ -24,8 +24,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
         if run is not None:
             problem = f"--run {run}: {source} is a file of scenes, not a store"
             raise UsageError(problem, hint="leave out --run")
-        told = load_verdicts(source)
-        return {scene: told.get(scene.digest) for scene in load_scenes(source)}
+        return dict.fromkeys(load_scenes(source))
     with Store.open(source) as store:
         if chosen == "failed":
             return dict.fromkeys((finding.scene for finding in store.findings(run)), chosen)

@@ -191,15 +191,6 @@ class Scene:
         """All objects, the targets first."""
         return self.targets + self.confounders
 
-    @property
-    def listing(self) -> tuple[Placement, ...]:
-        """All objects, in the order in which an imported scene lists them."""
-        numbered = [
-            (index if placement.listed is None else placement.listed, index)
-            for index, placement in enumerate(self.placements)
-        ]
-        return tuple(self.placements[index] for _, index in sorted(numbered))
-
     @cached_property
     def digest(self) -> str:
         """32 hexadecimal digits of the canonical JSON."""

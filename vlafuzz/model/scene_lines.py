@@ -13,7 +13,7 @@ from vlafuzz.model.scene import Scene
 
 MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
 Frame = Literal["fit", "keep", "original", "robot"]  # how scenes of VLATest become ours
-_VERDICT, _TOLD = "verdict", ("passed", "failed")
+_VERDICT = "verdict"
 _EXPECTED = "expected JSON lines with one scene per line"
 
 
@@ -55,7 +55,7 @@ def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, S
         if not line.strip():
             continue
         try:
-            yield number, Scene.from_json(_split(line)[0])
+            yield number, Scene.from_json(_without_verdict(line))
         except SceneError as error:
             yield number, SceneError(f"{path}:{number}: {error.message}", error.hint)
 
@@ -65,26 +65,17 @@ def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
     return SceneFile(Path(path), tuple(read_scenes(Path(path), inside))).scenes()
 
 
-def load_verdicts(path: Path) -> dict[str, str]:
-    """The verdicts that a file tells beside its scenes, passed or failed, by the digests of the scenes."""
-    verdicts: dict[str, str] = {}
-    for line in read_text(path, SceneError, _EXPECTED, most=MOST).split("\n"):
-        scene, verdict = _split(line)
-        if verdict in _TOLD:
-            verdicts[Scene.from_json(scene).digest] = str(verdict)
-    return verdicts
-
-
-def _split(line: str) -> tuple[str, object]:
-    """The scene of a line, and its verdict if there is one beside it."""
+def _without_verdict(line: str) -> str:
+    """The scene of a line, which may have a verdict beside it."""
     if _VERDICT not in line:
-        return line, None
+        return line
     try:
         document = parse_json(line)
     except ValueError:
-        return line, None  # reading it as a scene will raise the error
-    verdict = document.pop(_VERDICT, None) if isinstance(document, dict) else None
-    return json.dumps(document), verdict
+        return line  # reading it as a scene will raise the error
+    if isinstance(document, dict):
+        document.pop(_VERDICT, None)
+    return json.dumps(document)
 
 
 def write_scenes(path: Path, scenes: Iterable[Scene], verdicts: Mapping[Scene, str | None] | None = None) -> None:

@@ -29,14 +29,11 @@ class Place:
     Attributes:
         executor: one of ``EXECUTORS``; None for local with one worker, else processes.
         address: of a ray cluster; None to start one here.
-        lanes: scenes at a time in this process, see ``LockstepExecutor``; None for as many as the server of a policy
-            takes in a batch, for other policies one.
     """
 
     workers: int = 1
     executor: str | None = None
     address: str | None = None
-    lanes: int | None = None
 
     @property
     def kind(self) -> str:
@@ -75,10 +72,8 @@ def default_workers(policy: str, most: int | None = None) -> int:
 
 
 def lanes_at(place: Place, policy: Policy) -> int:
-    """Scenes at a time in this process."""
-    if place.kind != "local":
-        return 1
-    return place.lanes or lanes_for(policy)
+    """Scenes at a time in this process: as many as the server of a policy takes in a batch."""
+    return lanes_for(policy) if place.kind == "local" else 1
 
 
 def policy_at(place: Place, name: str) -> Policy:

@@ -210,7 +210,7 @@ def test_the_list_is_kept_where_the_targets_are_not_its_first(tmp_path: Path) ->
     path = write(tmp_path / "x.json", turned(2, 0, "apple", "orange", "sponge"), turned(0, 1, "apple", "orange"))
     mixed, plain = original(path)
     assert names(mixed) == ["custom:sponge", "custom:apple", "custom:orange"]
-    assert [placed.object for placed in mixed.listing] == ["custom:apple", "custom:orange", "custom:sponge"]
+    assert [placed.listed for placed in mixed.placements] == [2, 0, 1]
     assert Scene.from_json(mixed.to_json()) == mixed
     assert "listed" not in plain.to_json()
 
@@ -237,7 +237,7 @@ def test_of_the_published_files_every_scene_is_read_in_any_frame(path: Path) -> 
     for number, scene in enumerate(scenes):
         entry = raw[str(number)]
         options = entry.get("distractor_obj_init_options", {}) if "model_id" in entry else entry["obj_init_options"]
-        for placed in scene.listing:
+        for placed in scene.placements:
             name = placed.object.partition(":")[2]
             theirs = options.get(name, entry["obj_init_options"])
             assert [placed.x, placed.y] == theirs["init_xy"]

@@ -1,13 +1,10 @@
-"""Comparison: what strategies are judged by, with tests against a reference, as a table, sentences and a plot."""
+"""Comparison: what strategies are judged by, with tests against a reference, as a table and sentences."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 from statistics import fmean
 
-from vlafuzz.common.files import write_whole
 from vlafuzz.common.statistics import (
     Estimate,
     SignedRank,
@@ -20,7 +17,6 @@ from vlafuzz.common.statistics import (
     smallest_p,
 )
 from vlafuzz.common.text import Row, interval, percent, plural
-from vlafuzz.lab.plots import Line, draw
 from vlafuzz.store.records import Manifest
 
 ALPHA = 0.05
@@ -285,24 +281,3 @@ def sentences(compared: Comparison) -> list[str]:
         runs = f"in {len(short)} of {plural(len(compared.runs), 'run')}"
         said.append(f"{runs} {limit} rollouts are too few to triage one failure: give more --triage-rollouts")
     return said
-
-
-def write_folder(compared: Comparison, folder: Path) -> list[str]:
-    """Write a comparison into an existing folder, as JSON and as a plot; the names of the files.
-
-    Raises:
-        OSError: the folder cannot be written.
-    """
-    document = json.dumps(asdict(compared), indent=2, allow_nan=False)
-    write_whole(folder / "compare.json", document + "\n")
-    panels = {
-        MEASURES[measure].says: [
-            Line(standing.strategy, mean.value, mean.low, mean.high, dots)
-            for standing in compared.standings
-            if (mean := standing.means[measure])
-            and (dots := _known([run for run in compared.runs if run.strategy == standing.strategy], measure))
-        ]
-        for measure in ("causes", "failures")
-    }
-    draw(folder / "compare.png", compared.title, {name: lines for name, lines in panels.items() if lines})
-    return ["compare.json", "compare.png"]

@@ -1,4 +1,4 @@
-"""The result of a study: arms beside their controls, as values, a table and a plot."""
+"""The result of a study: arms beside their controls, as values and as a table."""
 
 import json
 from collections.abc import Hashable, Mapping, Sequence
@@ -10,7 +10,6 @@ from vlafuzz.common.files import make_folder, write_whole
 from vlafuzz.common.statistics import Estimate, Share, fisher, holm, newcombe, paired_difference, sign_test
 from vlafuzz.common.text import Row, markdown_table, percent, points
 from vlafuzz.errors import UsageError
-from vlafuzz.lab.plots import Line, draw
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -154,20 +153,13 @@ def _row(row: Arm) -> Row:
 
 
 def write(result: StudyResult, folder: Path) -> dict[str, Any]:
-    """Write JSON, Markdown and a plot, named after the study; returns the JSON."""
+    """Write JSON and Markdown, named after the study; returns the JSON."""
     make_folder(folder)
     document = asdict(result, dict_factory=_with_shares)
     markdown = "\n\n".join([f"# {result.title}", markdown_table(result.rows()), *result.said()]) + "\n"
-    panels: dict[str, list[Line]] = {}
-    for row in result.arms:
-        label, of = f"{row.policy}: {row.arm}", row.success
-        control = row.control.share if row.control and row.control.of else None
-        line = Line(label, of.share if of.of else None, of.low, of.high, control=control)
-        panels.setdefault(row.task, []).append(line)
     try:
         write_whole(folder / f"{result.study}.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
         write_whole(folder / f"{result.study}.md", markdown)
-        draw(folder / f"{result.study}.png", f"{result.title}: success (diamonds: of the control)", panels, most=1)
     except OSError as error:
         raise UsageError(f"--out: {error}", hint="all runs are stored: the same command continues") from None
     return document
