@@ -154,7 +154,7 @@ _SCHEMA = (
         PRIMARY KEY (run, rank)
     ) STRICT
     """,
-    # Not written any more: what the expert did in scenes of demonstrations.
+    # The expert's, as demonstrations; without an attempt where none solves the scene.
     """
     CREATE TABLE solution (
         scene TEXT NOT NULL REFERENCES scene,
