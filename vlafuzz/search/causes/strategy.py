@@ -21,7 +21,7 @@ from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.scoring import Score
 
 LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to four workers busy
-ROUNDS = 75  # of outcomes to learn from: the more are outstanding, the later it learns
+ROUNDS = 150  # of outcomes to learn from: with twice as many outstanding, a run finds a tenth fewer causes
 TESTS = 20  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure
 HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
