@@ -142,7 +142,7 @@ def _holds(env: LiberoEnv, atom: Atom, place: Any) -> bool:
 def _outside(env: LiberoEnv, atom: Atom) -> Array:
     """``(3,)`` metres from the borders of a region to something, along the region's axes; negative inside."""
     site = env.data.site(atom[-1])
-    way = site.xmat.reshape(3, 3).T @ (_position(env, atom[1]) - site.xpos)
+    way = site.xmat.reshape(3, 3).T @ (env.place(atom[1]) - site.xpos)
     return np.asarray(np.abs(way) - env.model.site_size[site.id])
 
 
@@ -168,10 +168,9 @@ def _misleading(env: LiberoEnv) -> Iterator[str]:
 
 def _misfit(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> float:
     """How badly words fit where something is: 0 perfectly, from 1 on not at all."""
-    place, first = _position(env, name), _position(env, anchors[0])
+    place, first = env.place(name), env.place(anchors[0])
     if relation == "between" and len(anchors) == 2:
-        second = _position(env, anchors[1])
-        line = (second - first)[:2]
+        line = (env.place(anchors[1]) - first)[:2]
         share = float((place - first)[:2] @ line / (line @ line))
         aside = float(np.linalg.norm((place - first)[:2] - share * line))
         return aside / ASIDE if 0.0 < share < 1.0 else np.inf
@@ -193,7 +192,3 @@ def _named(env: LiberoEnv, words: str, target: str) -> str | None:
     shared = {name: len(wanted & set(name.split("_"))) for name in things}
     best = max(shared, key=lambda name: shared[name], default=None)
     return best if best and shared[best] else None
-
-
-def _position(env: LiberoEnv, name: str) -> Array:
-    return np.asarray(env.data.xpos[env.bodies[name]])

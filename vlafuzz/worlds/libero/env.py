@@ -85,6 +85,10 @@ class LiberoEnv:
         """The names of the things that are there."""
         return [name for name in self.robosuite.objects_dict if name in self.bodies]
 
+    def place(self, name: str) -> Array:
+        """``(3,)``: where the body of a thing or of furniture is, metres."""
+        return np.array(self.data.xpos[self.bodies[name]])
+
     def reset(self, number: int = 0) -> None:
         """Restore the suite's own initial state ``number``.
 
@@ -98,8 +102,6 @@ class LiberoEnv:
     def restore(self, state: Array) -> None:
         """Begin in a state as of ``state()``, as LIBERO's ``set_init_state`` does."""
         positions = 1 + self.model.nq
-        if state.shape != (positions + self.model.nv,):
-            raise SimulatorError(f"a state of {self.task} has {positions + self.model.nv} numbers, got {state.shape}")
         kind = self._mujoco.mjtState.mjSTATE_INTEGRATION
         self._mujoco.mj_setState(self.model, self.data, self._built, kind)
         self.data.time = state[0]
@@ -160,7 +162,8 @@ class LiberoEnv:
     def proprioception(self) -> Array:
         """``(8,)``: the hand's position, rotation vector, and positions of the fingers; metres, radians."""
         robot, shown = self.robosuite.robots[0], self._seen()
-        rotation = _rotation_vector(shown.body(robot.robot_model.eef_name).xquat)
+        turn = np.roll(shown.body(robot.robot_model.eef_name).xquat, -1)  # robosuite has w last
+        rotation = load("robosuite.utils.transform_utils").quat2axisangle(turn)  # its angles go beyond 180°
         return np.concatenate([shown.site_xpos[robot.eef_site_id], rotation, self._control.seen_fingers])
 
     def _seen(self) -> Any:
@@ -215,15 +218,6 @@ def _seeded() -> Iterator[None]:
         yield
     finally:
         np.random.set_state(before)  # noqa: NPY002
-
-
-def _rotation_vector(quaternion: Array) -> Array:
-    """``(3,)`` of a quaternion ``w, x, y, z``, as robosuite's own: angles go beyond 180°."""
-    w = min(max(float(quaternion[0]), -1.0), 1.0)
-    sine = np.sqrt(1.0 - w * w)
-    if np.isclose(sine, 0.0):
-        return np.zeros(3)
-    return np.asarray(quaternion[1:] * 2.0 * np.arccos(w) / sine)
 
 
 def with_more(problem: type[Any], more: tuple[str, ...]) -> type[Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import hashlib
-import threading
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -147,20 +146,13 @@ class LiberoEvaluator(SceneEvaluator):
     def _at(self, scene: Scene) -> Workplace:
         """The workplace for a scene: that of the check is that of the rollout."""
         cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
-        key = (
-            scene.task,
-            max([SIDE, *(camera.width for camera in cameras)]),
-            _quality(scene, QUALITY.of(self._conditions)),
-        )
+        # pictures of robots that stored scenes may have were cheaper
+        quality = "fast" if scene.robot in FORMER else QUALITY.of(self._conditions)
+        key = scene.task, max([SIDE, *(camera.width for camera in cameras)]), quality
         if self._workplace is None or self._workplace.key != key:
             self.leave()
             self._workplace = take(*key)
         return self._workplace
-
-
-def _quality(scene: Scene, wanted: str) -> str:
-    """The quality of a scene's pictures: stored ones may have a robot whose pictures were cheaper."""
-    return "fast" if scene.robot in FORMER else wanted
 
 
 def _check_spec(spec: PolicySpec) -> None:
@@ -215,7 +207,7 @@ _idle: list[Workplace] = []
 def take(task: str, size: int, quality: str) -> Workplace:
     """A workplace that nobody uses, a new one if there is none."""
     for idle in _idle:
-        if idle.key == (task, size, quality) and _may_share():
+        if idle.key == (task, size, quality):
             _idle.remove(idle)
             return idle
     return Workplace(task, size, quality)
@@ -223,9 +215,6 @@ def take(task: str, size: int, quality: str) -> Workplace:
 
 def give_back(workplace: Workplace) -> None:
     """Leave it to the next evaluator. Its state does not matter: each scene sets everything."""
-    if not _may_share():
-        workplace.close()
-        return
     _idle.append(workplace)
     # MuJoCo ends EGL at exit since its first picture; what is registered last comes before that
     atexit.unregister(close_idle)
@@ -238,8 +227,3 @@ def close_idle() -> None:
     """Close what nobody uses, so that the next workplace is a new one."""
     while _idle:
         _idle.pop().close()
-
-
-def _may_share() -> bool:
-    """Whether this is the main thread: a context of OpenGL belongs to its thread."""
-    return threading.current_thread() is threading.main_thread()

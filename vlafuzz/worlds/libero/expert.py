@@ -97,7 +97,7 @@ class Expert:
         if not self._holds(name):
             return
         for _ in range(2):  # a thing may turn in the hand on its way
-            aside = (place - self._middle(name))[:2]
+            aside = (place - self._env.place(name))[:2]
             yield from self._move(self._shifted(aside), yaw, gripper=1.0, close=0.01)
         down = place[2] + DROP - self._lowest(name)
         yield from self._move(self._shifted(up=down), yaw, gripper=1.0)
@@ -109,7 +109,7 @@ class Expert:
         env, bodies = self._env, self._env.bodies
         if goal in bodies:
             points = surface(env, bodies[goal], 3000)
-            place = env.data.xpos[bodies[goal]].copy()
+            place = env.place(goal)
             inner = points[np.linalg.norm((points - place)[:, :2], axis=1) < 0.03]
             place[2] = inner[:, 2].max() if len(inner) else points[:, 2].max()
             return place, float(points[:, 2].max())
@@ -175,9 +175,6 @@ class Expert:
 
     def _lowest(self, name: str) -> float:
         return float(surface(self._env, self._env.bodies[name], 2000)[:, 2].min())
-
-    def _middle(self, name: str) -> Array:
-        return np.array(self._env.data.xpos[self._env.bodies[name]])
 
 
 def _level(rotation: Array) -> Array:

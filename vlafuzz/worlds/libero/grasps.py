@@ -91,7 +91,7 @@ def _fits(
 
 def obstacles(env: LiberoEnv, name: str) -> Array:
     """``(n, 3)`` points of everything near a thing but the robot, the thing itself and what is flat below."""
-    place = env.data.xpos[env.bodies[name]]
+    place = env.place(name)
     parts = [surface(env, body, 8000) for other, body in env.bodies.items() if other != name]
     points = np.concatenate([np.zeros((0, 3)), *parts])
     return np.asarray(points[np.linalg.norm((points - place)[:, :2], axis=1) < NEIGHBOURS])

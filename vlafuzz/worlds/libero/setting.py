@@ -51,8 +51,6 @@ class Setting:
         if number >= len(env.states):
             problem = f"start.state: {task} has {len(env.states)} initial states, not {number + 1}"
             raise SceneError(problem)
-        if missing := {*task.things, *added} - {*self._task.things, *env.more}:
-            raise SceneError(f"{', '.join(sorted(missing))}: not in this environment of {task}")
         env.cast(task, added)
         state = env.states[number].copy()
         positions = state[1 : 1 + env.model.nq]

@@ -6,13 +6,11 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import LiberoTask, find_task
 
-Array = NDArray[np.float64]
 NEAR = 0.02  # metres between the hand's centre and the boxes about an object's shapes, for reach
 MOVED = 0.05  # metres from its place at the start, for move
 FAR = 0.4  # metres at which the nearness of reach and goal is 0
@@ -23,7 +21,7 @@ class Moment:
 
     def __init__(self, env: LiberoEnv) -> None:
         self.env = env
-        self._start = [env.data.xpos[env.bodies[name]].copy() for name in env.task.carried]
+        self._start = [env.place(name) for name in env.task.carried]
 
     def away(self, number: int) -> float:
         """Metres between the hand's centre and the nearest of the boxes about a thing's shapes."""
@@ -41,19 +39,16 @@ class Moment:
 
     def moved(self, number: int) -> float:
         """Metres by which a thing has been moved."""
-        return float(np.linalg.norm(self._place(self.env.task.carried[number]) - self._start[number]))
+        return float(np.linalg.norm(self.env.place(self.env.task.carried[number]) - self._start[number]))
 
     def missing(self) -> float:
         """Metres, horizontally, from the things to their goals, on average."""
         env, ways = self.env, []
         for name in env.task.carried:
             goal = next(atom[2] for atom in env.task.goal if atom[1] == name)
-            there = self._place(goal) if goal in env.bodies else env.data.site(goal).xpos
-            ways.append(np.linalg.norm((self._place(name) - there)[:2]))
+            there = env.place(goal) if goal in env.bodies else env.data.site(goal).xpos
+            ways.append(np.linalg.norm((env.place(name) - there)[:2]))
         return float(np.mean(ways)) if ways else FAR
-
-    def _place(self, name: str) -> Array:
-        return np.asarray(self.env.data.xpos[self.env.bodies[name]])
 
 
 def monitor_of(env: LiberoEnv) -> Monitor:
