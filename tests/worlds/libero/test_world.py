@@ -1,5 +1,6 @@
 """LIBERO as a world: its scenes, also with swapped and additional things, what is fair of them, and rollouts."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.model.conditions import Conditions
@@ -66,11 +67,6 @@ def soup() -> Iterator[SceneEvaluator]:
     evaluator = make_evaluator(Conditions(task=SOUP, robot="libero", stop_early=True), LiberoExpert())
     yield evaluator
     evaluator.close()
-
-
-@pytest.fixture(scope="module")
-def cans() -> LiberoSpace:
-    return libero_space(load_operators("libero"), SOUP)
 
 
 def moved(scene: Scene, name: str, **changes: float) -> Scene:
@@ -134,6 +130,13 @@ def added(name: str, x: float, y: float, yaw: float = 0.0) -> Placement:
     return Placement(name, REST, x, y, yaw)
 
 
+def larger(name: str) -> Placement:
+    return replace(added(name, 0.0, 0.0), scale=2.0)
+
+
+BEFORE = added("macaroni_and_cheese", -0.03, -0.215, 90.0)  # the soup, as the camera sees it
+
+
 def begun(workplace: Workplace, scene: Scene) -> LiberoEnv:
     setting = workplace.of(scene)
     setting.begin(scene)
@@ -141,17 +144,16 @@ def begun(workplace: Workplace, scene: Scene) -> LiberoEnv:
 
 
 class TestSpace:
-    def test_the_nominal_scene_is_the_suites_own_and_what_is_carried_comes_first(self, space: LiberoSpace):
+    def test_the_nominal_scene_is_the_suites_own_and_what_is_carried_comes_first(self, space):
         nominal = space.nominal()
         assert nominal.instruction == "put the bowl on the plate"
         assert all((one.x, one.y, one.yaw) == (0.0, 0.0, 0.0) for one in nominal.targets)
         names = [one.object for one in nominal.targets]
         assert (names[:2], len(names)) == (["akita_black_bowl_1", "plate_1"], space.task.targets)
 
-    def test_two_things_in_one_place_are_moved_apart_and_the_others_stay(self, space: LiberoSpace):
+    def test_two_things_in_one_place_are_moved_apart_and_the_others_stay(self, space):
         room, nominal = room_of(TASK), space.nominal()
-        plate, bowl = (room.places[0][nominal_index] for nominal_index in (1, 0))
-        x, y = np.round(plate - bowl, 3).tolist()
+        x, y = np.round(room.places[0][1] - room.places[0][0], 3).tolist()  # from the bowl to the plate
         onto = moved(nominal, "akita_black_bowl_1", x=x, y=y)
         assert room.crowded(onto) == {0, 1}
         apart = space.repaired(onto, np.random.default_rng(0))
@@ -161,9 +163,7 @@ class TestSpace:
 
 
 class TestSetting:
-    def test_a_nominal_scene_begins_bit_for_bit_in_the_suites_state(
-        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting
-    ):
+    def test_a_nominal_scene_begins_bit_for_bit_in_the_suites_state(self, bowls, space, setting):
         bowls.reset(3)
         bowls.settle(2)
         expected = bowls.state()
@@ -171,9 +171,7 @@ class TestSetting:
         bowls.settle(2)
         assert np.array_equal(bowls.state(), expected)
 
-    def test_what_a_scene_changes_is_as_far_off_as_asked_and_nothing_else(
-        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting
-    ):
+    def test_what_a_scene_changes_is_as_far_off_as_asked_and_nothing_else(self, bowls, space, setting):
         nominal = space.nominal()
 
         def now() -> list[np.ndarray]:
@@ -194,10 +192,10 @@ class TestSetting:
         setting.begin(nominal)
         assert all(map(np.array_equal, now(), before))
 
-    @pytest.mark.parametrize(("turn", "axis"), [("yaw", 0), ("pitch", 1)])
-    def test_a_turned_camera_shifts_the_picture(
-        self, bowls: LiberoEnv, space: LiberoSpace, setting: Setting, turn: str, axis: int
-    ):
+    @pytest.mark.parametrize(
+        ("turn", "expected"), [("yaw", (np.sin(np.radians(5)), 0)), ("pitch", (0, np.sin(np.radians(5))))]
+    )
+    def test_a_turned_camera_shifts_the_picture(self, bowls, space, setting, turn, expected):
         """To the left everything goes to the right, and down everything goes up."""
         nominal = space.nominal()
         setting.begin(nominal)
@@ -206,41 +204,21 @@ class TestSetting:
         setting.begin(replace(nominal, camera=Camera(**{turn: 5.0})))
         after = bowls.data.camera("agentview").xmat.reshape(3, 3)
         seen = after.T @ -before[:, 2]  # where the middle of the old picture is in the new one
-        expected = [np.sin(np.radians(5.0)), 0.0] if turn == "yaw" else [0.0, np.sin(np.radians(5.0))]
         assert seen[:2] == pytest.approx(expected, abs=1e-6)
 
 
 class TestEvaluator:
-    def test_the_expert_solves_the_nominal_scene_and_one_in_which_the_target_is_elsewhere(self, soup, cans):
-        scenes = [cans.nominal(), moved(cans.nominal(), "alphabet_soup_1", x=-0.04, y=0.02)]
+    def test_the_expert_solves_the_nominal_scene_and_one_in_which_the_target_is_elsewhere(self, soup, varied):
+        scenes = [varied.nominal(), moved(varied.nominal(), "alphabet_soup_1", x=-0.04, y=0.02)]
         outcomes = soup.evaluate(scenes)
         assert [outcome.verdict for outcome in outcomes] == [Verdict.PASSED, Verdict.PASSED]
         assert outcomes[0].rollouts[0].reached == ("reach", "grasp", "move", "goal")
         assert len({outcome.rollouts[0].states_hash for outcome in outcomes}) == 2
 
-    @pytest.mark.parametrize(
-        ("changes", "check", "problem"),
-        [
-            ({"backdrop": Backdrop(wall="red")}, "semantic", "backdrop: scenes of libero_object/0 have none"),
-            ({"start": Start(50)}, "semantic", "50 initial states, not 51"),
-            ({"targets": (Placement("apple", "initial", 0.0, 0.0),)}, "semantic", "apple are not the things"),
-            ({"light": Light(-1.0)}, "semantic", "light: an intensity of -1"),
-            ({"camera": Camera(yaw=60.0)}, "unseen", "the camera shows "),
-            ({"x": 0.5}, "geometry", "m from the robot, which reaches 0.79 m"),
-            ({"x": 0.135, "y": 0.49}, "geometry", "alphabet_soup_1"),  # where the basket stands
-        ],
-    )
-    def test_what_is_not_fair_is_refused_and_never_ignored(self, soup, cans, changes, check, problem):
-        scene = cans.nominal()
-        elsewhere = "x" in changes
-        scene = moved(scene, "alphabet_soup_1", **changes) if elsewhere else replace(scene, **changes)
-        rejection = soup.check(scene)
-        assert (rejection.check, problem in rejection.reason) == (check, True)
-
-    def test_holding_still_solves_nothing_at_any_control_rate(self, cans):
+    def test_holding_still_solves_nothing_at_any_control_rate(self, varied):
         conditions = Conditions(task=SOUP, robot="libero")
         evaluator = make_evaluator(conditions, Frozen())  # decides five times a second
-        outcome = evaluator.evaluate([cans.nominal()])[0]
+        outcome = evaluator.evaluate([varied.nominal()])[0]
         evaluator.close()
         assert outcome.verdict is Verdict.FAILED
         assert len(outcome.rollouts[0].actions) == 280 // 4
@@ -249,11 +227,10 @@ class TestEvaluator:
         with pytest.raises(UsageError, match="works on the tabletop only"):
             make_evaluator(Conditions(task=SOUP, robot="libero"), Pinhole())
 
-    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space: LiberoSpace, shown):
+    def test_a_model_of_libero_gets_what_liberos_evaluations_send(self, space, shown):
         """Keys, sizes and numbers of openpi's example for LIBERO: 256 pixels made 224, fingers apart."""
         pictures, state = shown
-        address = parse("openpi:ws://localhost:1?profile=libero", OpenPi)
-        model = Model("openpi", address.options)
+        model = Model("openpi", parse("openpi:ws://localhost:1?profile=libero", OpenPi).options)
         message = model.message(first_seen(space, model.spec))
         assert message.keys() == {"observation/image", "observation/wrist_image", "observation/state", "prompt"}
         for key, camera in (("image", "agentview"), ("wrist_image", "robot0_eye_in_hand")):
@@ -262,7 +239,7 @@ class TestEvaluator:
         assert message["observation/state"] == pytest.approx(state, abs=1e-6)
         assert message["prompt"] == "put the bowl on the plate"
 
-    def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space: LiberoSpace, shown):
+    def test_a_model_behind_vla_eval_gets_what_its_own_benchmark_sends(self, space, shown):
         """As ``LIBEROBenchmark.make_obs`` of vla-eval 0.8.0 (benchmarks/libero/benchmark.py).
 
         It sends rotation vectors of at most half a turn, and in this state robosuite's is longer.
@@ -273,19 +250,16 @@ class TestEvaluator:
         model = DeclaredModel("vla-eval", asked, options)
         message = model.message(first_seen(space, model.spec))
         assert list(message["images"]) == ["agentview", "wrist"]
-        for key, camera in (("agentview", "agentview"), ("wrist", "robot0_eye_in_hand")):
-            assert np.array_equal(message["images"][key], pictures[camera])
-        turn = state[3:6]
-        angle = np.linalg.norm(turn)
+        assert all(map(np.array_equal, message["images"].values(), pictures.values()))
+        angle = np.linalg.norm(state[3:6])
         assert angle > np.pi
-        short = turn * (1 - 2 * np.pi / angle)
-        expected = [*state[:3], *short, *state[6:]]
-        assert message["states"] == pytest.approx(expected, abs=1e-6)
+        short = state[3:6] * (1 - 2 * np.pi / angle)
+        assert message["states"] == pytest.approx([*state[:3], *short, *state[6:]], abs=1e-6)
         assert message["task_description"] == "put the bowl on the plate"
 
 
 class TestVariedSpace:
-    def test_random_scenes_swap_and_add_and_come_back_from_their_genomes(self, varied: LiberoSpace):
+    def test_random_scenes_swap_and_add_and_come_back_from_their_genomes(self, varied):
         rng = np.random.default_rng(0)
         scenes = [varied.sample(rng) for _ in range(40)]
         assert [varied.decode(varied.encode(scene)) for scene in scenes] == scenes
@@ -297,21 +271,21 @@ class TestVariedSpace:
         assert all(len(set(some)) == len(some) for some in names)
         assert [room_of(SOUP).crowded(scene) for scene in scenes] == [set()] * 40
 
-    def test_the_instruction_says_the_swapped_thing(self, varied: LiberoSpace):
+    def test_the_instruction_says_the_swapped_thing(self, varied):
         index = varied.composer.layout.slots["targets.0"].index("ketchup")
         scene = varied.composer.compose(varied.nominal_values | {"targets.0.object": index})
         assert scene.instruction == "pick up the ketchup and place it in the basket"
         assert varied.severities(scene)["target-type"] == 1.0
         assert varied.nominal(like=scene) == scene
 
-    def test_operators_are_reset_one_by_one(self, varied: LiberoSpace):
+    def test_operators_are_reset_one_by_one(self, varied):
         scene = swapped(varied.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35, 90.0))
         assert varied.reset(scene, ["target-type"]) == replace(varied.nominal(), confounders=scene.confounders)
         assert varied.reset(scene, ["confounder-count"]) == swapped(varied.nominal(), "ketchup")
         assert varied.reset(scene, ["confounder-orientation"]).confounders[0].yaw == 0.0
         assert varied.reset(scene, ["target-type", "confounder-count"]) == varied.nominal()
 
-    def test_what_deviates_is_said_by_operator_and_thing(self, varied: LiberoSpace):
+    def test_what_deviates_is_said_by_operator_and_thing(self, varied):
         scene = swapped(varied.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35))
         milk = scene.targets.index(added("milk_1", 0.0, 0.0))
         targets = (*scene.targets[:milk], added("milk_1", 0.04, 0.0), *scene.targets[milk + 1 :])
@@ -331,17 +305,16 @@ class TestVariedSpace:
             libero_space(usual.only(["target-type"]), pots)
 
     def test_operators_choose_from_the_things_that_may_be_added(self):
-        operators = load_operators("libero")
-        names = operators.get(ConfounderType).model_copy(update={"names": ("milk",)})
-        chosen = replace(operators, operators={**operators.operators, ConfounderType.name: names})
-        varied = libero_space(chosen, TASK)
-        assert varied.composer.layout.of("confounders") == ["confounders.0"]
-        apple = names.model_copy(update={"names": ("apple",)})
-        unknown = replace(operators, operators={**operators.operators, ConfounderType.name: apple})
-        with pytest.raises(UsageError, match="confounder-type: names: no 'apple' in LIBERO"):
-            libero_space(unknown, TASK)
+        def only(name: str) -> LiberoSpace:
+            operators = load_operators("libero")
+            chosen = operators.get(ConfounderType).model_copy(update={"names": (name,)})
+            return libero_space(replace(operators, operators=operators.operators | {chosen.name: chosen}), TASK)
 
-    def test_two_confounders_in_one_place_are_moved_apart(self, varied: LiberoSpace):
+        assert only("milk").composer.layout.of("confounders") == ["confounders.0"]
+        with pytest.raises(UsageError, match="confounder-type: names: no 'apple' in LIBERO"):
+            only("apple")
+
+    def test_two_confounders_in_one_place_are_moved_apart(self, varied):
         here = added("popcorn", -0.2, -0.35), added("wine_bottle", -0.2, -0.35)
         scene = replace(varied.nominal(), confounders=here)
         assert room_of(SOUP).crowded(scene) == {8}
@@ -353,10 +326,8 @@ class TestVariedSpace:
 
 
 class TestVariedSetting:
-    def test_the_suites_things_begin_where_they_do_without_additional_ones(
-        self, bowls: LiberoEnv, workplace: Workplace
-    ):
-        nominal = libero_space(load_operators("libero"), TASK).nominal()
+    def test_the_suites_things_begin_where_they_do_without_additional_ones(self, bowls, space, workplace):
+        nominal = space.nominal()
         scene = replace(nominal, start=Start(3), confounders=(added("milk", 0.1, 0.3),))
         env = begun(workplace, scene)
         bowls.reset(3)
@@ -367,8 +338,8 @@ class TestVariedSetting:
             assert np.allclose(bowls.data.xquat[own], env.data.xquat[other], atol=1e-12)
         assert set(env.bodies) == {*bowls.bodies, "milk"}
 
-    def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(self, workplace: Workplace):
-        nominal = libero_space(load_operators("libero"), TASK).nominal()
+    def test_additional_things_stand_still_where_the_scene_says_and_others_stay_away(self, space, workplace):
+        nominal = space.nominal()
         env = begun(workplace, replace(nominal, confounders=(added("milk", 0.1, 0.3, 30.0),)))
         env.settle(2 * SETTLING)
         assert env.data.xpos[env.bodies["milk"]][:2] == pytest.approx([0.1, 0.3], abs=0.005)
@@ -377,8 +348,8 @@ class TestVariedSetting:
         shown = begun(workplace, replace(nominal, confounders=(added("milk", 0.1, 0.3),)))
         assert "popcorn" not in shown.movable
 
-    def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(self, workplace: Workplace):
-        nominal = libero_space(load_operators("libero"), TASK).nominal()
+    def test_a_swapped_thing_stands_where_the_original_did_and_solves_the_task(self, space, workplace):
+        nominal = space.nominal()
         scene = replace(nominal, targets=(replace(nominal.targets[0], object="yellow_bowl"), *nominal.targets[1:]))
         env = begun(workplace, scene)
         place, original = env.data.xpos[env.bodies["yellow_bowl"]].copy(), env.states[0]
@@ -394,18 +365,13 @@ class TestVariedSetting:
         env.settle(SETTLING)
         assert env.solved()
 
-    def test_what_is_added_beside_the_table_falls(self, workplace: Workplace):
-        nominal = libero_space(load_operators("libero"), TASK).nominal()
+    def test_what_is_added_beside_the_table_falls(self, space, workplace):
+        nominal = space.nominal()
         beside = replace(nominal, confounders=(added("milk", 0.0, 2.0),))
         rejection = workplace.fairness.check(beside)
         assert rejection is not None
         assert rejection.check == "settling"
         assert rejection.reason.startswith("milk falls")
-
-    def test_an_environment_without_what_a_scene_has_says_so(self, bowls: LiberoEnv):
-        nominal = libero_space(load_operators("libero"), TASK).nominal()
-        with pytest.raises(SceneError, match="milk: not in this environment of libero_goal/8"):
-            Setting(bowls).begin(replace(nominal, confounders=(added("milk", 0.1, 0.3),)))
 
 
 class TestVariedEvaluator:
@@ -424,21 +390,28 @@ class TestVariedEvaluator:
         assert hashes[0] == hashes[1][::-1]
 
     @pytest.mark.parametrize(
-        ("name", "given", "check", "problem"),
+        ("changed", "problem"),
         [
-            ("spaceship", (), "semantic", "are not the things of libero_object/0"),
-            ("ketchup", (added("spaceship", 0.0, 0.0),), "semantic", "'spaceship' cannot be added"),
-            ("ketchup", (added("ketchup", 0.0, 0.0),), "semantic", "ketchup is there twice"),
-            ("ketchup", (replace(added("popcorn", 0.0, 0.0), scale=2.0),), "semantic", "have one size"),
-            ("ketchup", (added("wine_bottle", 0.11, -0.2),), "geometry", "milk_1 and wine_bottle overlap"),
+            (lambda one: replace(one, backdrop=Backdrop(wall="red")), "semantic: backdrop: scenes of libero_object/0"),
+            (lambda one: replace(one, start=Start(50)), "semantic: .* has 50 initial states, not 51"),
+            (lambda one: replace(one, light=Light(-1.0)), "semantic: light: an intensity of -1"),
+            (lambda one: replace(one, camera=Camera(yaw=60.0)), "unseen: the camera shows "),
+            (lambda one: moved(one, "alphabet_soup_1", x=0.5), "geometry: .* m from the robot, which reaches 0.79 m"),
+            (lambda one: moved(one, "alphabet_soup_1", x=0.135, y=0.49), "geometry: .*alphabet_soup_1"),  # the basket's
+            (lambda one: swapped(one, "spaceship"), "semantic: .* are not the things of libero_object/0"),
+            (
+                lambda one: swapped(one, "ketchup", added("spaceship", 0.0, 0.0)),
+                "semantic: .*'spaceship' cannot be added",
+            ),
+            (lambda one: swapped(one, "ketchup", added("ketchup", 0.0, 0.0)), "semantic: .*ketchup is there twice"),
+            (lambda one: swapped(one, "ketchup", larger("popcorn")), "semantic: .* have one size"),
+            (lambda one: swapped(one, "ketchup", added("wine_bottle", 0.11, -0.2)), "geometry: milk_1 and wine_bottle"),
+            (
+                lambda one: replace(one, confounders=(BEFORE,)),
+                "unseen: the camera shows .* of alphabet_soup_1, usually",
+            ),
         ],
     )
-    def test_what_is_not_fair_is_said_in_a_sentence(self, soup, varied, name, given, check, problem):
-        rejection = soup.check(swapped(varied.nominal(), name, *given))
-        assert (rejection.check, problem in rejection.reason) == (check, True)
-
-    def test_a_target_behind_an_additional_thing_is_not_fair(self, soup, varied):
-        box = added("macaroni_and_cheese", -0.03, -0.215, 90.0)
-        rejection = soup.check(replace(varied.nominal(), confounders=(box,)))
-        assert rejection.check == "unseen"
-        assert "of alphabet_soup_1, usually" in rejection.reason
+    def test_what_is_not_fair_is_refused_in_a_sentence(self, soup, varied, changed, problem):
+        rejection = soup.check(changed(varied.nominal()))
+        assert re.match(problem, f"{rejection.check}: {rejection.reason}")
