@@ -29,17 +29,12 @@ REACH = np.array([0.5, 0.2, -0.6, 0.0, 0.0, 0.3, 1.0])
 
 
 @pytest.fixture(scope="module")
-def own() -> Iterator[LiberoEnv]:
-    env = LiberoEnv(find_task(TASK), size=224)
-    yield env
-    env.close()
-
-
-@pytest.fixture(scope="module")
-def coarse() -> Iterator[LiberoEnv]:
-    env = LiberoEnv(find_task(TASK), size=224, quality="fast")
-    yield env
-    env.close()
+def both() -> Iterator[list[LiberoEnv]]:
+    """One with LIBERO's own pictures, and one with cheaper ones."""
+    envs = [LiberoEnv(find_task(TASK), size=224, quality=quality) for quality in ("full", "fast")]
+    yield envs
+    for env in envs:
+        env.close()
 
 
 def reached(env: LiberoEnv, steps: int) -> None:
@@ -55,31 +50,32 @@ def digest(env: LiberoEnv) -> str:
 
 
 @pytest.mark.parametrize("steps", [0, 12, 25])
-def test_pictures_are_similar_to_liberos_own_also_where_the_arm_is_over_the_table(own, coarse, steps):
-    for env in (own, coarse):
+def test_pictures_are_similar_to_liberos_own_also_where_the_arm_is_over_the_table(both, steps):
+    for env in both:
         reached(env, steps)
-    assert np.array_equal(own.state(), coarse.state())
-    expected, cheaper = own.pictures(), coarse.pictures()
+    assert np.array_equal(*(env.state() for env in both))
+    expected, cheaper = (env.pictures() for env in both)
     for camera in CAMERAS:
         assert 0.95 <= similarity(expected[camera], cheaper[camera]) < 1.0
+    smaller = [env.picture("agentview", 96) for env in both]
+    assert smaller[1].shape == (96, 96, 3)
+    assert similarity(*smaller) > 0.9
 
 
-def test_a_scene_with_other_light_and_camera_is_drawn_anew_and_leaves_nothing_behind(own, coarse):
-    nominal = nominal_scene(TASK, "libero")
-    other = replace(nominal, light=Light(0.4), camera=Camera(0.04, 90.0, 3.0))
-    settings = [(env, Setting(env)) for env in (own, coarse)]
-    settings[1][1].begin(nominal)
-    before = digest(coarse)
-    for _, setting in settings:
-        setting.begin(other)
-    expected, cheaper = (env.pictures()["agentview"] for env, _ in settings)
-    assert similarity(expected, cheaper) >= 0.95
-    for _, setting in settings:
+def test_a_scene_with_other_light_and_camera_is_drawn_anew_and_leaves_nothing_behind(both):
+    nominal, settings = nominal_scene(TASK, "libero"), [Setting(env) for env in both]
+    settings[1].begin(nominal)
+    before = digest(both[1])
+    for setting in settings:
+        setting.begin(replace(nominal, light=Light(0.4), camera=Camera(0.04, 90.0, 3.0)))
+    assert similarity(*(env.pictures()["agentview"] for env in both)) >= 0.95
+    for setting in settings:
         setting.begin(nominal)
-    assert digest(coarse) == before
+    assert digest(both[1]) == before
 
 
-def test_neither_what_was_drawn_before_nor_the_process_decides_a_picture(coarse):
+def test_neither_what_was_drawn_before_nor_the_process_decides_a_picture(both):
+    coarse = both[1]
     reached(coarse, 30)
     coarse.picture("agentview", 128)
     reached(coarse, 12)
@@ -91,14 +87,6 @@ def test_neither_what_was_drawn_before_nor_the_process_decides_a_picture(coarse)
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert child.stdout.split()[-1] == digest(coarse)
-
-
-def test_smaller_pictures_are_similar_too(own, coarse):
-    for env in (own, coarse):
-        reached(env, 12)
-    expected, cheaper = (env.picture("agentview", 96) for env in (own, coarse))
-    assert cheaper.shape == (96, 96, 3)
-    assert similarity(expected, cheaper) > 0.9
 
 
 CHECKER = """<mujoco><asset>
