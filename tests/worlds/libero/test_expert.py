@@ -72,7 +72,7 @@ def test_a_scene_of_libero_is_demonstrated_as_its_policy_sees_and_acts(policy, l
     assert names == layout
     assert shown.states.shape == (len(shown.actions), 6 + len(layout))
     assert least < len(shown.actions) < 4 * least
-    assert all(len(pictures) == len(shown.actions) for pictures in shown.images.values())
+    assert all(len(pictures) == len(shown.actions) for pictures in shown.pictures.values())
     assert set(np.sign(shown.actions[:, -1])) == {-1.0, 1.0}
 
 
