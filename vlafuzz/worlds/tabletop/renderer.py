@@ -61,9 +61,7 @@ def probe(timeout: float = 120.0) -> Renderer:
     if answers:
         return Renderer(**json.loads(answers[-1]))
     if child.returncode < 0:
-        hidden = os.environ.get("CUDA_VISIBLE_DEVICES") == ""
-        perhaps = ", as NVIDIA's may where CUDA_VISIBLE_DEVICES is empty" if hidden else ""
-        return Renderer(problem=f"the driver crashed with signal {-child.returncode}{perhaps}")
+        return Renderer(problem=f"the driver crashed with signal {-child.returncode}")
     last = (child.stderr.strip() or "no output").splitlines()[-1]
     return Renderer(problem=f"exit code {child.returncode}: {last}")
 

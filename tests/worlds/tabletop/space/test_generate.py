@@ -22,7 +22,7 @@ tasks = pytest.mark.parametrize("task", TASKS)
 
 
 @cache
-def drawn(ranges: str, task: str, count: int = 60) -> tuple[SearchSpace, list[Scene]]:
+def drawn(ranges: str, task: str, count: int = 25) -> tuple[SearchSpace, list[Scene]]:
     space = SearchSpace(load_operators(ranges), CATALOGUE, task)
     return space, [space.sample(np.random.default_rng([1, index])) for index in range(count)]
 
@@ -40,10 +40,10 @@ def test_samples_are_fair_and_on_the_grid(ranges: str, task: str) -> None:
 def test_every_count_and_every_object_comes_up() -> None:
     varied = ("target-type", "confounder-type", "confounder-count", "target-position", "confounder-position")
     space = SearchSpace(load_operators().only(varied), CATALOGUE, "pick-up")
-    scenes = [space.sample(np.random.default_rng([2, index])) for index in range(400)]
+    scenes = [space.sample(np.random.default_rng([2, index])) for index in range(200)]
     counts = Counter(len(scene.confounders) for scene in scenes)
     assert set(counts) == {0, 1, 2, 3}
-    assert min(counts.values()) > 70
+    assert min(counts.values()) > 30
     assert {scene.targets[0].object for scene in scenes} == set(CATALOGUE.graspable())
 
 
@@ -84,7 +84,7 @@ def test_ranges_in_which_nothing_is_seen_are_an_error_with_the_reason(tmp_path: 
     assert "visible" in (caught.value.hint or "")
 
 
-quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)
+quickly = settings(max_examples=10, derandomize=True, deadline=None, database=None)
 
 
 def rng(seed: int = 0) -> np.random.Generator:
@@ -112,8 +112,8 @@ def test_what_is_repaired_is_fair_and_on_the_grid(task: str, seed: int):
 @tasks
 def test_most_scenes_can_be_repaired(task: str):
     one = space(task)
-    scenes = [one.decode(rng(seed).random(one.dim)) for seed in range(100)]
-    assert sum(one.repaired(scene, rng()) is not None for scene in scenes) > 85
+    scenes = [one.decode(rng(seed).random(one.dim)) for seed in range(40)]
+    assert sum(one.repaired(scene, rng()) is not None for scene in scenes) > 32
 
 
 def test_only_what_has_no_room_moves_and_not_farther_than_it_takes():
