@@ -328,13 +328,8 @@ class TestPutIn:
         monitor = watch(self.monitor(SPONGE), *[self.at(0.07, height=0.04, turned=leaning)] * 5)
         assert not monitor.success_once
 
-    @pytest.mark.parametrize(
-        "more",
-        [{"touching": {(0, 1), (0, HAND)}}, {"touching": {(0, 1), (0, TABLE)}}, {"touching": set()}, {"speed": 0.02}],
-        ids=["in the hand", "on the table", "touching nothing", "moving"],
-    )
-    def test_it_must_be_released_and_at_rest_in_it(self, more):
-        assert not watch(self.monitor(), *[self.at(**more)] * 5).success_once
+    def test_it_must_be_released_in_it(self):
+        assert not watch(self.monitor(), *[self.at(touching={(0, 1), (0, HAND)})] * 5).success_once
 
     def test_published_success_counts_what_hovers_above_the_basket(self):
         monitor = watch(self.monitor(), *[self.at(height=0.08, held=0, touching=HELD)] * 5)

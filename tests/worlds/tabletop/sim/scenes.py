@@ -7,11 +7,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.tasks import State, load_wordings, say
 
 CATALOGUE = load_catalogue()
+SIZE = 128  # of a picture, pixels
+FRONT = CameraRequest("front", SIZE, SIZE)
 NOT_MOVED = Camera()
 STILL = np.array([0.0, 0, 0, 0, 0, 0, 1])
 

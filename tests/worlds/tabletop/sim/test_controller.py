@@ -30,18 +30,13 @@ def check(start, end, *, move=(0, 0, 0), turned=(0, 0, 0)) -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1], ids="+-")
-@pytest.mark.parametrize(("axis", "index"), [("x", 0), ("y", 1), ("z", 2)])
-def test_a_translation_moves_the_hand_along_the_bases_axis_and_nothing_else(env, start, axis, index, sign):
-    end = play(env, [command(**{axis: 0.05 * sign})], still=4)
-    check(start, end, move=np.eye(3)[index] * 0.05 * sign)
+@pytest.mark.parametrize("axis", UNITS)
+def test_a_command_moves_the_hand_along_or_turns_it_about_the_bases_axis_and_nothing_else(env, start, axis, sign):
+    delta = sign * (0.05 if len(axis) == 1 else 0.2)
+    end = play(env, [command(**{axis: delta})], still=4)
+    expected = np.eye(6)[UNITS[axis]] * delta
+    check(start, end, move=expected[:3], turned=expected[3:])
     assert end.opening == pytest.approx(0.08, abs=MILLIMETRES)
-
-
-@pytest.mark.parametrize("sign", [1, -1], ids="+-")
-@pytest.mark.parametrize(("axis", "index"), [("roll", 0), ("pitch", 1), ("yaw", 2)])
-def test_a_rotation_turns_the_hand_about_the_bases_axis_on_the_spot(env, start, axis, index, sign):
-    end = play(env, [command(**{axis: 0.2 * sign})], still=4)
-    check(start, end, turned=np.eye(3)[index] * 0.2 * sign)
 
 
 def test_the_gripper_closes_and_opens_and_the_hand_stays(env, start):

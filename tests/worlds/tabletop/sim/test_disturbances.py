@@ -1,6 +1,5 @@
 """What extra operators do: noise in pictures, other tables and walls, bent arms, late actions."""
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import combinations
 from typing import get_args
@@ -8,22 +7,21 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal
+from tests.worlds.tabletop.sim.scenes import FRONT, STILL, nominal
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
-from vlafuzz.policies.base import CameraRequest, PolicySpec
+from vlafuzz.policies.base import PolicySpec
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode, outlines
 from vlafuzz.worlds.tabletop.sim.rendering import PAINTS, shade
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)
-CAMERA = CameraRequest("third_person", 128, 128)
 ALL = Noise(blur=1.0, grain=8.0, jpeg=50)
 
 
-def degraded(noise: Noise, seed: int = 0, step: int = 0, camera: str = "third_person") -> np.ndarray:
+def degraded(noise: Noise, seed: int = 0, step: int = 0, camera: str = "front") -> np.ndarray:
     return SensorNoise(noise, seed).degraded(EDGE, step, camera)
 
 
@@ -56,16 +54,16 @@ def test_one_seed_step_and_camera_give_one_image_and_others_another():
 
 
 def observed(env: TabletopEnv, noise: Noise, seed: int = 0) -> np.ndarray:
-    spec = PolicySpec("looks", cameras=(CAMERA,))
+    spec = PolicySpec("looks", cameras=(FRONT,))
     episode = TabletopEpisode(env, spec, replace(nominal(), noise=noise), seed, Conditions(task="pick-up"))
-    return episode.observe().images["third_person"]
+    return episode.observe().images["front"]
 
 
 @pytest.mark.render
 def test_the_policy_sees_the_noise_and_a_recording_does_not(seeing):
     clean, noisy = observed(seeing, Noise()), observed(seeing, ALL, seed=5)
-    assert np.array_equal(seeing.picture("third_person"), clean)
-    assert np.array_equal(SensorNoise(ALL, 5).degraded(clean, 0, "third_person"), noisy)
+    assert np.array_equal(seeing.picture("front"), clean)
+    assert np.array_equal(SensorNoise(ALL, 5).degraded(clean, 0, "front"), noisy)
     assert not np.array_equal(clean, noisy)
 
 
@@ -76,17 +74,10 @@ def before(**backdrop: str) -> Scene:
     return replace(nominal(), backdrop=Backdrop(**backdrop))
 
 
-@pytest.fixture(scope="module")
-def seeing() -> Iterator[TabletopEnv]:
-    made = TabletopEnv("pick-up", CATALOGUE, (CAMERA,))
-    yield made
-    made.close()
-
-
 def shown(seeing: TabletopEnv, scene: Scene) -> np.ndarray:
     seeing.begin(scene)
     seeing.check(scene)
-    return seeing.picture("third_person").astype(float)
+    return seeing.picture("front").astype(float)
 
 
 def test_every_paint_and_pattern_of_a_scene_is_known():

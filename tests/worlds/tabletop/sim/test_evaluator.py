@@ -111,20 +111,6 @@ def test_who_lets_go_after_success_has_succeeded_once_but_not_at_the_end():
     assert (outcome.rollouts[0].success_once, outcome.rollouts[0].success_at_end) == (True, False)
 
 
-@pytest.mark.parametrize(
-    ("criteria", "verdict", "lost", "reached"),
-    [
-        ("strict", Verdict.FAILED, "success", ("grasp", "lift")),
-        ("published", Verdict.PASSED, None, ("grasp", "lift", "success")),
-    ],
-)
-def test_who_lets_go_too_early_passes_by_the_published_criteria_only(criteria, verdict, lost, reached):
-    (outcome,) = evaluate(lets_go_at(is_lifted, times=3), NOMINAL, criteria=criteria)
-    assert (outcome.verdict, outcome.lost_stage) == (verdict, lost)
-    assert outcome.rollouts[0].reached == reached
-    assert outcome.rollouts[0].published_success
-
-
 def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stage(monkeypatch):
     monkeypatch.setitem(TASKS, "pick-up", replace(TASKS["pick-up"], published=lambda _: False))
     (outcome,) = evaluate(Expert(), NOMINAL, criteria="published")
@@ -133,13 +119,15 @@ def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stag
     assert outcome.rollouts[0].steps == 80  # the strict success does not end it
 
 
-def test_a_rollout_ends_by_the_criteria_by_which_it_is_judged():
-    def rollout(**conditions):
-        (outcome,) = evaluate(lets_go_at(is_lifted, times=3), NOMINAL, **conditions)
-        return outcome.rollouts[0]
+def test_who_lets_go_too_early_passes_by_the_published_criteria_only_which_end_the_rollout():
+    def outcome(**conditions):
+        return evaluate(lets_go_at(is_lifted, times=3), NOMINAL, **conditions)[0]
 
-    usual, early = (rollout(criteria="published", stop_early=stop) for stop in (False, True))
-    assert rollout(criteria="strict", stop_early=True).steps == 80
+    strict, *published = (outcome(criteria="strict"), *(outcome(criteria="published", stop_early=s) for s in (0, 1)))
+    assert (strict.verdict, strict.lost_stage, strict.rollouts[0].steps) == (Verdict.FAILED, "success", 80)
+    assert strict.rollouts[0].published_success
+    assert [each.verdict for each in published] == [Verdict.PASSED] * 2
+    usual, early = (each.rollouts[0] for each in published)
     assert usual.steps == early.steps + 10 < 30
     assert (usual.success_at_end, early.success_at_end) == (False, True)  # the object falls meanwhile
 

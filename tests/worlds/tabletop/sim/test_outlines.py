@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, SIZE, make_env, pick_up, put
 from vlafuzz.model.scene import Camera, InitialPose
-from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
@@ -68,7 +67,6 @@ def test_the_order_of_things_tells_nothing_of_the_scene(env):
     assert colours[0] == colours[1]
 
 
-SIZE = 256
 SCENES = {
     "nominal": pick_up(put("coke_can", 0.0, 0.0)),
     "dark": pick_up(put("orange", -0.1, 0.1), light=0.06),
@@ -77,13 +75,6 @@ SCENES = {
     "behind a bottle": pick_up(put("apple", -0.13, 0.0), put("blue_plastic_bottle", 0.02, 0.0)),
     "another view": pick_up(put("plate", 0.0, 0.1), camera=Camera(0.05, 135, -30, roll=-4, pitch=3, yaw=-5)),
 }
-
-
-@pytest.fixture(scope="module")
-def seeing() -> TabletopEnv:
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
-    yield env
-    env.close()
 
 
 @pytest.mark.render

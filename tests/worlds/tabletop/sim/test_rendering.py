@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, NOT_MOVED, make_env, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, FRONT, NOT_MOVED, SIZE, make_env, pick_up, put
 from vlafuzz.errors import SimulatorError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Camera, Light, Scene
@@ -19,7 +19,6 @@ from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
 from vlafuzz.worlds.tabletop.sim.rendering import SceneLights
 
 pytestmark = pytest.mark.render
-SIZE = 160
 PIXEL = 1 / SIZE
 SPOT = (0.02, -0.15)
 ORANGE = pick_up(put("orange", *SPOT))
@@ -33,13 +32,6 @@ CAMERAS = {
     "higher": Camera(distance=0.05, elevation=90),
     "all at once": Camera(0.05, 135, -30, roll=-4, pitch=3, yaw=-5),
 }
-
-
-@pytest.fixture(scope="module")
-def seeing() -> TabletopEnv:
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
-    yield env
-    env.close()
 
 
 def picture(env: TabletopEnv, scene: Scene) -> np.ndarray:
@@ -104,7 +96,7 @@ class Watching(Expert):
 
     def __init__(self) -> None:
         super().__init__()
-        self.spec = replace(self.spec, cameras=(CameraRequest("front", SIZE, SIZE),))
+        self.spec = replace(self.spec, cameras=(FRONT,))
         self.seen: list[np.ndarray] = []
 
     def act(self, observations):

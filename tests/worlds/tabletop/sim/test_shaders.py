@@ -8,13 +8,11 @@ import numpy as np
 import pytest
 import sapien
 
-from tests.worlds.tabletop.sim.scenes import make_env, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.model.scene import Camera, Scene
-from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 
-SIZE = 128
 PLAIN = pick_up(put("green_cube", 0.1, 0.2))
 LUMA = np.array([0.299, 0.587, 0.114])
 EXTREMES = [
@@ -42,13 +40,6 @@ def altered_sapien(tmp_path, monkeypatch) -> Path:
     shader.write_text(shader.read_text().replace("texture(samplerBRDFLUT, ", "texture( samplerBRDFLUT, "))
     monkeypatch.setattr(sapien, "__file__", str(folder.parent / "__init__.py"))
     return shader
-
-
-@pytest.fixture(scope="module")
-def seeing() -> TabletopEnv:
-    env = make_env(cameras=(CameraRequest("front", SIZE, SIZE),))
-    yield env
-    env.close()
 
 
 def pack() -> Path:
@@ -104,11 +95,8 @@ def test_the_room_is_in_the_picture(seeing, part, camera, least):
 
 @pytest.mark.render
 @pytest.mark.parametrize("task", ["pick-up", "put-in"])
-def test_nominal_light_is_neither_dark_nor_glaring(task):
-    env = make_env(task, cameras=(CameraRequest("front", SIZE, SIZE),))
-    env.begin(nominal(task))
-    seen = env.picture("front")
-    env.close()
+def test_nominal_light_is_neither_dark_nor_glaring(seeing, task):
+    seen = picture(seeing, nominal(task))
     assert 80 < (seen @ LUMA).mean() < 160
     assert (seen.min(axis=2) > 250).mean() < 0.02  # burnt out
 

@@ -180,13 +180,6 @@ def test_a_value_that_does_not_vary_must_be_nominal() -> None:
     assert caught.value.hint == "vary light as well"
 
 
-def test_severities_of_any_scene_are_known() -> None:
-    strange = replace(FIRST, instruction="dance", light=Light(1000.0))
-    shares = space("pick-up").severities(strange)
-    assert (shares["wording"], shares["light"]) == (1.0, 1.0)
-    assert not any(math.isnan(share) for share in shares.values())
-
-
 @pytest.mark.parametrize(
     ("task", "key", "name", "says"),
     [
@@ -268,8 +261,11 @@ def test_one_confounder_more_makes_a_difference_for_every_operator_of_confounder
     assert 0.3 < apart(crowded, fewer) < apart(crowded, fewest)
 
 
-def test_strange_values_are_numbers_too():
+def test_strange_values_are_numbers_too_and_have_severities():
     changes = {"light": Light(1000.0), "instruction": "dance", "confounders": sampled(1)[0].targets}
     strange = replace(space().nominal(), **changes)
     quaternion = replace(strange.targets[0], quaternion=(1.0, 0.0, 0.0, 0.0), object="duck")
     assert np.isfinite(space().embed(replace(strange, targets=(quaternion,)))).all()
+    shares = space().severities(strange)
+    assert (shares["wording"], shares["light"]) == (1.0, 1.0)
+    assert not any(math.isnan(share) for share in shares.values())

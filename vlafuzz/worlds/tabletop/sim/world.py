@@ -21,6 +21,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import InitialPose, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, Table, rig
+from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.worlds.tabletop.sim.arm import MetricArm
@@ -251,11 +252,8 @@ DAMPING, ROLLING_DAMPING = 0.5, 5.0
 def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
     """The pose of an object's origin at resting height."""
     if placement.quaternion is not None:
-        turn = model.turned(placement.quaternion)
-        x, y, _ = model.shift(placement.quaternion) * placement.scale
-        height = -float((model.vertices @ turn[2]).min())
-        quaternion = np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
-        return sapien.Pose(np.array([placement.x + x, placement.y + y, height]), quaternion)
+        turn, position = pose_of(placement, model)
+        return sapien.Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
     pose = model.stable_pose(placement.rest)
     half = np.radians(placement.yaw) / 2
     turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
