@@ -5,7 +5,7 @@ import yaml
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.worlds.manipulation.operators import EXTRAS, ConfounderPosition, Light, TargetPosition
+from vlafuzz.worlds.manipulation.operators import EXTRAS, ConfounderPosition, Light
 from vlafuzz.worlds.tabletop.space import OPERATORS, load_operators
 
 SHIPPED = ("tabletop", "paper", "paper-rq1")
@@ -50,22 +50,6 @@ def test_the_default_varies_the_ten_and_keeps_a_distance_of_15_cm() -> None:
 )
 def test_shipped_sets_keep_their_digests_so_that_stores_can_be_resumed(name: str, digest: str) -> None:
     assert load_operators(name).digest == digest
-
-
-def test_the_papers_boxes_keep_their_sizes() -> None:
-    paper = load_operators("paper")
-    sizes = {}
-    for task in ("pick-up", "move-near", "put-on", "put-in"):
-        box = paper.in_task(task).get(TargetPosition)
-        sizes[task] = (round(box.x.high - box.x.low, 6), round(box.y.high - box.y.low, 6))
-    boxes = {"pick-up": (0.4, 0.4), "move-near": (0.4, 0.4), "put-on": (0.3, 0.28), "put-in": (0.1, 0.1)}
-    assert sizes == boxes
-    assert paper.get(Light).spread == "coin"
-
-
-def test_rq1_leaves_out_light_and_camera() -> None:
-    left_out = THE_TEN - load_operators("paper-rq1").varied
-    assert left_out == {"light", "camera-position", "camera-orientation"}
 
 
 def test_an_unknown_operator_gets_the_nearest_name() -> None:
