@@ -65,7 +65,6 @@ ROWS = [*map(third_person, (PANDA, WIDOWX, GOOGLE)), wrist()]
 PROFILES = [
     profile(name, protocol)
     for name, known in known_profiles().items()
-    if name != "droid"  # refused
     for protocol in known.protocols
     if protocol not in ("vla-eval", "lerobot")  # which declare theirs
 ]

@@ -16,7 +16,7 @@ import yaml
 
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
-from tests.logs.samples import LEROBOT_BEFORE, VLA_EVAL, VLA_EVAL_BEFORE, suite_csv
+from tests.logs.samples import LEROBOT, VLA_EVAL, suite_csv
 from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene_lines import is_document
@@ -168,7 +168,7 @@ def mesh(rng: Rng, folder: Path) -> None:
 
 def logs(rng: Rng, folder: Path) -> None:
     """Logs of others, also through what compares and shows them."""
-    kept = (VLA_EVAL, VLA_EVAL_BEFORE, LEROBOT_BEFORE)
+    kept = (VLA_EVAL, LEROBOT)
     match rng.integers(3):
         case 0:
             content = json.dumps(mutators.tree(rng, kept[int(rng.integers(len(kept)))])).encode()

@@ -117,8 +117,7 @@ def vla_eval_frames(rng: Rng, folder: Path) -> None:
 
 
 def openpi_frames(rng: Rng, folder: Path) -> None:
-    pose = "camera=0&rotation=quaternion_xyzw&action=eef_pose&execute=1"
-    query = str(rng.choice(["profile=libero", "camera=0&state=1", pose]))
+    query = str(rng.choice(["profile=libero", "camera=0&state=1"]))
     frame: Any = frame_of(rng, {"actions": array_of(rng), "n": np.float32(1)}, "openpi")
     if rng.random() < 0.1:
         frame = mutators.text(rng, "Traceback\nValueError: x")

@@ -94,11 +94,6 @@ def test_a_full_read_only_cache_is_a_warning(tmp_path: Path, monkeypatch):
     assert machine.check_cache(tmp_path).verdict == "warn"
 
 
-def test_little_disk_is_a_warning(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(machine, "LITTLE_DISK", float("inf"))
-    assert machine.check_disk(tmp_path).verdict == "warn"
-
-
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
     code = (
         "import sys; from vlafuzz.worlds.tabletop import renderer; from vlafuzz.cli import doctor;"

@@ -67,7 +67,7 @@ def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys):
     assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
     checks = rows(capsys)
     assert {row["verdict"] for row in checks.values()} == {"ok"}
-    assert list(checks)[-4:] == ["same answers", "rollouts", "nominal", "wiring"]
+    assert list(checks)[-3:] == ["rollouts", "nominal", "wiring"]
 
 
 def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys):

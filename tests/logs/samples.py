@@ -55,24 +55,4 @@ VLA_EVAL = {
         }
     ],
 }
-VLA_EVAL_BEFORE = {
-    "benchmark": "libero_goal",
-    "harness_version": "0.0.4",
-    "tasks": [
-        {
-            "task": "open the drawer",
-            "episodes": [
-                {"episode_id": "open the drawer_ep0", "success": True, "steps": 90},
-                {"episode_id": "open the drawer_ep1", "success": False, "steps": 300},
-                {"episode_id": "open the drawer_ep2", "success": False, "failure_reason": "timeout"},
-            ],
-        }
-    ],
-}
-LEROBOT_BEFORE = {
-    "per_episode": [
-        {"episode_ix": 0, "sum_reward": 1.5, "success": True, "seed": 1000},
-        {"episode_ix": 1, "sum_reward": float("nan"), "success": False, "seed": 1001},
-    ],
-    "aggregated": {"pc_success": 50.0},
-}
+LEROBOT = {"per_task": [{"task_group": "libero_goal", "task_id": 3, "metrics": {"successes": [True, False]}}]}

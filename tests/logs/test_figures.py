@@ -5,8 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.logs.samples import episodes
-from vlafuzz.common.statistics import sign_test, wilson
-from vlafuzz.logs.against import noticeable_loss, power
+from vlafuzz.common.statistics import wilson
 from vlafuzz.logs.episodes import Episode, rates, recurrence
 
 
@@ -44,34 +43,9 @@ def test_without_repeats_there_is_no_recurrence():
     assert recurrence(episodes(a="fsf")) is None
 
 
-def test_conditions_have_rates_and_controls_count_in_no_other():
+def test_conditions_have_rates():
     log = episodes(a="ssff")
-    conditions = ["control", "control", "light", "dark"]
+    conditions = ["light", "light", "light", "dark"]
     log = [replace(one, condition=name) for one, name in zip(log, conditions, strict=True)]
     found = {rate.condition: (rate.success.count, rate.success.of) for rate in rates(log)}
-    assert found == {"": (0, 2), "control": (2, 2), "light": (0, 1), "dark": (0, 1)}
-
-
-@pytest.mark.parametrize(("pairs", "success"), [(60, 0.6), (200, 0.8), (500, 0.97)])
-def test_the_loss_that_is_said_to_be_noticed_is_noticed_in_nine_of_ten_comparisons(pairs, success):
-    import numpy as np
-
-    loss = noticeable_loss(pairs, success, 0.05)
-    assert loss is not None
-    rng = np.random.default_rng(0)
-    old = rng.random((400, pairs)) < success
-    new = rng.random((400, pairs)) < success - loss
-    counts = zip((old & ~new).sum(axis=1), (new & ~old).sum(axis=1), strict=True)
-    noticed = [sign_test(int(worse), int(better)) <= 0.05 for worse, better in counts]
-    assert 0.86 < np.mean(noticed) < 0.95
-
-
-def test_of_very_many_pairs_the_loss_is_not_said_to_be_smaller_than_what_is_noticed():
-    loss = noticeable_loss(6000, 0.9, 0.05)
-    assert loss is not None
-    assert 0.9 <= power(6000, 0.9, loss, 0.05) < 0.93
-
-
-@pytest.mark.parametrize(("pairs", "success"), [(0, 0.9), (5, 1.0), (40, 0.05)])
-def test_what_no_loss_could_show_notices_none(pairs, success):
-    assert noticeable_loss(pairs, success, 0.05) is None
+    assert found == {"": (2, 4), "light": (2, 3), "dark": (0, 1)}

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from vlafuzz.cli.flags import AlphaFlag, JsonFlag, MarkdownFlag, option
-from vlafuzz.cli.output import Bar, data, print_json, print_lines, print_rows
+from vlafuzz.cli.output import data, print_json, print_lines, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError, check_probability, printable, suggestion
 
 
@@ -20,8 +20,6 @@ def command(
         list[str] | None, option("What a column of CSV holds, if it has another name: success=ok; may be repeated.")
     ] = None,
     alpha: AlphaFlag = 0.05,
-    out: Annotated[Path | None, option("Write a page.")] = None,
-    junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
     markdown: MarkdownFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -48,15 +46,6 @@ def command(
         for title, rows in show.tables(reading).items():
             print_rows(rows, title=title)
         print_lines(*show.sentences(reading))
-    # Last: where one cannot be written, the result is shown all the same.
-    if out:
-        from vlafuzz.report.page import write_page
-
-        write_page(out, show.page(reading))
-    if junit:
-        show.write_junit(reading, junit)
-    for path in filter(None, (out, junit)):
-        Bar.note(f"written: {path}")
     if (compared := reading.against) and compared.worse:  # exit codes as of `regress`
         raise typer.Exit(1)
     if compared and not compared.tells:

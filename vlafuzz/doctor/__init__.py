@@ -35,12 +35,6 @@ FAULTS: dict[str, tuple[Rating, str]] = {
     "it breaks off at times": ("warn", "the first time {broken.where}: {broken.error.message}"),
     "it mostly fails": ("warn", "most of its failures will say nothing about the scenes"),
     "it cannot do the task": ("refuse", "its failures say nothing about the scenes"),
-    "replays differ": ("warn", "run both on one kind of processor with one build of simulator and NumPy"),
-    "usually multisampling, or two devices that draw": ("warn", "leave one device visible, update its driver"),
-    "the server samples, or batches unlike requests": ("warn", "fix its seed there, or say deterministic=0"),
-    "unseeded": ("warn", "it draws from a global generator; seed its own with each rollout's seed in reset"),
-    "autotuned or parallel kernels": ("warn", "cudnn.benchmark = False, one thread, or say deterministic=False"),
-    "it depends on its process": ("warn", "no time, process id or hash() in seeds; PYTHONHASHSEED=0 tells"),
 }
 
 

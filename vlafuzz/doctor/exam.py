@@ -5,16 +5,13 @@
 
 import shlex
 from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import replace
 from itertools import count, cycle, islice
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import fmean, median
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
@@ -24,26 +21,14 @@ from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import Check, verdicts
-from vlafuzz.doctor.probes import (
-    Break,
-    Interview,
-    Moment,
-    Recorder,
-    ask,
-    moved,
-    reworded,
-    seconds_at_once,
-    sights,
-    spread,
-)
+from vlafuzz.doctor.probes import Break, Interview, Recorder, moved, reworded, seconds_at_once, sights
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
 from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.policies.base import Policy, PolicySpec
-from vlafuzz.policies.clients.servers import guesses, is_remote
+from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.rollouts.setup import make_evaluator
@@ -82,10 +67,6 @@ class Exam:
 
     def close(self) -> None:
         self._evaluator.close()
-
-    def moments(self) -> list[Moment]:
-        """A few of those that were recorded."""
-        return spread(self._recorder.moments, SCENES)
 
     def looks(self) -> Iterator[Check]:
         """Only what the other checks begin with: some answers in a few scenes."""
@@ -231,32 +212,6 @@ class Exam:
         return evaluate_safely(self._evaluator, [scene])[0]
 
 
-def check_answers(conditions: Conditions, spec: PolicySpec, moments: Sequence[Moment], *, remote: bool) -> Check:
-    """Whether the policy that the conditions name answers alike in two processes, each with its own.
-
-    One process after the other, since a model may need half of the memory; ``remote``: each connects anew.
-    """
-    context = get_context("spawn")
-    try:
-        with ProcessPoolExecutor(1, context) as one, ProcessPoolExecutor(1, context) as other:
-            first = one.submit(asked_twice, conditions, moments)
-            if not remote:
-                first.result()
-                one.shutdown()
-            second = other.submit(asked_twice, conditions, moments)
-            return verdicts.on_answers(spec, first.result(), second.result(), remote=remote)
-    except (VlafuzzError, BrokenExecutor) as error:
-        hint = getattr(error, "hint", None) or "a process of its own may lack memory, or a second connection"
-        return Check("same answers", f"unknown: {' '.join(str(error).split())}", "warn", hint)
-
-
-def asked_twice(conditions: Conditions, moments: Sequence[Moment]) -> list[list[NDArray[np.float64]]]:
-    """Two answers of the policy to each moment."""
-    policy = make_policy(conditions.policy)
-    with closing(make_evaluator(conditions, policy)):  # which tells it what it has to know of the world
-        return [[ask(policy, [moment])[0] for moment in moments] for _ in range(2)]
-
-
 def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None) -> Iterator[Check]:
     """All checks of the policy that the run names, up to the first refusal, with ``n`` nominal rollouts.
 
@@ -273,8 +228,8 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
     with closing(policy):
         manifest = config.plan(run, policy=policy).manifest
         watch.note(
-            f"{run.policy}: a few seconds of questions, a few more in two other processes, then "
-            f"{n} rollouts; where they fail, up to some 150 more, with corrections; --time bounds it"
+            f"{run.policy}: a few seconds of questions, then {n} rollouts; "
+            f"where they fail, up to some 150 more, with corrections; --time bounds it"
         )
         most = longest(policy.spec, manifest)
         watch.progress("checks", 0, None)
@@ -287,8 +242,6 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
                     seconds = most / speed.actions * (speed.answer + speed.simulator)
                     first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
                     watch.note(f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}")
-                    if not (deadline and deadline.passed):
-                        yield check_answers(manifest, policy.spec, exam.moments(), remote=is_remote(policy))
 
 
 def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple[Plan, Speed | None]:

@@ -6,7 +6,6 @@ import importlib.metadata
 import json as json_format
 import os
 import platform
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -25,7 +24,6 @@ PACKAGES = {
     "sapien": "no scene can be simulated",
     "torch": "ManiSkill cannot be loaded",
 }
-LITTLE_DISK = 1e9  # bytes: some thousand videos
 # Run in a separate process, as an incompatible native library may crash.
 _IMPORT = """
 import importlib, json, sys
@@ -61,7 +59,6 @@ def machine() -> Iterator[Check]:
         lost = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
         yield Check("renderer", probed.problem or "", "warn", f"{lost}; hint: {renderer.HINT}")
     yield check_cache(assets.cache_dir())
-    yield check_disk(Path.cwd())
 
 
 def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
@@ -81,18 +78,12 @@ def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
 def check_cache(folder: Path) -> Check:
     built = sum(not path.name.startswith(".") for path in folder.glob("objects/*"))
     contents = f"{folder}, {built} objects built"
-    if os.access(_existing(folder), os.W_OK | os.X_OK):
+    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
+    if os.access(existing, os.W_OK | os.X_OK):
         return Check("cache", contents, "ok", "" if built else "objects are built when they are first used")
     verdict: Rating = "warn" if built else "refuse"
     follows = "no further object can be built; hint: set VLAFUZZ_CACHE to a folder that you may write"
     return Check("cache", f"{contents}, not writable", verdict, follows)
-
-
-def check_disk(folder: Path) -> Check:
-    free = shutil.disk_usage(_existing(folder)).free
-    enough = free >= LITTLE_DISK
-    follows = "" if enough else "stores and videos may not fit; hint: make room or work in another folder"
-    return Check("disk", f"{free / 1e9:.1f} GB free here", "ok" if enough else "warn", follows)
 
 
 def _import_problems(names: list[str]) -> dict[str, str | None]:
@@ -108,8 +99,3 @@ def _import_problems(names: list[str]) -> dict[str, str | None]:
             name, problem = json_format.loads(line.removeprefix("imported "))
             problems[name] = problem
     return problems
-
-
-def _existing(folder: Path) -> Path:
-    """The folder, or its nearest existing parent."""
-    return next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())

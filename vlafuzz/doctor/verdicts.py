@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
 from vlafuzz.doctor import Check, judged
-from vlafuzz.doctor.probes import HARDLY, Answers, Break, Change
+from vlafuzz.doctor.probes import Answers, Break, Change
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.harness import WIDTH
@@ -21,7 +21,6 @@ STILL = 0.001  # metres and radians per step below which the hand does not reall
 SAME = 1e-6
 AT_END = 0.8  # share of steps at an end of its range from which on a number counts as clipped
 CUT = 3  # clipped numbers; fewer may be intended, as in a straight descent at constant speed
-Asked = Sequence[Sequence[Array]]  # answers by round and moment
 ANYWAY = " (100%: as much as from moment to moment)"
 
 
@@ -91,28 +90,6 @@ def on_determinism(spec: PolicySpec, answers: Answers) -> Check:
         return Check("determinism", detail if spec.deterministic else f"{detail}, though it may vary")
     detail = f"asked again, its answers change by {answers.relative(float(np.mean(answers.noise))):.1%}{ANYWAY}"
     return judged("determinism", detail, "not deterministic" if spec.deterministic else None)
-
-
-def on_answers(spec: PolicySpec, one: Asked, other: Asked, *, remote: bool) -> Check:
-    """``remote``: two connections to a server instead of two policies."""
-    two = "two connections" if remote else "two processes"
-    between = Answers(spec, one[0], other[0])
-    itself = Answers(spec, *one).noise.any()
-    if not between.noise.any() and not itself:
-        return Check("same answers", f"{two} get the same answers to {len(one[0])} observations")
-    size = between.relative(float(np.mean(between.noise)))
-    share = f"{np.count_nonzero(between.noise)} of {len(between.noise)} observations"
-    found = f"{two} get different answers to {share}, by {size:.2g} of what differs from moment to moment"
-    if not spec.deterministic:
-        return Check("same answers", f"it samples, as declared: {found}")
-    if remote:
-        return judged("same answers", found, "the server samples, or batches unlike requests")
-    kernels = size < HARDLY
-    return judged(
-        "same answers",
-        found,
-        "unseeded" if itself else "autotuned or parallel kernels" if kernels else "it depends on its process",
-    )
 
 
 def on_sight(changes: Mapping[str, Change]) -> Check:

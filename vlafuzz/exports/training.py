@@ -113,7 +113,7 @@ def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, i
     for failure in failures:
         interface = interface_of(failure.run.policy, failure.run.spec)
         pictures = (*interface.spec.cameras, *interface.pictures.values())
-        kinds[failure.scene.robot, interface.key, interface.layout, pictures] = interface
+        kinds[failure.scene.robot, interface.spec.action, interface.layout, pictures] = interface
     if len(kinds) > 1:
         message = f"{source}: has failures of {len(kinds)} robots, sets of cameras or kinds of actions"
         raise UsageError(message, hint="--run N takes the failures of one run")

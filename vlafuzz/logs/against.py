@@ -1,21 +1,13 @@
-"""Two logs compared, suite by suite, paired where episodes are the same; and the loss that would be seen."""
+"""Two logs compared, suite by suite, paired where episodes are the same."""
 
-import math
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
-import numpy as np
-
-from vlafuzz.common.statistics import Interval, Share, binomial, fisher, holm, newcombe, paired_difference, sign_test
+from vlafuzz.common.statistics import Interval, Share, fisher, holm, newcombe, paired_difference, sign_test
 from vlafuzz.common.text import named
-from vlafuzz.logs.episodes import CONTROL, Episode, grouped, judged, share, starts
+from vlafuzz.logs.episodes import Episode, grouped, judged, share
 
 ALL = "all"
-POWER = 0.9
-_MOST = 4000  # pairs that are computed: the effort grows with the square of their number
-_STEPS = 10  # of bisection: to a tenth of a point
-_RARE = 1e-6  # numbers of discordant pairs that are less probable are left out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,8 +19,8 @@ class Contrast:
         only the old one succeeds, ``better``: only the new one; repeats are one pair. difference: 95 % interval of the
         new success rate minus the old one.
         p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites. least: the
-        smallest p that such a test can give when the new one fails everywhere. noticeable: the loss that is noticed
-        with 90 % power after this correction; None if none is. left: judged episodes of either log without a partner.
+        smallest p that such a test can give when the new one fails everywhere. left: judged episodes of either log
+        without a partner.
     """
 
     suite: str
@@ -41,7 +33,6 @@ class Contrast:
     p: float
     p_holm: float = 1.0
     least: float
-    noticeable: float | None = None
     left: int = 0
 
     @property
@@ -106,22 +97,16 @@ class Comparison:
         return f"{self.new} is {', '.join(shown)}{unshown}"
 
 
-def tests(suites: int) -> int:
-    """How many tests there are: one a suite, and one of all together if they are several."""
-    return suites + (suites > 1)
-
-
 def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, str], alpha: float) -> Comparison:
     """Two logs; ``names``: the old one's and the new one's."""
     olds, news = (grouped(judged(log), lambda episode: episode.suite) for log in (old, new))
     both = [suite for suite in olds if suite in news]
     matched = {suite: _matched(olds[suite], news[suite]) for suite in both}
-    each = alpha / max(tests(len(both)), 1)
-    found = [_contrast(suite or ALL, matched[suite], olds[suite], news[suite], each) for suite in both]
+    found = [_contrast(suite or ALL, matched[suite], olds[suite], news[suite]) for suite in both]
     if len(both) > 1:
         pairs = [pair for suite in both for pair in matched[suite]] if all(matched.values()) else []
         before, now = ([episode for suite in both for episode in log[suite]] for log in (olds, news))
-        found.append(_contrast(ALL, pairs, before, now, each))
+        found.append(_contrast(ALL, pairs, before, now))
     return Comparison(
         old=names[0],
         new=names[1],
@@ -130,19 +115,6 @@ def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, st
         missing=tuple(sorted({*olds} ^ {*news})),
         judged=len(judged(new)) / len(new),
     )
-
-
-def changed(episodes: Sequence[Episode], alpha: float) -> Comparison | None:
-    """The changed episodes against their controls; None for a log that has none beside each other."""
-    by_place = grouped(judged(episodes), lambda episode: episode.place).values()
-    pairs = [(those[0], those[1]) for those in by_place if len(those) == 2 and those[0].condition == CONTROL]
-    if not pairs:
-        return None
-    suites = dict.fromkeys(control.suite for control, _ in pairs)
-    found = [_of_pairs(suite or ALL, [pair for pair in pairs if pair[0].suite == suite]) for suite in suites]
-    if len(suites) > 1:
-        found.append(_of_pairs(ALL, pairs))
-    return Comparison(old=CONTROL, new="changed", alpha=alpha, contrasts=_corrected(found))
 
 
 Pair = tuple[Episode, Episode]
@@ -157,19 +129,11 @@ def _matched(old: Sequence[Episode], new: Sequence[Episode]) -> list[Pair]:
     return [pair for same in both for pair in zip(olds[same], news[same], strict=False)]
 
 
-def _contrast(
-    suite: str, pairs: Sequence[Pair], old: Sequence[Episode], new: Sequence[Episode], alpha: float
-) -> Contrast:
+def _contrast(suite: str, pairs: Sequence[Pair], old: Sequence[Episode], new: Sequence[Episode]) -> Contrast:
     if pairs:
-        contrast = _of_pairs(suite, pairs)
-        return replace(
-            contrast,
-            noticeable=noticeable_loss(starts(old for old, _ in pairs), contrast.old.share, alpha),
-            left=len(old) + len(new) - 2 * len(pairs),
-        )
+        return replace(_of_pairs(suite, pairs), left=len(old) + len(new) - 2 * len(pairs))
     ours, theirs = _independent(new), _independent(old)
     now, before = share(ours), share(theirs)
-    both = 2 / (1 / now.of + 1 / before.of)  # a log of so many episodes each tells as much
     return Contrast(
         suite=suite,
         paired=False,
@@ -178,7 +142,6 @@ def _contrast(
         difference=newcombe(now.count, now.of, before.count, before.of),
         p=fisher(now.count, now.of, before.count, before.of),
         least=fisher(0, now.of, before.count, before.of),
-        noticeable=noticeable_loss(int(both), before.share, alpha),
         left=len(old) + len(new) - now.of - before.of,
     )
 
@@ -212,39 +175,3 @@ def _of_pairs(suite: str, pairs: Sequence[Pair]) -> Contrast:
 def _corrected(contrasts: Sequence[Contrast]) -> tuple[Contrast, ...]:
     corrected = holm([contrast.p for contrast in contrasts])
     return tuple(replace(one, p_holm=p) for one, p in zip(contrasts, corrected, strict=True))
-
-
-def noticeable_loss(pairs: int, success: float, alpha: float) -> float | None:
-    """The smallest loss that a sign test of so many pairs notices with 90 % power; None if none is.
-
-    Outcomes count as independent within a pair; where the same episodes fail under both, less is noticed. ``success``
-    is the rate of the old one, ``alpha`` of the two-sided test.
-    """
-    if not pairs or power(min(pairs, _MOST), success, success, alpha) < POWER:
-        return None
-    if pairs > _MOST:  # from there on it shrinks with the square root of their number, or faster
-        most = noticeable_loss(_MOST, success, alpha)
-        return most and most * math.sqrt(_MOST / pairs)
-    low, high = 0.0, success
-    for _ in range(_STEPS):
-        middle = (low + high) / 2
-        low, high = (low, middle) if power(pairs, success, middle, alpha) >= POWER else (middle, high)
-    return high
-
-
-def power(pairs: int, success: float, loss: float, alpha: float) -> float:
-    """The probability that a two-sided sign test shows that the new one is worse by ``loss``."""
-    worse, better = success * (1 - success + loss), (1 - success) * (success - loss)
-    chances = binomial(pairs, worse + better)
-    return sum(
-        float(chances[discordant] * binomial(int(discordant), worse / (worse + better))[fewest:].sum())
-        for discordant in np.flatnonzero(chances > _RARE)
-        if (fewest := _fewest(int(discordant), alpha)) <= discordant
-    )
-
-
-@cache
-def _fewest(discordant: int, alpha: float) -> int:
-    """How many of the discordant pairs must be worse to be shown; one more than all if none suffices."""
-    tails = np.cumsum(binomial(discordant, 0.5)[::-1])
-    return discordant + 1 - int(np.sum(2 * tails <= alpha))

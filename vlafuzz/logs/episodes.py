@@ -7,7 +7,6 @@ from typing import TypeVar
 from vlafuzz.common.statistics import Share
 
 Key = TypeVar("Key", bound=Hashable)
-CONTROL = "control"  # the condition of an episode without a change
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,7 +17,7 @@ class Episode:
         condition: what was changed, such as ``camera_shift high``.
         state: number of the initial state, or of the episode; ``seed``: of the policy or the environment. run: the
         evaluation; a run has every episode once.
-        place: file and line; the control and the changed episode of one line share it.
+        place: file and line.
         success: None where the episode ended in an error, which is no failure.
     """
 
@@ -83,10 +82,7 @@ class Recurrence:
 
 
 def rates(episodes: Sequence[Episode]) -> list[Rate]:
-    """By suite, then by condition, then by task, where there are several; the first one is of all.
-
-    Controls are a condition, and else not counted: how many there are decides no rate.
-    """
+    """By suite, then by condition, then by task, where there are several; the first one is of all."""
 
     def by(those: Sequence[Episode], *names: str) -> list[Rate]:
         groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
@@ -95,11 +91,9 @@ def rates(episodes: Sequence[Episode]) -> list[Rate]:
             for key, group in groups.items()
         ]
 
-    counted = [episode for episode in episodes if episode.condition != CONTROL] or episodes
-    suites, conditions = by(counted, "suite"), by(episodes, "condition")
-    tasks = by(counted, "suite", "task")
+    suites, conditions, tasks = by(episodes, "suite"), by(episodes, "condition"), by(episodes, "suite", "task")
     return [
-        *(by(counted) if len(suites) > 1 else []),
+        *(by(episodes) if len(suites) > 1 else []),
         *suites,
         *(conditions if len(conditions) > 1 else []),
         *(tasks if len(tasks) > len(suites) else []),

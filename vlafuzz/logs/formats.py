@@ -2,20 +2,16 @@
 
 import csv
 import io
-import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-from pydantic import TypeAdapter
 
 from vlafuzz.common.reading import parse_json, read_text, validated
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.logs.episodes import CONTROL, Episode, judged
+from vlafuzz.logs.episodes import Episode, judged
 
-_OPTIONAL: TypeAdapter[bool | None] = TypeAdapter(bool | None)
 _MOST = 500  # suites or conditions, each with a row; larger numbers are those of episodes
 _FORMATS = "lerobot's eval_info.json, vla-eval's results, or CSV with a heading; docs/logs.md describes them"
 # What a column holds, with the names by which it is known without --column. All columns of conditions are
@@ -31,8 +27,6 @@ NAMES: Mapping[str, tuple[str, ...]] = {
     "seed": ("seed", "policy_seed", "env_seed"),
     "run": ("run", "run_id"),
     "success": ("success", "is_success", "succeeded", "correct"),
-    "control": ("control_correct", "control_success", "baseline_correct", "baseline_success"),
-    "changed": ("intervention_correct", "intervention_success", "changed_correct", "changed_success"),
 }
 _OUTCOMES = {"1": True, "1.0": True, "true": True, "0": False, "0.0": False, "false": False, "": None}
 
@@ -68,7 +62,7 @@ def _read(path: Path, columns: Mapping[str, str]) -> Iterator[Episode]:
         content = parse_json(text)
     except ValueError as error:
         raise UsageError(f"{path}: not JSON: {error}", hint=_FORMATS) from None
-    kinds = {"per_task": _lerobot, "per_episode": _lerobot_before, "tasks": _vla_eval}
+    kinds = {"per_task": _lerobot, "tasks": _vla_eval}
     for key, reader in kinds.items():
         if isinstance(content, dict) and key in content:
             return reader(path, content)
@@ -100,19 +94,14 @@ class _LeRobotTask:
 
 
 @dataclass(frozen=True)
-class _LeRobotEpisode:
-    episode_ix: int
-    success: bool
-    seed: int | None = None
+class _Success:
+    success: bool | None = None
 
 
 @dataclass(frozen=True)
 class _VlaEvalEpisode:
-    """Up to version 0.0.4 success is beside the number, since then in the metrics."""
-
     episode_id: int | str | None = None
-    success: bool | None = None
-    metrics: dict[str, Any] = field(default_factory=dict)
+    metrics: _Success = _Success()
     failure_reason: str | None = None
 
 
@@ -129,7 +118,7 @@ class _VlaEval:
 
 
 def _lerobot(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
-    """Of lerobot 0.4: a list of successes for every task; the place in it is the number of the episode."""
+    """A list of successes for every task; the place in it is the number of the episode."""
     for task in validated(list[_LeRobotTask], content["per_task"], f"{path}: per_task", UsageError):
         for number, success in enumerate(task.metrics.successes):
             yield Episode(
@@ -142,34 +131,17 @@ def _lerobot(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
             )
 
 
-def _lerobot_before(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
-    """Of lerobot up to 0.3: one task, which the log does not name."""
-    kept = validated(list[_LeRobotEpisode], content["per_episode"], f"{path}: per_episode", UsageError)
-    for number, episode in enumerate(kept):
-        yield Episode(
-            state=str(episode.episode_ix),
-            seed="" if episode.seed is None else str(episode.seed),
-            run=str(path),
-            place=f"{path}: per_episode.{number}",
-            success=episode.success,
-        )
-
-
 def _vla_eval(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
     log = validated(_VlaEval, content, path, UsageError)
     for task in log.tasks:
         for number, episode in enumerate(task.episodes):
-            place = f"{path}: {task.task}: episodes.{number}"
-            counted = episode.metrics.get("success", episode.success)
-            success = validated(_OPTIONAL, counted, f"{place}: success", UsageError)
-            state = "" if episode.episode_id is None else str(episode.episode_id)
             yield Episode(
                 suite=log.benchmark,
                 task=task.task,
-                state=re.sub(r".*_ep(?=\d+$)", "", state),  # up to 0.0.4: the task, _ep and the number
+                state="" if episode.episode_id is None else str(episode.episode_id),
                 run=str(path),
-                place=place,
-                success=None if episode.failure_reason else success,
+                place=f"{path}: {task.task}: episodes.{number}",
+                success=None if episode.failure_reason else episode.metrics.success,
             )
 
 
@@ -188,7 +160,9 @@ def read_table(path: Path, text: str, columns: Mapping[str, str]) -> Iterator[Ep
                     f"{place}: has {len(cells)} cells, expected {len(heads)}",
                     hint="a cell with a comma in it needs quotation marks",
                 )
-            yield from _episodes(place, [cell.strip() for cell in cells], found)
+            value = {holds: " ".join(cells[index].strip() for index in indices) for holds, indices in found.items()}
+            success = _outcome(place, value.pop("success"))
+            yield Episode(**value, place=place, success=success)
     except csv.Error as error:
         raise UsageError(f"{path}, line {rows.line_num}: not CSV: {error}") from None
 
@@ -206,24 +180,12 @@ def _columns(path: Path, heads: Sequence[str], columns: Mapping[str, str]) -> di
             raise UsageError(f"--column {holds}={named}: {path} has no such column", hint=hint)
         known = [heads.index(name) for name in ([named] if named else names) if name in heads]
         found[holds] = known if holds == "condition" else known[:1]
-    if not found["success"] and not (found["control"] and found["changed"]):
+    if not found["success"]:
         raise UsageError(
             f"{path}: no column is known to say whether an episode succeeded: {', '.join(heads)}",
-            hint="--column success=NAME; or control=NAME and changed=NAME, where a line has two episodes",
+            hint="--column success=NAME",
         )
     return found
-
-
-def _episodes(place: str, cells: Sequence[str], found: Mapping[str, Sequence[int]]) -> Iterator[Episode]:
-    value = {holds: " ".join(cells[index] for index in indices) for holds, indices in found.items()}
-    common = {name: value[name] for name in ("suite", "task", "state", "seed")}
-    if found["success"]:
-        success = _outcome(place, value["success"])
-        yield Episode(**common, condition=value["condition"], run=value["run"], place=place, success=success)
-        return
-    # The controls of one episode are its repeats, so that a run may have it several times: no run is named.
-    for condition, holds in ((CONTROL, "control"), (value["condition"] or "changed", "changed")):
-        yield Episode(**common, condition=condition, place=place, success=_outcome(place, value[holds]))
 
 
 def _outcome(place: str, cell: str) -> bool | None:

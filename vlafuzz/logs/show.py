@@ -1,15 +1,13 @@
-"""What was read, as tables and sentences, and as JSON, Markdown, a page, and JUnit."""
+"""What was read, as tables and sentences, as JSON and as Markdown."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
-from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, markdown_table, percent, plural, points
-from vlafuzz.logs.against import ALL, Comparison, changed, compare, noticeable_loss, tests
-from vlafuzz.logs.episodes import CONTROL, Episode, Rate, Recurrence, judged, rates, recurrence, starts
+from vlafuzz.logs.against import ALL, Comparison, compare
+from vlafuzz.logs.episodes import Episode, Rate, Recurrence, rates, recurrence
 
 _MOST = 5  # tasks in a table
 
@@ -18,53 +16,30 @@ _MOST = 5  # tasks in a table
 class Reading:
     """A log, or several files of one evaluation.
 
-    Attributes:
-        changed: its changed episodes against their controls; ``against``: it, against another log. noticeable: the loss
-        that a comparison with as many episodes would notice with 90 % power; None if
-            none would be, or if there is a comparison, whose contrasts say it.
+    ``against``: it, compared with another log.
     """
 
     name: str
     rates: tuple[Rate, ...]
     recurrence: Recurrence | None
-    changed: Comparison | None
     against: Comparison | None
-    noticeable: float | None
 
     @classmethod
     def of(
         cls, name: str, episodes: Sequence[Episode], old: tuple[str, Sequence[Episode]] | None, alpha: float
     ) -> "Reading":
         """``old``: name and episodes of the log to compare with."""
-        found = rates(episodes)
         return cls(
             name=name,
-            rates=tuple(found),
+            rates=tuple(rates(episodes)),
             recurrence=recurrence(episodes),
-            changed=changed(episodes, alpha),
             against=compare(old[1], episodes, (old[0], name), alpha) if old else None,
-            noticeable=None if old else _noticeable(episodes, found[0].success.share, alpha),
         )
 
     @property
     def suites(self) -> dict[str, Rate]:
         """By name, those of all conditions and tasks."""
         return {rate.suite or ALL: rate for rate in self.rates if not (rate.condition or rate.task)}
-
-    @property
-    def title(self) -> str:
-        """The name, and what the rates of suites and tasks are of."""
-        controls = any(rate.condition == CONTROL for rate in self.rates)
-        return f"{self.name}, without controls" if controls else self.name
-
-    @property
-    def comparisons(self) -> list[Comparison]:
-        return [comparison for comparison in (self.changed, self.against) if comparison]
-
-
-def _noticeable(episodes: Sequence[Episode], success: float, alpha: float) -> float | None:
-    each = alpha / tests(len({episode.suite for episode in episodes}))
-    return noticeable_loss(starts(judged(episodes)), success, each)
 
 
 def tables(reading: Reading, most: int | None = _MOST) -> dict[str, list[Row]]:
@@ -74,11 +49,11 @@ def tables(reading: Reading, most: int | None = _MOST) -> dict[str, list[Row]]:
     shown = sorted(tasks, key=lambda rate: -rate.failure.share)[:most]
     title = "Tasks" if len(shown) == len(tasks) else f"The {len(shown)} of {len(tasks)} tasks that fail most"
     found = {
-        reading.title: _rates(list(reading.suites.values()), "suite"),
+        reading.name: _rates(list(reading.suites.values()), "suite"),
         "Conditions": _rates(conditions, "condition"),
         title: _rates(shown, "suite", "task"),
     }
-    for compared in reading.comparisons:
+    if compared := reading.against:
         found[f"{compared.new} against {compared.old}"] = _contrasts(compared)
     return {title: rows for title, rows in found.items() if rows}
 
@@ -106,19 +81,14 @@ def _contrasts(compared: Comparison) -> list[Row]:
             "points": f"{points(one.gain)} ({' to '.join(points(end) for end in one.difference)})",
             "lost, won": f"{one.worse}, {one.better}" if one.paired else "–",
             "p": f"{one.p_holm:.2g}",
-            **({} if compared.old == CONTROL else {"notices": _points(one.noticeable)}),
         }
         for one in compared.contrasts
     ]
 
 
-def _points(loss: float | None) -> str:
-    return "none" if loss is None else f"{100 * loss:.1f}"
-
-
 def sentences(reading: Reading) -> list[str]:
     """What the tables do not say."""
-    said = [sentence for compared in reading.comparisons for sentence in _of(compared)]
+    said = _of(reading.against) if reading.against else []
     if (repeats := reading.recurrence) and repeats.failing:
         failing = plural(repeats.failing, "episode")
         said.append(
@@ -126,10 +96,6 @@ def sentences(reading: Reading) -> list[str]:
             f"{repeats.again.count} of {repeats.again.of} repeats fail, too: {repeats.again}; of all repeats "
             f"{repeats.failures} fail. {repeats.mixed} of {failing} with a failure also succeeded."
         )
-    if not reading.against:
-        notices = reading.noticeable
-        loss = "no loss" if notices is None else f"a loss of {_points(notices)} points or more"
-        said.append(f"A comparison with another log of the same episodes would notice {loss} (90% power).")
     return said
 
 
@@ -138,7 +104,7 @@ def _of(compared: Comparison) -> list[str]:
     if compared.contrasts:
         said.append(
             "Points: new minus old, with 95% intervals; lost, won: episodes in which only the old or the new "
-            "one succeeds; p: corrected for all rows (Holm); notices: a loss that is noticed with 90% power."
+            "one succeeds; p: corrected for all rows (Holm)."
         )
     if compared.contrasts and (left := compared.contrasts[-1].left):
         said.append(f"Not compared: {plural(left, 'episode')} without a partner.")
@@ -153,8 +119,6 @@ def document(reading: Reading) -> dict[str, Any]:
         "log": reading.name,
         "rates": [_rate_document(rate) for rate in reading.rates],
         "recurrence": asdict(reading.recurrence) if reading.recurrence else None,
-        "notices": reading.noticeable,
-        "changed": _comparison_document(reading.changed),
         "against": _comparison_document(reading.against),
     }
 
@@ -186,41 +150,3 @@ def markdown(reading: Reading) -> str:
     """The tables and sentences as Markdown, with all tasks."""
     parts = [f"### {title}\n\n{markdown_table(rows)}" for title, rows in tables(reading, None).items()]
     return "\n\n".join([*sentences(reading), *parts]) + "\n"
-
-
-def page(reading: Reading) -> str:
-    """The tables, with all tasks, and sentences as one HTML page without external resources."""
-    from vlafuzz.report.page import render_sheet
-    from vlafuzz.report.view import Table, View
-
-    rate = reading.rates[0]
-    errors = f", and {plural(rate.errors, 'more')} ended in an error" if rate.errors else ""
-    sheet = View(
-        title=reading.name,
-        source=reading.name,
-        headline=f"{rate.success.count} of {rate.success.of} episodes succeed: {rate.success}{errors}.",
-        conclusions=tuple(sentences(reading)),
-        tables=tuple(Table(title, rows) for title, rows in tables(reading, None).items()),
-    )
-    return render_sheet(sheet)
-
-
-def write_junit(reading: Reading, path: Path) -> None:
-    """Write atomically: a suite is a test case, which fails where the log is worse than the other one."""
-    from xml.etree import ElementTree as Xml
-
-    from vlafuzz.failures.corpus.tables import junit, junit_case, suite
-
-    compared = reading.against
-    worse = {one.suite for one in compared.worse} if compared else set()
-    unclear = "error" if compared and not compared.tells else ""
-    cases = []
-    for name, rate in reading.suites.items():
-        said = Xml.Element("system-out")
-        said.text = f"{rate.success} of {rate.success.of} episodes succeed"
-        element = "failure" if name in worse else unclear
-        case = junit_case(reading.name, name, element, compared.verdict if compared else "")
-        case.insert(0, said)
-        cases.append(case)
-    with writing(path, "give --junit another place"):
-        write_whole(path, junit("vlafuzz read", [suite(reading.name, cases)]))

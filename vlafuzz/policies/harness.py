@@ -15,7 +15,7 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishi
 Array = NDArray[np.float64]
 WIDTH = ActionSpec().width
 _NOT_REAL = "cSUmM"  # kinds of dtypes that NumPy would convert all the same
-AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations
+_AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations
 
 
 class Harness:
@@ -49,14 +49,34 @@ class Harness:
     def _metric(self, action: Array) -> Array:
         spec = self._spec.action
         with np.errstate(over="ignore"):
-            metric = action * ([spec.position_scale] * 3 + [spec.rotation_scale] * 3 + [1.0])
-        _check_finite(metric[None], self._spec.name)
-        if spec.rotation in AXES:
-            from scipy.spatial.transform import Rotation  # a catalogue is loaded without it
+            _check_finite((action * _units(spec))[None], self._spec.name)
+        move = metric(action, spec)
+        move[6] = self._gripper.command(float(action[6]))
+        return move
 
-            metric[3:6] = Rotation.from_euler(AXES[spec.rotation], metric[3:6]).as_rotvec()
-        metric[6] = self._gripper.command(float(action[6]))
-        return metric
+
+def metric(action: Array, spec: ActionSpec) -> Array:
+    """``(7,)`` in the units of the spec to metres and a rotation vector in radians; the gripper stays as it is."""
+    move = action * _units(spec)
+    if spec.rotation in _AXES:
+        from scipy.spatial.transform import Rotation  # a catalogue is loaded without it
+
+        move[3:6] = Rotation.from_euler(_AXES[spec.rotation], move[3:6]).as_rotvec()
+    return move
+
+
+def written_as(move: Array, spec: ActionSpec) -> Array:
+    """The inverse of ``metric``."""
+    action = move.copy()
+    if spec.rotation in _AXES:
+        from scipy.spatial.transform import Rotation
+
+        action[3:6] = Rotation.from_rotvec(move[3:6]).as_euler(_AXES[spec.rotation])
+    return action / _units(spec)
+
+
+def _units(spec: ActionSpec) -> Array:
+    return np.array([spec.position_scale] * 3 + [spec.rotation_scale] * 3 + [1.0])
 
 
 def ask(policy: Policy, observation: Observation) -> ActionChunk:

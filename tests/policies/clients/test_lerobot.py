@@ -120,7 +120,6 @@ class TestFitting:
             ("state=0", ACT, "takes the pictures image, image2, the options name image"),
             ("profile=libero&state=1", ACT, "8 numbers of state, state=eef_pos3_axisangle3_gripper1 has 7"),
             ("profile=libero&state=0", ACT, "takes 8 numbers of state, state=0 has 0"),
-            ("profile=libero&rotation=rot6d&rotation_scale=1", ACT, "7 numbers, a hand's have 10 with rot6d"),
             ("profile=libero", config(BOTH, actions=14), "its actions have 14 numbers"),
             ("profile=libero&execute=4", STEPWISE, "remembers past"),
         ],

@@ -39,17 +39,8 @@ def test_a_profile_says_how_state_and_actions_are_written():
     seen = Observation("one", 0, "", state=OWN)
     assert interface.state(seen) == pytest.approx([0.1, 0.2, 0.3, 3.0, 0, 0, 0.02, -0.02])
     assert len(interface.state_names) == 8
-    moved = interface.written(np.array([0.05, 0, 0, 0, 0, 0.5, 1.0]), OWN)
+    moved = interface.written(np.array([0.05, 0, 0, 0, 0, 0.5, 1.0]))
     assert moved == pytest.approx([1, 0, 0, 0, 0, 1, -1])  # of LIBERO's units; it closes above 0
-
-
-def test_poses_are_named_without_the_d_of_a_move():
-    name = "openpi:ws://gpu:8000?action=eef_pose&rotation=quaternion_wxyz&execute=1"
-    interface = interface_of(name, spec_of(name))
-    assert interface.action_names == ["x", "y", "z", "qw", "qx", "qy", "qz", "gripper"]
-    still = interface.written(np.array([0, 0, 0, 0, 0, 0, -1.0]), OWN)
-    assert still[:3] == pytest.approx(OWN[:3])
-    assert interface.answer(still, OWN) == pytest.approx([0, 0, 0, 0, 0, 0, -1], abs=1e-6)
 
 
 def test_a_policy_from_a_folder_keeps_its_own_names_of_pictures(tmp_path: Path):

@@ -2,7 +2,6 @@
 
 import re
 
-import numpy as np
 import pytest
 
 from tests.documentation import text
@@ -24,7 +23,6 @@ ROBOSUITE = ActionSpec(relative_to="current", position_scale=0.05, rotation_scal
 EXECUTABLE = [
     (name, protocol)
     for name, profile in known_profiles().items()
-    if name != "droid"
     for protocol in profile.protocols
     if protocol != "vla-eval"  # whose servers declare the rest themselves
 ]
@@ -125,14 +123,3 @@ OPTIONS = (ActOptions, GrootOptions, LeRobotOptions, OpenPiOptions, VlaEvalOptio
 @pytest.mark.parametrize("option", sorted(set().union(*(kind.model_fields for kind in OPTIONS))))
 def test_the_page_on_servers_has_a_row_for_every_option(option):
     assert re.search(rf"^\| .*`{option}`", PAGE, flags=re.MULTILINE)
-
-
-def test_a_pose_is_executed_with_the_hands_own_state():
-    from tests.policies.clients.served import STATE, seen
-
-    model = Model("it", openpi("action=eef_pose&execute=1&rotation=rpy&camera=0"))
-    assert model.spec.state
-    assert model.spec.action.relative_to == "current"
-    target = np.array([[0.2, -0.2, 0.3, 0.0, 0.0, 0.0, 1.0]])
-    assert model.actions(target, seen("one"))[0, :3] == pytest.approx(target[0, :3] - STATE[:3])
-    assert "observation/state" not in model.message(seen("one"))

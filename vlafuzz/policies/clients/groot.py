@@ -78,7 +78,7 @@ class Modalities(BaseModel, frozen=True):
 
 
 class Groot:
-    """A model behind GR00T's policy server, of N1.6 or N1.7; name a profile: ?profile=libero.
+    """A model behind GR00T's policy server, of N1.6 or N1.7; name a profile.
 
     The server keeps no state of rollouts, so all observations go into one request, which is repeated when the
     connection breaks.
@@ -113,8 +113,8 @@ class Groot:
         if not isinstance(reply, list) or not reply or not isinstance(reply[0], dict):
             raise wire.failure(self._url, f"no actions, but {wire.short(reply)}", "protocol")
         with wire.read(self._name, "bad_action"):
-            pairs = zip(self._joined(reply[0], len(observations)), observations, strict=True)
-            chunks = [ActionChunk(self._model.actions(actions, seen)) for actions, seen in pairs]
+            joined = self._joined(reply[0], len(observations))
+            chunks = [ActionChunk(self._model.checked(actions)) for actions in joined]
         return check_chunks(chunks, len(observations), self._name)
 
     def close(self) -> None:

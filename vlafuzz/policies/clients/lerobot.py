@@ -13,12 +13,12 @@ from pydantic import Field
 
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.clients.conventions import ROTATIONS, STATES
+from vlafuzz.policies.clients.conventions import STATES
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.servers import Address, needed
 from vlafuzz.policies.clients.wire import numbers, read, short
-from vlafuzz.policies.harness import answered, blamed_on, check_chunks
+from vlafuzz.policies.harness import WIDTH, answered, blamed_on, check_chunks
 
 INSTALL = "pip install lerobot, into the environment of vlafuzz"
 PICTURES = "observation.images."
@@ -41,7 +41,7 @@ class LeRobotOptions(ProfiledOptions):
 
 
 class LeRobot:
-    """A policy from a folder, as lerobot saves it, run in this process: ?profile=libero&device=cuda.
+    """A policy from a folder, as lerobot saves it, run in this process: ?device=cuda.
 
     It needs lerobot, which the user installs beside vlafuzz. One model serves all workers. Noise is seeded by the
     rollout's seed and step, one observation at a time: in a batch it would depend on the other ones.
@@ -110,7 +110,7 @@ class LeRobot:
             actions = self._after(choose(batch))
         memory.update({key: vars(self._policy)[key] for key in memory})
         with read(self._name, "bad_action"):
-            return self._model.actions(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()), seen)
+            return self._model.checked(numbers(actions.reshape(-1, actions.shape[-1]).cpu().numpy()))
 
 
 def is_stepwise(config: Any) -> bool:
@@ -134,10 +134,9 @@ def fitted(name: str, options: LeRobotOptions, config: Any) -> LeRobotOptions:
     if state != width:
         message = f"{name}: the policy takes {state} numbers of state, state={layout or 0} has {width}"
         raise UsageError(message, hint="name their layout: state=…")
-    actions, expected = int(config.action_feature.shape[0]), 4 + len(ROTATIONS[options.rotation].names)
-    if actions != expected:
-        message = f"its actions have {actions} numbers, a hand's have {expected} with {options.rotation}"
-        raise UsageError(f"{name}: {message}", hint="joints cannot be executed; another rotation=…, perhaps")
+    if (actions := int(config.action_feature.shape[0])) != WIDTH:
+        message = f"{name}: its actions have {actions} numbers, moves of a hand have {WIDTH}"
+        raise UsageError(message, hint="joints and poses cannot be executed")
     if is_stepwise(config) and options.execute not in (None, 1):
         raise UsageError(f"{name}: {config.type} remembers past steps, so it sees each", hint="leave execute")
     execute = 1 if is_stepwise(config) else options.execute or int(getattr(config, "n_action_steps", 1))

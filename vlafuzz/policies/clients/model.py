@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,10 @@ from pydantic import BaseModel
 from vlafuzz.common.reading import read_json, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
-from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, PLACE, ROTATIONS, STATES, Convention, sent
+from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, PLACE, ROTATIONS, STATES, sent
 from vlafuzz.policies.clients.options import SIDE, ProfiledOptions
 from vlafuzz.policies.clients.servers import options_of
+from vlafuzz.policies.harness import metric, written_as
 
 PICTURES = "observation.images."
 _GRIPPER = {"open_positive": (-1.0, 1.0), "close_positive": (1.0, -1.0), "open_01": (0.0, 1.0), "close_01": (1.0, 0.0)}
@@ -28,23 +29,22 @@ class Model:
     """What is sent to a model and what comes back, by the keys, pictures and conventions of its options."""
 
     def __init__(self, name: str, options: ProfiledOptions) -> None:
-        self._options, self._convention, self.layout = options, options.convention, options.layout
-        units: dict[str, Any] = {}
-        if self._convention.plain:  # else ``actions`` makes them metric
-            units = {name: getattr(options, name) for name in ("rotation", "position_scale", "rotation_scale")}
+        self._options, self.layout = options, options.layout
         server = getattr(options, "protocol", "")
         self.spec = PolicySpec(
             name,
             version=options.version or "1",
             action=ActionSpec(
-                **units,
-                relative_to="current" if self._convention.measured else options.relative_to,
+                rotation=options.rotation,
+                position_scale=options.position_scale,
+                rotation_scale=options.rotation_scale,
+                relative_to=options.relative_to,
                 gripper=options.gripper or "open_positive",
                 sticky=options.sticky,
                 hz=options.hz,
             ),
             cameras=_cameras(options),
-            state=self.layout is not None or self._convention.measured,
+            state=self.layout is not None,
             execute=options.execute,
             deterministic=options.deterministic,
             max_batch=options.batch,
@@ -60,15 +60,12 @@ class Model:
             message[options.state_key] = sent(self.layout, seen)
         return message | {options.instruction_key: seen.instruction}
 
-    def actions(self, chunk: NDArray[np.float64], seen: Observation) -> NDArray[np.float64]:
-        """The model's answer in the units of the spec; ValueError when the options describe it otherwise."""
+    def checked(self, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The model's answer; ValueError when it is not as long as the options say."""
         expected = self._options.chunk
         if expected is not None and len(chunk) != expected:
             raise ValueError(f"a chunk of {len(chunk)} actions, expected chunk={expected}")
-        if self._convention.plain:
-            return chunk
-        hand = np.zeros(6) if seen.state is None else seen.state[:6].astype(np.float64)
-        return self._convention.moves(chunk, hand)
+        return chunk
 
 
 def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
@@ -93,21 +90,18 @@ class Interface:
 
     Attributes:
         spec: of the policy; one without cameras gets a third-person picture.
-        convention: of its actions, as it writes them.
         layout: of its state, a name of ``LAYOUTS``; our own where it asks for none.
         pictures: names of its pictures, by camera.
     """
 
     spec: PolicySpec
-    convention: Convention
     layout: str
     pictures: Mapping[str, str]
 
     @property
     def action_names(self) -> list[str]:
-        """Of the numbers of an action; ``d`` begins those of a move."""
-        numbers = (*PLACE, *ROTATIONS[self.convention.rotation].names)
-        return [*(name if self.convention.pose else f"d{name}" for name in numbers), "gripper"]
+        """Of the numbers of an action, a move."""
+        return [*(f"d{name}" for name in (*PLACE, *ROTATIONS[self.spec.action.rotation])), "gripper"]
 
     @property
     def state_names(self) -> list[str]:
@@ -117,28 +111,15 @@ class Interface:
         """What the policy is told of the robot, in its layout."""
         return sent(self.layout, seen)
 
-    def written(self, action: NDArray[np.float64], hand: Written) -> Written:
-        """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it.
-
-        ``hand``: its state, ``(7,)`` as ``PolicySpec.state``.
-        """
-        numbers = self.convention.written(action[None], hand[:6].astype(np.float64))[0]
+    def written(self, action: NDArray[np.float64]) -> Written:
+        """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it."""
+        numbers = written_as(action, self.spec.action)
         numbers[-1] = _GRIPPER[self.spec.action.gripper][int(action[6] > 0)]
         return np.asarray(numbers, dtype=np.float32)
 
-    def answer(self, written: Written, hand: Written) -> NDArray[np.float64]:
-        """``(7,)`` in the units of the spec: what the policy answers where it writes this action."""
-        return written.astype(np.float64) if self.convention.plain else self.metric(written, hand)
-
-    def metric(self, written: Written, hand: Written) -> NDArray[np.float64]:
+    def metric(self, written: Written) -> NDArray[np.float64]:
         """``(7,)`` metres and radians; the gripper as it is written."""
-        (action,) = self.convention.moves(written[None].astype(np.float64), hand[:6].astype(np.float64))
-        return np.asarray(action)
-
-    @property
-    def key(self) -> str:
-        """All that decides which actions are written, as JSON."""
-        return json.dumps([asdict(self.convention), asdict(self.spec.action)], sort_keys=True)
+        return metric(written.astype(np.float64), self.spec.action)
 
 
 def interface_of(policy: str, spec: str) -> Interface:
@@ -148,13 +129,9 @@ def interface_of(policy: str, spec: str) -> Interface:
         UsageError: the name has options or a spec that this version does not know, or a profile that is gone.
     """
     own, options = _spec(policy, json.loads(spec)), options_of(policy)
-    action, state = own.action, own.provenance.get("state", "")
-    units = {name: getattr(action, name) for name in ("rotation", "position_scale", "rotation_scale")}
-    convention = Convention(pose=False, tool=False, **units)
-    if isinstance(options, ProfiledOptions):
-        convention = options.convention
     pictures = {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras}
-    return Interface(own, convention, state if state in LAYOUTS else OWN, pictures)
+    state = own.provenance.get("state", "")
+    return Interface(own, state if state in LAYOUTS else OWN, pictures)
 
 
 def _spec(policy: str, written: Mapping[str, Any]) -> PolicySpec:

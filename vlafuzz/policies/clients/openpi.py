@@ -27,7 +27,7 @@ class OpenPiOptions(ProfiledOptions):
 
 
 class OpenPi(Sessions):
-    """A model behind openpi's policy server; it declares nothing, so name a profile: ?profile=libero.
+    """A model behind openpi's policy server; it declares nothing, so name a profile.
 
     Every live rollout has its own connection, identified by a header that only our own server reads.
     """
@@ -47,7 +47,7 @@ class OpenPi(Sessions):
         session.connection.send(pack_openpi(self._model.message(seen)))
 
     def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
-        return self._model.actions(wire.actions_of(self._next(session, self._model.message(seen), wait)), seen)
+        return wire.actions_of(self._next(session, self._model.message(seen), wait))
 
     def _next(self, session: Session, sent: Mapping[str, Any], wait: float | None = None) -> dict[Any, Any]:
         """The next message; PolicyError when it is late, malformed, or the text of an error."""

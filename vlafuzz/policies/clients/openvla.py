@@ -57,7 +57,7 @@ class OpenVla(Sessions):
         session.sent += 1
 
     def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
-        return self._model.actions(self._actions(*session.connection.reply(wait)), seen)
+        return self._actions(*session.connection.reply(wait))
 
     def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
         url, text = self._url, body.decode("utf-8", "replace")

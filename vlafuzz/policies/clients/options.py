@@ -12,8 +12,8 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.policies.base import SIM_HZ, PolicySpec
-from vlafuzz.policies.clients.conventions import LAYOUTS, OWN, SCALED, Convention
+from vlafuzz.policies.base import SIM_HZ, Gripper, PolicySpec, Relative, Rotation
+from vlafuzz.policies.clients.conventions import OWN
 
 PROFILES = Path(__file__).parent / "profiles"
 SIDE = 224  # pixels: nearly all VLAs resize their pictures to this
@@ -62,6 +62,7 @@ _Layout = Literal[
 State = Literal["0", "1", _Layout]
 Scale = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Size = Annotated[tuple[int, int], BeforeValidator(_size)]
+Hertz = Annotated[int, AfterValidator(_divisor)]
 _Count = Annotated[int, Field(ge=1)]
 
 
@@ -79,9 +80,9 @@ class CommonOptions(BaseModel):
     profile: str | None = None
     camera: Size | None = None
     wrist: bool | None = None
-    gripper: Literal["open_positive", "close_positive", "open_01", "close_01"] | None = None
+    gripper: Gripper | None = None
     position_scale: Scale = 1.0
-    relative_to: Literal["target", "current"] = "target"
+    relative_to: Relative = "target"
     sticky: int = Field(default=0, ge=0)
     execute: Annotated[_Count | None, BeforeValidator(lambda text: None if text == "all" else text)] = None
     deterministic: bool = False
@@ -123,9 +124,9 @@ class VlaEvalOptions(CommonOptions):
     benchmark: Literal["libero"] | None = None
     action: Literal["eef_delta"] = "eef_delta"
     frame: Literal["base"] = "base"
-    rotation: Literal["axis_angle", "euler_xyz", "rpy"] | None = None
+    rotation: Rotation | None = None
     rotation_scale: Scale = 1.0
-    hz: Annotated[int, AfterValidator(_divisor)] = 5
+    hz: Hertz = 5
 
 
 class ProfiledOptions(CommonOptions):
@@ -134,14 +135,12 @@ class ProfiledOptions(CommonOptions):
     ``chunk``: actions in every reply, None for any number. ``image_key`` and the others are keys in messages.
     """
 
-    state: Literal[State, "joint_positions"] = "0"
-    action: Literal["eef_delta", "eef_pose", "joint_delta", "joint_position", "joint_velocity"] = "eef_delta"
-    frame: Literal["base", "tool"] = "base"
-    rotation: Literal[
-        "axis_angle", "rpy", "euler_xyz", "quaternion_xyzw", "quaternion_wxyz", "rot6d", "rot6d_interleaved"
-    ] = "axis_angle"
+    state: State = "0"
+    action: Literal["eef_delta"] = "eef_delta"
+    frame: Literal["base"] = "base"
+    rotation: Rotation = "axis_angle"
     rotation_scale: Annotated[float, AfterValidator(_signed)] = 1.0
-    hz: _Count = 5
+    hz: Hertz = 5
     chunk: _Count | None = None
     wrist_camera: Size | None = None
     image_key: str = "image"
@@ -150,34 +149,14 @@ class ProfiledOptions(CommonOptions):
     instruction_key: str = "instruction"
 
     @property
-    def convention(self) -> Convention:
-        return Convention(
-            self.action == "eef_pose", self.frame == "tool", self.rotation, self.position_scale, self.rotation_scale
-        )
-
-    @property
     def layout(self) -> str | None:
         """The layout in which proprioception is sent; None when it is not sent."""
-        layout = OWN if self.state == "1" else self.state
-        return layout if layout in LAYOUTS else None
+        return {"0": None, "1": OWN}.get(self.state, self.state)
 
     def refusals(self) -> list[tuple[str, str]]:
-        problems = []
-        if self.action.startswith("joint"):
-            joints = f"its actions are of joints ({self.action.replace('_', ' ')}), which cannot be executed"
-            problems.append((joints, "supported: action=eef_delta and action=eef_pose"))
-        if self.state == "joint_positions":
-            supported = f"supported: {', '.join(LAYOUTS)}, 0"
-            problems.append(("joint positions cannot be sent as proprioception", supported))
-        if SIM_HZ % self.hz:
-            problems.append((f"hz: expected a divisor of {SIM_HZ}, got {self.hz}", "such as hz=5, hz=10 or hz=20"))
-        if self.convention.measured and self.execute != 1:
-            problems.append(("poses and moves in the hand's frame are executed one at a time", "execute=1"))
-        if self.rotation not in SCALED and self.rotation_scale != 1:
-            problems.append((f"rotation_scale: {self.rotation} has no scale", "leave it out"))
         if self.chunk and (self.execute or 0) > self.chunk:
-            problems.append((f"execute={self.execute} of a chunk of {self.chunk}", f"execute at most {self.chunk}"))
-        return problems
+            return [(f"execute={self.execute} of a chunk of {self.chunk}", f"execute at most {self.chunk}")]
+        return []
 
 
 class Profile(BaseModel, extra="forbid", frozen=True):

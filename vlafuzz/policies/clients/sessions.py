@@ -117,7 +117,7 @@ class Sessions(ABC):
         return session
 
     def _answer(self, until: float, session: Session, seen: Observation) -> ActionChunk:
-        chunk = ActionChunk(self._receive(session, seen, until - time.monotonic()))
+        chunk = ActionChunk(self._model.checked(self._receive(session, seen, until - time.monotonic())))
         return check_chunks([chunk], 1, self._name)[0]
 
     def _tried(self, step: Callable[[Session, Observation], T], seen: Observation) -> T | PolicyError:

@@ -179,8 +179,8 @@ class TabletopDemonstrator:
             expert.close()
 
     def _act(self, seen: Observation) -> ActionChunk:
-        known, hand = seen.privileged, seen.state
-        if known is None or hand is None:
+        known = seen.privileged
+        if known is None:
             raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
         now = Pose(known.state.tcp, Rotation.from_matrix(known.state.tcp_rotation))
         aim = self._aim or now
@@ -192,7 +192,7 @@ class TabletopDemonstrator:
         waypoint = self._begun.moved(self._way * ((part + 1) / self._parts))
         origin = now if self.spec.action.relative_to == "current" else aim
         action = np.append(origin.move_to(waypoint), self._gripper)
-        written = self._interface.written(action, hand)
+        written = self._interface.written(action)
         self.written.append(written)
-        self._aim = origin.moved(self._interface.metric(written, hand))
-        return ActionChunk(self._interface.answer(written, hand)[None])
+        self._aim = origin.moved(self._interface.metric(written))
+        return ActionChunk(written[None].astype(np.float64))
