@@ -100,7 +100,7 @@ class Triages:
             verdict = None
             if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)
-            certified = isinstance(triaged, Triaged) and triaged.bucket in ("minimal", "base")
+            certified = isinstance(triaged, Triaged) and triaged.bucket == "minimal"
             tries = runner.tries
             self._done[scene.digest] = Done(verdict, certified, frozenset(tries), frozenset(_shrinking(tries)))
         return self._done[scene.digest]

@@ -94,3 +94,12 @@ def test_of_two_stores_that_triaged_a_finding_the_better_evidence_is_kept(tmp_pa
 def test_a_bucket_that_is_none_is_refused(tmp_path: Path):
     with pytest.raises(Exception, match="CHECK constraint failed"):
         store(tmp_path / "a.db", replace(FLAKY, bucket="great"))
+
+
+def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cause(tmp_path: Path):
+    path = store(tmp_path / "a.db", MINIMAL)
+    with closing(sqlite3.connect(path)) as connection, connection:
+        connection.execute("UPDATE triage SET bucket = 'base'")
+        connection.execute("PRAGMA user_version = 21")
+    (got,) = read(path)
+    assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)

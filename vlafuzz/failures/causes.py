@@ -26,7 +26,6 @@ from vlafuzz.store.store import Store
 EVIDENCE: Mapping[str, str] = {
     "minimal": "certified",
     "witnessed": "confirmed",
-    "base": "confirmed",
     "unproven": "confirmed, but the expert fails, too",
     "observed": "not certified",
     "flaky": "not confirmed",
@@ -218,7 +217,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
             detail=failure.detail,
             mechanism=cause.mechanism,
         )
-        key = (one.signature, types) if one.bucket in ("minimal", "base") else number
+        key = (one.signature, types) if one.bucket == "minimal" else number
         merged[key] = _united(merged[key], one) if key in merged else one
     listed = tuple(sorted(merged.values(), key=_rank))
     return CauseList(
@@ -263,8 +262,6 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
         elif certified:
             evidence = " (not certified)"
         parts.append(f"{space.subject}: {subjects}{evidence}")
-    if failure.bucket == "base":
-        return (*parts, "fails at nominal")
     directions = {one.operator: f" ({one.direction})" for one in failure.causes.thresholds if one.direction}
     for part in failure.deviations:
         if part.operator in (failure.operators if certified else cause.operators):

@@ -25,9 +25,8 @@ from vlafuzz.worlds.base import Wanted
 BUCKETS: Mapping[str, str] = {
     "minimal": "certified: it fails more often than without any one of its operators; the expert solves it",
     "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
-    "base": "fails even with all operators nominal, and no scene near it is known to pass",
     "unproven": "mostly fails, but the expert fails, too",
-    "flaky": "passes in most repeats, or in about half",
+    "flaky": "not shown to fail more often than the nominal scene",
     "observed": "failed once; not triaged",
 }
 
@@ -115,8 +114,6 @@ class DescribedFailure(Failure):
     @property
     def title(self) -> str:
         """What it takes, in words; before triage the values that are farthest off."""
-        if self.bucket == "base":
-            return "fails even in the nominal scene"
         parts = self.deviations
         if self.bucket != "minimal":
             parts = tuple(sorted(parts, key=lambda part: -part.severity))

@@ -25,9 +25,7 @@ NUMBERS: dict[str, dict[str, str]] = {
     "repeat": {"run": "run"},
 }
 # How far the evidence in each bucket goes.
-_RANK = (
-    "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'base' THEN 2 WHEN 'unproven' THEN 1 ELSE 0 END"
-)
+_RANK = "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'unproven' THEN 1 ELSE 0 END"
 _CONFLICT = {
     "scene": "ON CONFLICT DO NOTHING",
     "finding": "ON CONFLICT DO NOTHING",

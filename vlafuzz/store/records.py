@@ -14,7 +14,7 @@ from vlafuzz.search.probability import Probability
 
 Status = Literal["running", "finished", "stopped", "interrupted", "failed"]
 UNFINISHED: tuple[Status, ...] = ("running", "interrupted", "failed")  # a killed run says running
-Bucket = Literal["minimal", "witnessed", "base", "unproven", "flaky"]
+Bucket = Literal["minimal", "witnessed", "unproven", "flaky"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,9 +140,8 @@ class Triaged(Failure):
     """A finding after triage.
 
     Attributes:
-        bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``base``, even the nominal
-            scene fails, and none is known to pass; ``unproven``, the expert fails, too; ``flaky``, it does not
-            mostly fail in its neighbourhood.
+        bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``unproven``, the
+            expert fails, too; ``flaky``, it is not shown to fail more often than the nominal scene.
         rate: of the finding; None in findings of earlier versions.
         reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal one fails,
             too; None where that was the nominal scene.

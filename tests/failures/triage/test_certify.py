@@ -28,27 +28,6 @@ def oracle_of(fails: Sequence[bool]) -> Oracle:
     return Oracle(roll, STAGES, None, budget=1000, lead=1)
 
 
-def test_a_scene_is_given_up_once_the_rollouts_left_could_show_nothing():
-    oracle = oracle_of([True, False])
-    assert oracle.certify([SPACE.nominal()], most=22)[0].answer is Answer.UNCLEAR
-    assert oracle.spent <= 12
-
-
-def test_a_scene_that_can_be_shown_to_fail_with_the_rollouts_left_is_not_given_up():
-    oracle = oracle_of([True, True, True, False])
-    certificate = oracle.certify([SPACE.nominal()], most=60)[0]
-    assert (certificate.answer, oracle.spent) == (Answer.FAILS, certificate.rate.rollouts)
-    assert certificate.rate.rollouts > 22
-
-
-def test_what_certification_has_shown_needs_no_other_answer():
-    oracle = oracle_of([True])
-    oracle.certify([SPACE.nominal()])
-    spent = oracle.spent
-    assert oracle.fails([SPACE.nominal()]) == [True]
-    assert oracle.spent == spent
-
-
 class Lucky(Planted):
     """In the light, the first two rollouts that shrink a scene fail, too."""
 

@@ -62,9 +62,10 @@ def test_what_the_expert_does_not_solve_either_is_unproven(store):
     assert (found.bucket, found.witness, found.expert_rollouts) == ("unproven", None, ATTEMPTS)
 
 
-def test_what_fails_even_at_nominal_is_base(store):
+def test_what_fails_even_at_nominal_has_no_cause(store):
     (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: True]))
-    assert (found.bucket, found.signature, found.operators) == ("base", "pick-up|grasp|base", ())
+    assert (found.bucket, found.signature, found.operators) == ("flaky", None, ())
+    assert found.detail == "even the nominal scene of the same objects fails"
 
 
 def test_where_nominal_fails_the_nearest_passing_scene_takes_its_place(store):
@@ -179,7 +180,7 @@ class Unsteady(PlantedRunner):
 
 def test_what_fails_nearly_as_often_is_no_counterpart(store):
     (found,) = triaged(store(scenes([DARK], 1)), Unsteady([DARK], rate=1.0))
-    assert (found.bucket, found.counterparts) in (("witnessed", {}), ("base", {}))
+    assert (found.bucket, found.counterparts) in (("witnessed", {}), ("flaky", {}))
 
 
 class Leaving(PlantedRunner):
@@ -210,13 +211,20 @@ def test_a_policy_that_fails_half_the_time_is_flaky_with_its_rate(store):
     assert all(each.failures < each.repeats for each in flaky)
 
 
+def test_a_cause_that_takes_effect_every_other_time_is_certified_all_the_same(store):
+    found = triaged(store(scenes([DARK], 4)), PlantedRunner([DARK], rate=0.5))
+    certified = [each for each in found if each.bucket == "minimal"]
+    assert len(certified) >= 2
+    assert {each.operators for each in certified} == {("light",)}
+
+
 def test_a_harvest_counts_it(store):
     opened = store([*scenes([TILTED], 2), *scenes([DARK], 2)])
     triage(opened, lambda run: PlantedRunner([lambda scene: TILTED(scene) or DARK(scene)]), limit=3)
     got = summarise(opened)
     assert (got.findings, got.triaged, got.confirmed, got.witnessed, got.distinct_cells) == (4, 3, 3, 3, 4)
     assert got.by_sight == 3
-    assert got.buckets == {"minimal": 3, "witnessed": 0, "base": 0, "unproven": 0, "flaky": 0}
+    assert got.buckets == {"minimal": 3, "witnessed": 0, "unproven": 0, "flaky": 0}
     assert got.distinct_signatures == len(got.signatures) <= 2
     assert got.deviating_after == 1 < (got.deviating_before or 0)
     assert got.policy_rollouts == sum(each.policy_rollouts for each in opened.triaged())

@@ -72,7 +72,7 @@ MADE = [made(0, "minimal", "dark"), made(1, "flaky", rollouts=5), made(2, "minim
 def test_a_signature_counts_once_and_only_where_it_is_certified():
     counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=200)
     assert counted == Certified(("dark", "tilted"), triaged=4, rollouts=155)
-    assert certified(FINDINGS, {MADE[0].key: made(0, "base", "nominal")}, limit=200).causes == ()
+    assert certified(FINDINGS, {MADE[0].key: made(0, "witnessed", "nominal")}, limit=200).causes == ()
 
 
 def test_beyond_the_limit_nothing_counts_and_all_of_it_is_spent():

@@ -74,7 +74,7 @@ class Evidence:
     """What triage of the store found, and what the export left out.
 
     Attributes:
-        shares: of the triaged findings: confirmed, flaky, witnessed, by sight, unproven, base, minimal.
+        shares: of the triaged findings: confirmed, flaky, witnessed, by sight, unproven, minimal.
         left_out: number of minimal findings that are not in the corpus, by reason.
         search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
         expert_rollouts: replays of witnesses included.

@@ -150,7 +150,7 @@ def _check_alike(store: Store, runs: Sequence[Run]) -> None:
 def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidence:
     summary = summarise(store, task)
     counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
-    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "base", "unproven", "flaky")}
+    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "unproven", "flaky")}
     runs = [run.id for run in store.runs() if task in (None, run.manifest.task)]
     trials = (trial for run in runs for trial in store.trials(run))
     return Evidence(

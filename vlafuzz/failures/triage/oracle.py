@@ -23,8 +23,7 @@ LOW, HIGH = 0.2, 0.8  # these rates, if the policy fails at neither end by chanc
 SLACK = 0.2  # share of the way from the background to a failing scene's rate that makes them
 MOST = 20  # rollouts to answer for a scene
 FAILURES_A_PASS = 5  # of a scene that holds
-FEWEST, MOST_TO_CERTIFY = 5, 200  # rollouts to certify one; fewer than five leave no bound beyond one half
-ONE_HALF = 0.5
+MOST_TO_CERTIFY = 200  # rollouts to certify one
 
 
 Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]
@@ -189,30 +188,14 @@ class Oracle:
         self._draw_until([self._tally(scene)], lambda tally: max(rollouts - tally.rollouts, 0))
         return self.rate(scene, stages)
 
+    def share(self, scene: Scene, stages: Sequence[str] | None = None) -> float:
+        """The failure rate of a scene in all rollouts so far, those that certify included; 0 where there is none."""
+        failures, rollouts = self._counts(scene, stages)
+        return failures / max(rollouts, 1)
+
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
         return self._rate(self._tally(scene), stages)
-
-    def certify(
-        self, scenes: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
-    ) -> list[Certificate]:
-        """What the policy does in each, by rollouts that no answer rested on, at most ``most`` of them.
-
-        It fails if the lower bound of its rate is above one half, it passes if the upper bound is below. A scene is
-        given up as soon as ``most`` rollouts could show neither.
-        """
-
-        def needed(tally: Tally) -> int:
-            if tally.rollouts < FEWEST:
-                return FEWEST - tally.rollouts
-            unclear = _side(self._rate(tally, stages)) is Answer.UNCLEAR
-            return int(unclear and _may_end(tally.failures(stages or self.counted), tally.rollouts, most))
-
-        tallies = [self._tally(scene, CERTIFYING) for scene in scenes]
-        self._draw_until(tallies, needed)
-        rates = [self._rate(tally, stages) for tally in tallies]
-        sides = [tally.problem or _side(rate) for tally, rate in zip(tallies, rates, strict=True)]
-        return list(map(Certificate, sides, rates))
 
     def contrasts(
         self, scene: Scene, others: Sequence[Scene], stages: Sequence[str] | None = None, *, most: int = MOST_TO_CERTIFY
@@ -311,19 +294,3 @@ class Oracle:
 
     def _near(self, scene: Scene, number: int) -> Scene:
         return self._jitter(scene, number) if self._jitter else scene
-
-
-def _may_end(failures: int, rollouts: int, most: int) -> bool:
-    """Whether rollouts up to ``most`` that all agree would show on which side of one half a rate is."""
-    left = most - rollouts
-    if left <= 0:
-        return False
-    ends = Rate.of_counts(failures, most), Rate.of_counts(failures + left, most)
-    return any(_side(end) is not Answer.UNCLEAR for end in ends)
-
-
-def _side(rate: Rate) -> Answer:
-    """On which side of one half a rate is."""
-    if rate.low > ONE_HALF:
-        return Answer.FAILS
-    return Answer.PASSES if rate.high < ONE_HALF else Answer.UNCLEAR

@@ -190,7 +190,7 @@ def certify_causes(
         keys = {finding.key for finding in tried}
         rows = [row for row in store.triaged() if row.key in keys]
         left = max(budget, PER_CAUSE) - sum(row.policy_rollouts for row in rows)
-        firm = {row.signature for row in rows if row.bucket in ("minimal", "base")}
+        firm = {row.signature for row in rows if row.bucket == "minimal"}
         number = min(affordable(budget) - len(firm), round(left / PER_CAUSE))
     return unjudged
 

@@ -12,7 +12,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 
 BACKGROUND = 8  # rollouts of the nominal scene where a policy may fail by chance
-FREQUENT = 0.3  # share of them that fail, from which on a test against one half would often err
+FREQUENT = 0.3  # share of them that fail, or rollouts of the finding that pass, from which on cheap answers would err
 LEAST = 0.3  # above the background, that a failing scene is taken to fail: less than 0.2 makes no cause
 SUREST = 0.98  # rate of a scene that failed whenever it was tried
 NEAREST = 6  # passing scenes that are tried where the nominal one fails
@@ -34,7 +34,7 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
     """The nominal scene of the same targets if it passes, else the nearest scene known to pass.
 
     If there is none, but the nominal scene fails at a later stage than the finding, the nominal scene serves, since
-    what makes the policy fail earlier is a cause of its own. Else there is no reference.
+    what makes the policy fail earlier is a cause of its own. Else there is no reference: the finding has no cause.
 
     Args:
         passing: scenes in which the policy has passed; those of other targets are tried with the finding's.
@@ -49,22 +49,19 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
     for candidate in _nearest(scene, space, passing)[:NEAREST]:
         if oracle.answers([candidate], oracle.stages, lead=LEAD)[0] is Answer.PASSES:
             return Reference(candidate, oracle.stages)
-    if answer is not Answer.FAILS or oracle.certify([nominal], oracle.stages)[0].answer is not Answer.FAILS:
+    if answer is not Answer.FAILS:
         return usual  # whose operators may still be reset one by one
     later = oracle.answers([nominal])[0] is Answer.PASSES
     return Reference(None, oracle.counted) if later else None
 
 
 def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
-    """Let the oracle expect failures of the nominal scene, where the finding has clearly more."""
-    usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.rate(scene)
+    """Let the oracle expect failures of the nominal scene, or passes of the finding, where this has clearly more."""
+    usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.share(scene)
     background = usual.failures / max(usual.rollouts, 1)
-    if background < FREQUENT or not found.rollouts:
+    if (background < FREQUENT and found > 1 - FREQUENT) or found - background < EFFECT:
         return False
-    if found.failures / found.rollouts - background < EFFECT:
-        return False
-    failing = min(max(found.failures / found.rollouts, background + LEAST), SUREST)
-    oracle.expect(background, failing)
+    oracle.expect(background, min(max(found, background + LEAST), SUREST))
     return True
 
 

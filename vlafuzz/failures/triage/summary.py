@@ -65,10 +65,10 @@ class TriageSummary:
 
     Attributes:
         findings: of the store, of which ``triaged`` were triaged.
-        confirmed: findings that mostly fail in their neighbourhood: all that are not flaky. witnessed:
+        confirmed: findings that fail again in their neighbourhood: all that are not flaky. witnessed:
         confirmed findings that the expert solved; ``by_sight``: those that the seeing expert did. distinct_cells: cells
         in which the findings lie, before triage.
-        signatures: findings by signature, after triage; without ``base``.
+        signatures: findings by signature, after triage.
         deviating_before: operators that were not nominal, median over the shrunk findings. deviating_after: operators
         left; ``shrink_rollouts``: medians over the same. policy_rollouts: all rollouts to confirm, shrink and
         attribute.
@@ -101,7 +101,7 @@ def summarise(store: Store, task: str | None = None) -> TriageSummary:
     triaged = [one for one in store.triaged() if task in (None, one.scene.task)]
     witnesses = [finding.witness for finding in triaged if finding.witness]
     buckets = Counter(finding.bucket for finding in triaged)
-    shrunk = [finding for finding in triaged if finding.shrunk and finding.bucket != "base"]
+    shrunk = [finding for finding in triaged if finding.shrunk]
     signatures = Counter(finding.signature for finding in shrunk if finding.signature)
     return TriageSummary(
         store=str(store.path),

@@ -11,7 +11,7 @@ from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import Shrunk, certify, certify_one
 from vlafuzz.failures.triage.directions import directed
 from vlafuzz.failures.triage.known import by_known_cause
-from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Certificate, Oracle
+from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Oracle
 from vlafuzz.failures.triage.outward import outward
 from vlafuzz.failures.triage.path import deviating, free_genes
 from vlafuzz.failures.triage.reference import Reference, find_reference
@@ -153,7 +153,7 @@ class Triager:
     def _triage(self, finding: Finding) -> Triaged:
         scene = finding.scene
         oracle = self._oracle()
-        answer, rate = self._confirm(scene, oracle)
+        confirmed, rate = self._confirm(scene, oracle)
         triaged = Triaged(
             scene=scene,
             policy_key=finding.policy_key,
@@ -165,21 +165,22 @@ class Triager:
             policy_rollouts=oracle.spent,
             detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
-        return self._prove(triaged, oracle) if answer is Answer.FAILS else triaged
+        return self._prove(triaged, oracle) if confirmed else triaged
 
-    def _confirm(self, scene: Scene, oracle: Oracle) -> Certificate:
-        """Repeat a finding until it is clear whether it mostly fails.
+    def _confirm(self, scene: Scene, oracle: Oracle) -> tuple[bool, Rate]:
+        """Repeat a finding until it is clear whether it fails again, and how often.
 
-        A stochastic policy has a second chance: the short test often takes rates of 0.5 to 0.7 for passes.
+        A stochastic policy has a second chance: it may fail in less than half of the rollouts, but more often than in
+        the nominal scene.
         """
-        answer, rate = oracle.answers([scene], lead=LEAD)[0], oracle.rate(scene)
+        answer = oracle.answers([scene], lead=LEAD)[0]
         if answer in (Answer.BROKEN, Answer.UNFAIR, Answer.UNTRIED):
             raise _UnjudgedError(Unjudged.UNFAIR if answer is Answer.UNFAIR else Unjudged.BROKEN)
-        if answer is not Answer.FAILS and not self.runner.deterministic:
-            oracle.budget += MOST_TO_CERTIFY
-            (longer,) = oracle.certify([scene])
-            return longer
-        return Certificate(answer, rate)
+        if answer is Answer.FAILS or self.runner.deterministic or self._deviating(scene) is None:
+            return answer is Answer.FAILS, oracle.rate(scene)
+        oracle.budget += MOST_TO_CERTIFY
+        (nominal,) = oracle.contrasts(scene, [self.runner.space.nominal(like=scene)])
+        return nominal.answer is Answer.PASSES, oracle.certified(scene)
 
     def _oracle(self) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
@@ -207,11 +208,7 @@ class Triager:
         oracle.budget = confirmed + round(most * TO_SHRINK)
         reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
-            nominal = space.nominal(like=triaged.scene)
-            lost = oracle.lost(nominal)
-            name = signature(triaged.scene.task, lost, ())
-            triaged = replace(triaged, bucket="base", shrunk=nominal, lost_stage=lost, signature=name)
-            return replace(triaged, detail="even the nominal scene of the same objects fails")
+            return replace(triaged, bucket="flaky", detail="even the nominal scene of the same objects fails")
         shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
             way = shrink(triaged.scene, oracle, space, reference.scene)
