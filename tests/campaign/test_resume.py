@@ -13,13 +13,11 @@ import pytest
 
 from tests.campaign.resuming import SPACE, Climber, Moody, Steady, contents, cut, play, timeless
 from tests.doubles import STAGES, Backwards, ClosedForm, Raising, Scripted, manifest, rollout, scene  # fmt: skip
-from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor, Until
-from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
 
@@ -132,23 +130,6 @@ def test_the_stop_rule_counts_what_came_before(tmp_path: Path):
     cut(parted, 7, strategy=Scripted(genomes), **parts)
     assert play(parted, resume=1, strategy=Scripted(genomes), **parts).stopped == expected.stopped is not None
     assert contents(parted) == contents(whole)
-
-
-def test_a_pool_goes_on_where_it_was(tmp_path: Path):
-    pool = Pool([scene(x=-0.001 * number) for number in range(12)], SPACE)
-    path, about = tmp_path / "a.db", manifest(budget=12, batch=5)
-    for resume in (None, 1):
-        evaluator = Raising(KeyboardInterrupt(), after=7) if resume is None else ClosedForm()
-        with Store.open(path, "write") as store:
-            try:
-                summary = fuzz(
-                    manifest=about, stages=STAGES, space=pool, strategy=InOrder(12), store=store,
-                    executor=LocalExecutor(evaluator), resume=resume,
-                )  # fmt: skip
-            except KeyboardInterrupt:
-                continue
-    assert len(evaluator.evaluated) == 5
-    assert (summary.rollouts, summary.proposals) == (12, 12)
 
 
 @pytest.mark.parametrize(

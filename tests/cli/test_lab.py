@@ -45,15 +45,6 @@ def test_rq1_has_a_run_of_every_task(folder: Path, capsys):
     assert "What differs from the paper: it has 1000 scenes" in (folder / "rq1.md").read_text()
 
 
-def test_what_is_stored_is_not_run_again(folder: Path, capsys):
-    study("rq1", "--task", "pick-up")
-    study("rq1", "--task", "pick-up", "--task", "put-on")
-    assert runs(folder) == [("pick-up", "finished"), ("put-on", "finished")]
-    study("rq1", "--task", "pick-up")
-    assert len(runs(folder)) == 2
-    assert "pick-up" in capsys.readouterr().out
-
-
 def test_several_policies_stand_in_one_table(folder: Path, capsys):
     study("rq1", "--task", "pick-up", "--policy", "expert")
     shown = capsys.readouterr().out

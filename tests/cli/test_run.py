@@ -74,16 +74,6 @@ def test_before_a_run_with_a_time_it_says_how_far_that_gets(capsys, monkeypatch)
     assert re.search(r"about 25 min: 3 rollouts .*; --time ends it after 20 min; slow\n", capsys.readouterr().err)
 
 
-def test_the_same_seed_gives_the_same_random_scenes_whatever_the_batch(folder: Path):
-    for name, batch in (("a.db", "5"), ("b.db", "20")):
-        run(f"--strategy random --budget 20 --store {name} --config batch={batch}")
-    proposed = []
-    for name in ("a.db", "b.db"):
-        with Store.open(folder / name) as store:
-            proposed.append([trial.scene for trial in store.trials(1)])
-    assert proposed[0] == proposed[1]
-
-
 def test_the_default_store_is_named_after_the_task_and_policy_and_gets_one_run_more(folder: Path):
     for _ in range(2):
         assert main(["run", *IDLE, "--budget", "3", "--seed", "7"]) == 0

@@ -120,6 +120,10 @@ def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
     assert len(scores) == 10
 
 
+def test_random_scenes_are_the_same_whatever_the_batch():
+    assert genomes(play(MAKERS["random"](3), 5, 15)) == genomes(play(MAKERS["random"](3), 20))
+
+
 @guided
 def test_no_scene_is_proposed_twice_while_there_are_others(name: str):
     proposals = play(MAKERS[name](0), *(16,) * 12)

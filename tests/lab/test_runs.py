@@ -6,13 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import Always, ClosedForm, manifest, passed, scene
+from tests.doubles import ClosedForm, manifest, passed, scene
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.errors import UsageError, VlafuzzError
+from vlafuzz.errors import UsageError
 from vlafuzz.lab import runs
 from vlafuzz.lab.runs import Wanted, complete, note_places, stored
-from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -68,20 +67,6 @@ def test_adjacent_runs_that_differ_in_their_strategy_alone_share_an_executor(sto
 
 
 @pytest.mark.usefixtures("executors")
-def test_finished_runs_are_left_alone(store: Store):
-    do(store, wanted(1))
-    assert [run.id for run in do(store, wanted(1), wanted(2)).values()] == [1, 2]
-    assert [run.manifest.seed for run in store.runs()] == [1, 2]
-
-
-@pytest.mark.usefixtures("executors")
-def test_an_interrupted_run_is_resumed(store: Store):
-    run = store.begin(wanted(1).plan().manifest)
-    do(store, wanted(1))
-    assert [(kept.id, kept.status, store.count(kept.id)) for kept in store.runs()] == [(run, "finished", 3)]
-
-
-@pytest.mark.usefixtures("executors")
 def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch):
     store.begin(wanted(1).plan().manifest)
     told = Told()
@@ -108,13 +93,6 @@ def test_progress_counts_the_rollouts_of_all_runs(store: Store):
     do(store, wanted(1), wanted(2), watch=told)
     assert told.bars[0] == ("run 1 of 2: random 1", 0, 6)
     assert told.bars[-1] == ("run 2 of 2: random 2", 6, 6)
-
-
-def test_a_run_that_judges_no_scene_is_an_error(store: Store, monkeypatch):
-    broken = Always(Outcome.error("no light"))
-    monkeypatch.setattr(runs, "make_executor", lambda planned: LocalExecutor(broken))
-    with pytest.raises(VlafuzzError, match=r"no scene could be judged: .*no light"):
-        do(store, wanted(1))
 
 
 @pytest.mark.usefixtures("executors")

@@ -4,10 +4,11 @@ import numpy as np
 
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.search import surrogate
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
-from vlafuzz.search.surrogate import KEPT, WARM, Surrogate
+from vlafuzz.search.surrogate import WARM, Surrogate
 
 PASSED = Score(Verdict.PASSED, 1.0, 1.0, slack=0.5)
 FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
@@ -70,8 +71,9 @@ def test_lateness_leads_to_a_first_failure_where_it_can_be_foreseen():
     assert np.mean(slacks[-3:]) < 0.9 * np.mean(slacks[:2])
 
 
-def test_what_it_keeps_is_bounded():
+def test_what_it_keeps_is_bounded(monkeypatch):
+    monkeypatch.setattr(surrogate, "KEPT", 32)
     strategy = Surrogate(space(), 0, 1000)
-    played(strategy, dark, batches=14)
-    assert len(strategy._stock) == KEPT
+    played(strategy, dark, batches=4)
+    assert len(strategy._stock) == 32
     assert not strategy._out
