@@ -17,7 +17,6 @@ from vlafuzz.common.assets import kept
 from vlafuzz.common.files import replacing, write_whole, writing
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.tables import write_junit
-from vlafuzz.lab.plots import Line, draw
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
 from vlafuzz.worlds.recording import Recording, write_picture
@@ -42,7 +41,6 @@ WRITERS: dict[str, Callable[[Path], None]] = {
     "JUnit": lambda path: write_junit(compared(lambda number, repeat: True), path),
     "picture": lambda path: write_picture(path, PICTURE),
     "film": write_film,
-    "plot": lambda path: draw(path, "a plot", {"a": [Line("b", 0.5, 0.4, 0.6)]}),
 }
 
 
