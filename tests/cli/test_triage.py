@@ -34,8 +34,6 @@ def test_triage_prints_one_json_object(capsys):
     assert (printed["triaged"], printed["unjudged"]) == (3, 0)
     assert printed["buckets"] == {"minimal": 3, "witnessed": 0, "unproven": 0, "flaky": 0}
     assert printed["signatures"] == {"pick-up|grasp|camera-orientation:+yaw": 3}
-    assert {finding["bucket"] for finding in printed["triaged_findings"]} == {"minimal"}
-    assert "fails from yaw 2." in printed["triaged_findings"][0]["causes"][0]
 
 
 @pytest.mark.parametrize(

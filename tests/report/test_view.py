@@ -16,7 +16,6 @@ from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.failures.described import DescribedFailure, deviations
 from vlafuzz.failures.triage.pipeline import triage
-from vlafuzz.failures.triage.summary import summarise
 from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.report.films import filmed
@@ -81,17 +80,16 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
         for proposal, (scene, outcome) in enumerate(((bright, failed()), (dark, passed()))):
             opened.add(run, ended(scene, outcome, proposal))
         triage(opened, runner)
-        (summary,) = summarise(opened).triaged_findings
+        (found,) = opened.triaged()
         write_corpus(export(opened, runner, name="bright"), tmp_path / "bright")
-    assert (summary.bucket, summary.reference) == ("minimal", dark.digest)
-    assert summary.rate is not None
-    assert summary.certified is not None
+    assert (found.bucket, found.reference) == ("minimal", dark)
+    assert found.certified is not None
     shown = [view(tmp_path / "a.db"), view_of_corpus(tmp_path / "bright", read_corpus(tmp_path / "bright"))]
     for card in (card for page in shown for card in page.cards):
         (only,) = card.of.deviations
         assert card.of.scene.light.intensity == 0.5
         assert (card.of.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
-        assert card.of.detail.startswith(f"fails in {summary.certified.failures} of ")
+        assert card.of.detail.startswith(f"fails in {found.certified.failures} of ")
     assert "A scene that passes" in render(shown[0])
 
 

@@ -1,17 +1,15 @@
 """A corpus as a gymnasium environment: its failing scenes one after the other.
 
-``gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``, or several side by side:
-``gymnasium.make_vec("vlafuzz.exports.gym:vlafuzz/Corpus-v0", num_envs=8, corpus="mini-pick-up")``.
+``gymnasium.make("vlafuzz.exports.gym:vlafuzz/Corpus-v0", corpus="mini-pick-up")``; of several side by side the n-th of
+eight has ``first=n, every=8``.
 """
 
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from gymnasium.vector import AsyncVectorEnv, AutoresetMode, SyncVectorEnv, VectorEnv
 from numpy.typing import NDArray
 
 from vlafuzz.errors import UsageError
@@ -19,7 +17,6 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.controls import Frozen
-from vlafuzz.rollouts.forks import single_threaded
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -122,29 +119,4 @@ class CorpusEnv(gymnasium.Env[Seen, NDArray[np.float64]]):
         return seen | ({"image": observed.images["image"]} if self._draws else {})
 
 
-def corpus_envs(
-    num_envs: int,
-    corpus: Path | str,
-    size: int = 128,
-    *,
-    processes: bool = False,
-    autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-) -> VectorEnv[Any, Any, Any]:
-    """A vector of ``CorpusEnv``: the i-th begins with case i and advances by ``num_envs`` cases.
-
-    Together, the environments cover all cases. After an episode, ``step`` begins the next one according to gymnasium's
-    ``autoreset_mode``. The environments do not influence each other.
-
-    Args:
-        processes: run every environment in a process of its own.
-    """
-    makers = [partial(CorpusEnv, corpus, size, first=number, every=num_envs) for number in range(num_envs)]
-    if not processes:
-        return SyncVectorEnv(makers, autoreset_mode=autoreset_mode)
-    with single_threaded():  # gymnasium 1.4 corrupts text in shared memory
-        return AsyncVectorEnv(makers, shared_memory=False, context="spawn", autoreset_mode=autoreset_mode)
-
-
-gymnasium.register(
-    ID, entry_point="vlafuzz.exports.gym:CorpusEnv", vector_entry_point="vlafuzz.exports.gym:corpus_envs"
-)
+gymnasium.register(ID, entry_point="vlafuzz.exports.gym:CorpusEnv")
