@@ -80,6 +80,11 @@ def test_a_turn_shifts_the_middle_by_its_tangent():
     assert seen(PANDA.view.target, Camera(yaw=5))[0] - 0.5 == pytest.approx(expected)
 
 
+def test_the_camera_stands_where_its_offset_says():
+    moved = camera_pose(PANDA.view, Camera(0.05, 90, 0, roll=3, yaw=2))
+    assert moved.position - NOMINAL.position == pytest.approx([0, 0.05, 0])
+
+
 def test_a_robot_that_is_not_there_is_refused_with_what_is():
     assert rig("panda") is RIGS["panda"]
     with pytest.raises(SceneError, match="robot: unknown robot 'pandas'") as caught:

@@ -1,5 +1,6 @@
 """The objects that come with vlafuzz, and how they are kept."""
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -13,7 +14,7 @@ import trimesh
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.objects.catalogue import INDEX
+from vlafuzz.worlds.tabletop.objects.catalogue import INDEX, NUMBERS
 
 SCRIPTS = Path(__file__).parents[4] / "scripts"
 GRASPABLE = [
@@ -87,8 +88,10 @@ def test_the_catalogue_loads_fast_and_without_mesh_libraries(catalogue):
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "[]\n"
 
 
-def test_stored_runs_know_the_objects_by_their_digest(catalogue):
-    assert catalogue.digest == "60b651b6641f1773"
+def test_stored_runs_know_the_objects_by_their_digest_which_stands_for_these_numbers(catalogue):
+    models = [assets.operators_dir() / "objects" / name / NUMBERS for name in catalogue]
+    numbers = hashlib.sha256(b"".join(file.read_bytes() for file in models)).hexdigest()
+    assert (catalogue.digest, numbers[:16]) == ("60b651b6641f1773", "b834f45ecb0d0621")
 
 
 def test_the_script_makes_what_is_shipped(catalogue, tmp_path, monkeypatch):
