@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -38,16 +38,11 @@ class _Pose(Strict):
     yaw: float = 0.0
 
 
-class _Poses(Strict):
-    turned: _Pose
-    level: _Pose
-
-
 class Counterpart(Strict):
     """The object of ours that stands for one of VLATest's."""
 
     name: str
-    poses: _Poses
+    poses: dict[Literal["turned", "level"], _Pose]
 
 
 class Base(Strict):
@@ -268,7 +263,7 @@ def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task
     if not level and abs(sum(a * b for a, b in zip(thing.quaternion, upright, strict=True))) < 1 - 1e-6:
         problem = f"orientation {thing.quaternion} is neither upright nor level"
         raise SceneError(f"{where}: {thing.model}: {problem}")
-    pose = counterpart.poses.level if level else counterpart.poses.turned
+    pose = counterpart.poses["level" if level else "turned"]
     turned = math.degrees(yaw) + pose.yaw + 180.0
     wrapped = 180.0 - (180.0 - turned) % 360.0  # in (-180, 180]
     ours, place = load_operators().get(TargetPosition), list[float]()

@@ -14,7 +14,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.errors import PrerequisiteError, SimulatorError
+from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
@@ -22,7 +22,7 @@ from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend, use_shaders
-from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE, wrist_of
+from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
@@ -37,12 +37,11 @@ def sapien_pose(view: CameraPose) -> sapien.Pose:
     return sapien.Pose(view.position, view.quaternion)
 
 
-def _alike(expected: object, actual: object) -> bool:
+def _alike(expected: Any, actual: Any) -> bool:
     """Whether two parts of scenes are equal up to the simulator's single precision."""
-    pairs = zip(astuple(expected), astuple(actual), strict=True)  # type: ignore[call-overload]
     return all(
         one == other if isinstance(one, str) else math.isclose(one, other, rel_tol=1e-5, abs_tol=1e-4)
-        for one, other in pairs
+        for one, other in zip(astuple(expected), astuple(actual), strict=True)
     )
 
 
@@ -197,10 +196,16 @@ class TabletopEnv(BaseEnv):
                 pose, fov = sapien_pose(camera_pose(view)), np.radians(view.fov)
                 width = width if view.aspect == 1 else view.width(request.height)
             else:
-                mount = wrist_of(self.agent)
+                mount = self._wrist()
             made = CameraConfig(name, pose, width, request.height, fov, mount=mount, shader_config=use_shaders())
             configs.append(made)
         return configs
+
+    def _wrist(self) -> Any:
+        """The link that carries the wrist camera; a UsageError if the robot has none."""
+        if self.agent.wrist is None:
+            raise UsageError(f"{self.rig.robot}: it has no wrist camera", hint="ask for third_person only")
+        return self.agent.robot.links_map[self.agent.wrist]
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))

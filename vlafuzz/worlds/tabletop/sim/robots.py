@@ -21,7 +21,6 @@ from mani_skill.agents.robots.panda import Panda
 from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import WidowX250SBridgeDatasetFlatTable
 
 from vlafuzz.common import assets
-from vlafuzz.errors import UsageError
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.objects.references import check_references
 from vlafuzz.worlds.tabletop.sim.arm import Gripper, MetricArm, Pace
@@ -209,12 +208,3 @@ class MetricGoogle(_FromPack):
 
 
 AGENTS: dict[str | None, type[BaseAgent]] = {None: MetricPanda, WIDOWX.urdf: MetricWidowX, GOOGLE.urdf: MetricGoogle}
-
-
-def wrist_of(agent: BaseAgent) -> Any:
-    """The link that carries the wrist camera; a UsageError if the robot has none."""
-    if agent.wrist is None:
-        raise UsageError(
-            f"{agent.uid.removeprefix('vlafuzz_')}: it has no wrist camera", hint="ask for third_person only"
-        )
-    return agent.robot.links_map[agent.wrist]
