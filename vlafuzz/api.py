@@ -179,7 +179,7 @@ def demonstrate(
     Args:
         store: a store, or the folder of a corpus.
         out: a new folder; scenes that are held out are written beside it.
-        options: ``run``, ``which``, ``number``, ``per_scene``, ``hold_out`` of ``write_demonstrations``.
+        options: ``run``, ``which``, ``number``, ``hold_out`` of ``write_demonstrations``.
     """
     return write_demonstrations(Path(store), Path(out), workers=workers, watch=watch, **options)
 

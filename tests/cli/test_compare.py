@@ -149,7 +149,7 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
     assert feedback["probability"] is None
     assert 0 <= causes["probability"]["low"] < causes["probability"]["value"] < causes["probability"]["high"] <= 1
     compared = [(pair["strategy"], pair["measure"]) for pair in document["against"]]
-    assert compared == [("feedback", "failures"), ("causes", "failures"), ("causes", "probability_width")]
+    assert compared == [("feedback", "failures"), ("causes", "failures")]
 
 
 def test_without_triage_failures_judge_and_it_says_so(plain: Made):

@@ -157,7 +157,6 @@ def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
     [
         (["--demos", "3"], "--demos 3: only --format lerobot has it"),
         (["--format", "lerobot", "--demos", "0"], "--demos: expected at least 1, got 0"),
-        (["--format", "lerobot", "--demos", "3", "--demos-per-scene", "2"], "exclude each other"),
         (["--format", "lerobot", "--hold-out", "1"], "--hold-out 1: not a share from 0 to below 1"),
         (["--format", "lerobot", "--scenes", "minimal"], "has no minimal finding"),
         (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause"),

@@ -65,10 +65,7 @@ def export(
             "failed",
         ),
     ] = None,
-    demos: Annotated[int | None, option("Episodes of lerobot in all.", "one a scene, or --demos-per-scene")] = None,
-    demos_per_scene: Annotated[
-        int | None, option("Episodes of lerobot for each scene: the others with other grasps, slightly jittered.", "1")
-    ] = None,
+    demos: Annotated[int | None, option("Episodes of lerobot in all.", "one a scene")] = None,
     hold_out: Annotated[
         float | None,
         option(
@@ -105,7 +102,7 @@ def export(
     """
     foreign = format_ == "vlafuzz" and not minimal and all(map(is_document, sources))
     if format_ != "lerobot" or minimal:
-        wanted = {"--scenes": scenes, "--demos": demos, "--demos-per-scene": demos_per_scene, "--hold-out": hold_out}
+        wanted = {"--scenes": scenes, "--demos": demos, "--hold-out": hold_out}
         refuse(wanted, "only --format lerobot has it")
     if foreign:
         refuse({"--run": run}, f"{sources[0]} is a file of scenes, not a store")
@@ -136,7 +133,7 @@ def export(
     elif format_ == "lerobot":
         if verdict != "failed":
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
-        _export_demonstrations(sources[0], out, run, scenes, demos, demos_per_scene, hold_out, workers)
+        _export_demonstrations(sources[0], out, run, scenes, demos, hold_out, workers)
     else:
         from vlafuzz.exports.export import SCENE_FILES, scenes_of
 
@@ -153,16 +150,11 @@ def _export_demonstrations(
     run: int | None,
     scenes: Shown | None,
     demos: int | None,
-    demos_per_scene: int | None,
     hold_out: float | None,
     workers: int | None,
 ) -> None:
     """Let the expert solve failing scenes, and write a data set for LeRobot."""
     check_number("--demos", demos, 1)
-    check_number("--demos-per-scene", demos_per_scene, 1)
-    if demos is not None and demos_per_scene is not None:
-        problem = f"--demos {demos} and --demos-per-scene {demos_per_scene} exclude each other"
-        raise UsageError(problem, hint="give one of them")
     if hold_out is not None and not 0 <= hold_out < 1:
         raise UsageError(f"--hold-out {hold_out:g}: not a share from 0 to below 1", hint="--hold-out 0.2")
     from vlafuzz.exports.training import write_demonstrations
@@ -175,7 +167,6 @@ def _export_demonstrations(
             run,
             which=scenes or "failed",
             number=demos,
-            per_scene=demos_per_scene or 1,
             hold_out=hold_out or 0.0,
             workers=workers or most_workers(),
             watch=bar,

@@ -45,7 +45,6 @@ def write_demonstrations(
     *,
     which: Which = "failed",
     number: int | None = None,
-    per_scene: int = 1,
     hold_out: float = 0.0,
     workers: int = 1,
     watch: Watch = SILENT,
@@ -58,7 +57,7 @@ def write_demonstrations(
         run: only failures that this run of a store found.
         which: the failing scenes; the ``minimal`` ones with their passing counterparts; or as many ``random`` ones of
             the same runs.
-        number: of demonstrations in all; None for ``per_scene`` times the scenes. From the second of a scene on, it is
+        number: of demonstrations in all; None for one a scene. From the second of a scene on, it is
             slightly jittered, and the expert begins with another grasp.
         hold_out: share of the failures that is left out, with all others of the same cause. workers: processes.
 
@@ -80,7 +79,7 @@ def write_demonstrations(
     failures, held_out = split(source, _failures(source, run, which), hold_out)
     interface, robot, hz = _alike(source, failures)
     scenes = sum(len(failure.scenes) for failure in failures)
-    total = number or per_scene * scenes
+    total = number or scenes
     shown = Demonstrations(workers, watch)
     watch.note(_forecast(failures, held_out, total, interface, hz, workers))
     wanted = at_random(source, failures) if which == "random" else around(source, failures)

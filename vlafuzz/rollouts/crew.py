@@ -72,15 +72,9 @@ def crew_at(place: Place, make: Make, policy: str) -> Iterator[Crew]:
         yield Crew(shared, shared.each)
 
 
-class _About(NamedTuple):
-    space: Space
-    stages: tuple[str, ...]
-    deterministic: bool
-    renderer: str | None
-
-
-def _about(runner: SceneRunner) -> _About:
-    return _About(runner.space, runner.stages, runner.deterministic, getattr(runner, "renderer", None))
+def _about(runner: SceneRunner) -> tuple[Space, tuple[str, ...], bool, str | None]:
+    """What is known of a runner without a rollout."""
+    return runner.space, runner.stages, runner.deterministic, getattr(runner, "renderer", None)
 
 
 class _Desk:
@@ -118,7 +112,7 @@ class SharedRunner:
     def __init__(
         self,
         run: Callable[[Iterable[tuple[int, list[Any]] | None]], Any],
-        about: _About,
+        about: tuple[Space, tuple[str, ...], bool, str | None],
         at_once: int,
         *,
         here: SceneRunner | None = None,

@@ -45,33 +45,14 @@ class Counted:
     failures: int
     probability: Estimate | None
 
-    @property
-    def probability_width(self) -> float | None:
-        known = self.probability
-        return None if known is None or known.low is None or known.high is None else known.high - known.low
-
     def value(self, measure: str) -> float | None:
         """One of ``MEASURES``; None where there is nothing to measure."""
         found: float | None = getattr(self, measure)
         return found
 
 
-@dataclass(frozen=True)
-class Measure:
-    """A figure by which strategies are compared, in words, and whether more is better."""
-
-    says: str
-    most: bool = True
-    more: str = "more"
-    fewer: str = "fewer"
-
-
-# In the order in which they judge.
-MEASURES = {
-    "causes": Measure("certified causes"),
-    "failures": Measure("failures"),
-    "probability_width": Measure("interval of the failure probability", most=False, more="wider", fewer="narrower"),
-}
+# The figures by which strategies are compared, in words, in the order in which they judge.
+MEASURES = {"causes": "certified causes", "failures": "failures"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,10 +149,7 @@ def _standing(name: str, runs: Sequence[Counted]) -> Standing:
     bounds = [(known.value, known.low or 0.0, known.high or 0.0) for known in tells]
     return Standing(
         strategy=name,
-        means={
-            measure: mean_estimate(values) if (values := _known(runs, measure)) else None
-            for measure in ("causes", "failures")
-        },
+        means={measure: mean_estimate(values) if (values := _known(runs, measure)) else None for measure in MEASURES},
         probability=Estimate(*map(fmean, zip(*bounds, strict=True))) if len(tells) == len(runs) else None,
         causes=dict(Counter(cause for run in runs for cause in run.signatures).most_common()),
     )
@@ -213,19 +191,17 @@ def against(runs: Mapping[str, Sequence[Counted]], reference: str) -> list[Pair]
 
 def _sentence(pair: Pair) -> str:
     measure = MEASURES[pair.measure]
-    more, fewer = f"{measure.more} in {pair.test.more}", f"{measure.fewer} in {pair.test.fewer}"
-    size = f"{_size(pair)}{more} and {fewer} of {pair.repeats} pairs"
+    size = f"{_size(pair)}more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
     if (least := pair.tests * smallest_p(pair.repeats)) > ALPHA:
         need = pairs_needed(pair.tests, ALPHA)
         few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
-        return f"{measure.says} beside {pair.other}: {few} ({size})"
+        return f"{measure} beside {pair.other}: {few} ({size})"
     numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"
     if pair.p_holm > ALPHA:
-        return f"no difference shown from {pair.other} in {measure.says}: {numbers}"
-    larger = pair.test.effect > 0
-    kind = "" if larger == measure.most else ", which is worse"
-    word = measure.more if larger else measure.fewer
-    return f"{word} {measure.says} than {pair.other}: {numbers}{kind}"
+        return f"no difference shown from {pair.other} in {measure}: {numbers}"
+    if pair.test.effect > 0:
+        return f"more {measure} than {pair.other}: {numbers}"
+    return f"fewer {measure} than {pair.other}: {numbers}, which is worse"
 
 
 def _size(pair: Pair) -> str:
