@@ -240,8 +240,7 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
     from vlafuzz.worlds.tabletop.objects import load_catalogue
     from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
-    with Bar() as bar:
-        imported = [read_vlatest(path, load_catalogue(), frame=frame) for path in bar.track(files, "reading")]
+    imported = [read_vlatest(path, load_catalogue(), frame=frame) for path in files]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
     if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):

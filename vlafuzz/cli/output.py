@@ -6,7 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import typer
 from rich.console import Console
@@ -22,7 +22,6 @@ from vlafuzz.common.watch import Watch
 from vlafuzz.errors import printable
 
 EVERY = 30.0  # seconds between lines about long work where no terminal shows a bar
-T = TypeVar("T")
 _data: list[Checked] = []  # the stdout of the command that runs
 
 
@@ -156,12 +155,6 @@ class Bar(Watch):
             self._stage = self._bar.add_task(description, total=total), total
             self._bar.start()
         self._bar.update(self._stage[0], completed=done, description=description)
-
-    def track(self, items: Sequence[T], description: str) -> Iterator[T]:
-        """The items, with the bar moving as they are taken."""
-        for done, item in enumerate(items):
-            self.progress(description, done, len(items))
-            yield item
 
     @staticmethod
     def note(text: str) -> None:

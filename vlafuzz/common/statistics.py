@@ -56,7 +56,10 @@ class Share:
     @classmethod
     def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
         """This is ``grouped``, given two counts a group: its positive cases, and all of its cases."""
-        return cls(sum(count for count, _ in groups), sum(of for _, of in groups), *_of_groups(groups))
+        count, of = (sum(counts) for counts in zip(*groups, strict=True)) if groups else (0, 0)
+        counts = [(size, positive, positive) for positive, size in groups]
+        effective = of if count in (0, of) else _effective(counts)
+        return cls(count, of, *wilson(count / max(of, 1) * effective, effective))
 
     @property
     def share(self) -> float:
@@ -239,14 +242,6 @@ def _half_width(values: NDArray[np.float64]) -> float:
     from scipy.stats import t
 
     return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
-
-
-def _of_groups(groups: Sequence[tuple[int, int]]) -> Interval:
-    hits, number = (sum(count) for count in zip(*groups, strict=True)) if groups else (0, 0)
-    alone = hits in (0, number)
-    counts = [(size, positive, positive) for positive, size in groups]
-    effective = number if alone else _effective(counts)
-    return wilson(hits / max(number, 1) * effective, effective)
 
 
 def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
