@@ -98,7 +98,7 @@ def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_cou
         minimal = (row.shrunk, *row.counterparts.values())
         assert failure.scenes == (minimal if which == "minimal" else (failure.scene,))
         assert len(failure.scenes) == scenes
-        assert row.signature in failure.causes
+        assert failure.cause == row.signature
 
 
 def test_a_store_without_failures_has_no_demonstrations(capsys):
