@@ -34,7 +34,6 @@ def built(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
     workplace.close_idle()
 
 
-@pytest.fixture
 def scene() -> Scene:
     return nominal_scene(TASK, "libero")
 
@@ -44,7 +43,7 @@ def test_a_process_ends_without_a_word_after_it_has_drawn():
         "from tests.worlds.libero.test_workplace import *\n"
         "from vlafuzz.worlds.recording import Recording\n"
         "drawing = make_evaluator(Conditions(task=TASK, robot='libero'), Frozen(), recording=Recording(64))\n"
-        "drawing.still(nominal_scene(TASK, 'libero'))"
+        "drawing.still(scene())"
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert (child.stdout, child.stderr) == ("", "")
@@ -54,22 +53,22 @@ def evaluator() -> SceneEvaluator:
     return make_evaluator(Conditions(task=TASK, robot="libero"), Frozen())
 
 
-def test_one_evaluator_after_another_uses_the_same_environment_until_it_is_renewed(built, scene):
+def test_one_evaluator_after_another_uses_the_same_environment_until_it_is_renewed(built):
     first, second = evaluator(), evaluator()
-    hashes = [one.evaluate([scene])[0].rollouts[0].states_hash for one in (first, second)]
+    hashes = [one.evaluate([scene()])[0].rollouts[0].states_hash for one in (first, second)]
     first.close()
     assert built == [TASK]
     second.renew()
-    hashes.append(second.evaluate([scene])[0].rollouts[0].states_hash)
+    hashes.append(second.evaluate([scene()])[0].rollouts[0].states_hash)
     assert built == [TASK, TASK]
     assert len(set(hashes)) == 1
 
 
-def test_rollouts_at_the_same_time_have_an_environment_each(built, scene):
+def test_rollouts_at_the_same_time_have_an_environment_each(built):
     first, second = evaluator(), evaluator()
-    waiting = first.evaluation(scene)
+    waiting = first.evaluation(scene())
     asked = proceed(waiting, None)
-    other = drive(second.evaluation(scene), Frozen())
+    other = drive(second.evaluation(scene()), Frozen())
     assert built == [TASK, TASK]
     while hasattr(asked, "images"):
         asked = proceed(waiting, Frozen().act([asked])[0])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.doubles import Idle
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.directions import directed
@@ -75,17 +76,6 @@ def moved(scene: Scene, name: str, **changes: float) -> Scene:
     return replace(scene, targets=tuple(things))
 
 
-class Unasked:
-    """A policy of which only the spec is needed."""
-
-    def __init__(self, spec: PolicySpec) -> None:
-        self.spec = spec
-
-    def reset(self, episodes): ...
-
-    def close(self): ...
-
-
 @pytest.fixture(scope="module")
 def shown() -> tuple[dict[str, np.ndarray], np.ndarray]:
     """Pictures and state that LIBERO itself gives of initial state 0 when a policy begins."""
@@ -99,7 +89,9 @@ def shown() -> tuple[dict[str, np.ndarray], np.ndarray]:
 
 def first_seen(space: LiberoSpace, spec: PolicySpec) -> Observation:
     """What a policy sees first of the same state in a rollout."""
-    evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), Unasked(spec))
+    policy = Idle()
+    policy.spec = spec
+    evaluator = make_evaluator(Conditions(task=TASK, robot="libero"), policy)
     seen = evaluator.begin(space.nominal(), 0).observe()
     evaluator.close()
     return seen

@@ -208,10 +208,13 @@ class LiberoExpert:
         self._plans = {start.episode: None for start in episodes}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._next(seen)[None]) for seen in observations]
+        return [ActionChunk(self._answer(seen)[None]) for seen in observations]
 
     def close(self) -> None:
         self._plans.clear()
+
+    def _answer(self, seen: Observation) -> Array:
+        return self._next(seen)
 
     def _next(self, seen: Observation, pace: int = 1) -> Array:
         """The next action in metres and radians, for ``pace`` control steps."""
@@ -240,9 +243,6 @@ class LiberoDemonstrator(LiberoExpert):
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         super().reset(episodes)
         self.written = []
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._answer(seen)[None]) for seen in observations]
 
     def _answer(self, seen: Observation) -> Array:
         assert seen.state is not None
