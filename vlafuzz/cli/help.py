@@ -27,10 +27,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "vlafuzz replay first.db --video failure.mp4",
         "vlafuzz replay failing.jsonl 3f2a --policy expert --picture solved.png",
     ),
-    "read": (
-        "vlafuzz read outputs/eval/eval_info.json --out page.html",
-        "vlafuzz read new.csv --against old.csv --junit read.xml",
-    ),
+    "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read new.csv --against old.csv --markdown"),
     "bisect": (
         "vlafuzz bisect my-corpus --policy lerobot:{} --checkpoints out/010000 out/020000 out/030000",
         "vlafuzz bisect my-corpus --checkpoints http://gpu:8001/act http://gpu:8002/act http://gpu:8003/act",
