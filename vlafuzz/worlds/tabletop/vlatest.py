@@ -54,11 +54,10 @@ class Base(Strict):
 
 
 class Original(Strict):
-    """What VLATest's files leave out: robots by task, boxes, sizes, and names in instructions."""
+    """What VLATest's files leave out: robots by task, sizes, and names in instructions."""
 
     robots: dict[str, str]
     bases: dict[str, Base]
-    boxes: dict[str, Workspace]
     small_tasks: tuple[str, ...]
     small: tuple[str, ...]
     small_scale: float
@@ -74,10 +73,6 @@ class Table(Strict):
     objects: dict[str, Counterpart]
     ycb: dict[str, Counterpart]
     original: Original
-
-    def drawn_from(self, task: str) -> Workspace:
-        """The box that VLATest samples positions from: by default the frame."""
-        return self.original.boxes.get(task, self.frames[task])
 
 
 @cache
