@@ -17,7 +17,7 @@ from vlafuzz.common.text import interval, percent, points
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
 from vlafuzz.report.page import render_sheet
-from vlafuzz.report.view import Picture, Table, View
+from vlafuzz.report.sheet import Picture, Sheet, Table
 from vlafuzz.worlds.recording import Recording
 
 STRIPS, FRAMES = 3, 6  # scenes of each way to end, and frames of a rollout
@@ -43,7 +43,7 @@ def page(folder: Path, tasks: Sequence[str], policy: str, causes: Sequence[Mappi
     ]
     changed = [Table(f"Causes: shipped, then {policy}", causes)] if causes else []
     return render_sheet(
-        View(
+        Sheet(
             title="mini, repaired",
             source=str(folder),
             headline="The shipped weights, trained further with demonstrations of the expert.",

@@ -52,11 +52,11 @@ def test_a_page_is_written_with_films_of_all_findings(capsys):
     printed = typed(capsys, ["report", "a.db", "--out", "page.html"])
     assert printed.out == ""
     assert printed.err.startswith("written: page.html (")
-    assert videos(Path("page.html")) == 6 + 2
+    assert videos(Path("page.html")) == 6 * 2 + 2
     assert [row.closed for row in FilmDesk.made] == [True, True]
 
 
-@pytest.mark.parametrize(("options", "films"), [(["--no-videos"], 0), (["--limit", "1"], 2)])
+@pytest.mark.parametrize(("options", "films"), [(["--no-videos"], 0), (["--limit", "1"], 3)])
 def test_films_can_be_fewer(options, films):
     assert main(["report", "a.db", "--out", "page.html", *options]) == 0
     assert videos(Path("page.html")) == films
@@ -83,24 +83,23 @@ def test_an_exported_corpus_has_a_page_too(place: Path):
     made.runs[0] = MANIFEST
     write_corpus(made, place / "dark")
     assert main(["report", "dark", "--out", "page.html"]) == 0
-    assert videos(Path("page.html")) == 2
+    assert videos(Path("page.html")) == 3
 
 
 def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, capsys):
+    pages: list[str] = []
     with Store.open(Path("a.db"), "write") as written:
         run = written.begin(replace(MANIFEST, budget=50))
-    pages: list[str] = []
 
-    def wait(_: float) -> None:
-        pages.append(Path("a.html").read_text())
-        if len(pages) == 2:
-            raise KeyboardInterrupt
-        with Store.open(Path("a.db"), "write") as written:
+        def wait(_: float) -> None:
+            pages.append(Path("a.html").read_text())
+            if len(pages) == 2:
+                raise KeyboardInterrupt
             written.add(run, ended(scene(), failed()))
 
-    monkeypatch.setattr("time.sleep", wait)
-    assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
-    told = [f"Run 3 goes on: {done} of 50 rollouts are done." in page for done, page in enumerate(pages)]
+        monkeypatch.setattr("time.sleep", wait)
+        assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
+    told = [f"searching: {done} of 50 rollouts done" in page for done, page in enumerate(pages)]
     assert told == [True, True]
     assert ['<meta http-equiv="refresh"' in page for page in (*pages, Path("a.html").read_text())] == [
         True,

@@ -45,7 +45,10 @@ def view(path: Path) -> View:
 
 
 class MadeUpFilms:
-    """The same grey film for every request; in the first ``passing`` ones of the policy it passes."""
+    """The same grey film for every request; the policy fails where something is not nominal.
+
+    In the first ``passing`` such scenes it passes.
+    """
 
     def __init__(self, passing: int = 0) -> None:
         self.requests: list[tuple[Manifest, Scene, Actions | None]] = []
@@ -58,5 +61,9 @@ class MadeUpFilms:
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film:
         self.requests.append((run, scene, actions))
-        policies = sum(actions is None for _, _, actions in self.requests)
-        return Film(self._video, self._still, actions is None and policies > self._passing)
+        fails = actions is None and scene != SPACE.nominal(like=scene)
+        self._passing -= fails
+        failed = fails and self._passing < 0
+        stages = () if failed else (("grasp", 4), ("lift", 6), ("success", 9))
+        lost = "grasp" if failed else ""
+        return Film(self._video, self._still, failed, frames=15, moment=3 if failed else 9, stages=stages, lost=lost)

@@ -12,7 +12,7 @@ import pytest
 from tests.report.stores import MadeUpFilms, store, view
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render, render_sheet
-from vlafuzz.report.view import Picture, Table, View
+from vlafuzz.report.sheet import Picture, Sheet, Table
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
 CHROMIUM = shutil.which("chromium")
@@ -60,43 +60,108 @@ def eventually(page: "sync.Page", expression: str) -> None:
 
 
 def shown(page: "sync.Page") -> int:
-    return page.locator(".card:visible").count()
+    return page.locator(".gallery .card:visible").count()
 
 
-def test_filters_narrow_the_gallery_together_and_reset(page: "sync.Page"):
-    assert (shown(page), page.locator("output").inner_text()) == (6, "6 of 6 shown")
+def output(page: "sync.Page") -> str:
+    return page.locator(".filters output").inner_text()
+
+
+def test_filters_narrow_the_gallery_live_in_the_address_and_reset(page: "sync.Page"):
+    assert (shown(page), output(page)) == (5, "5 of 5 shown")
     assert page.get_by_role("button", name="Reset").is_disabled()
-    page.locator("select[name=evidence]").select_option("minimal")
-    assert (shown(page), page.locator("output").inner_text()) == (3, "3 of 6 shown")
-    assert page.locator("select[name=operator] option[value=light]").inner_text() == "light (0)"
     page.locator("select[name=operator]").select_option("light")
-    assert shown(page) == 0
-    assert page.get_by_text("No finding matches").is_visible()
+    assert (shown(page), output(page)) == (3, "3 of 5 shown")
+    assert page.url.endswith("#operator=light")
     page.get_by_role("button", name="Reset").click()
     # The reset itself sets the output, a moment before the cards follow.
-    eventually(page, "document.querySelectorAll('.card:not([hidden])').length === 6")
-    assert (shown(page), page.locator("output").inner_text()) == (6, "6 of 6 shown")
+    eventually(page, "document.querySelectorAll('.gallery .card:not([hidden])').length === 5")
+    assert "#" not in page.url
 
 
-def test_a_video_in_sight_plays_and_pauses(page: "sync.Page"):
-    video = "document.querySelector('video')"
-    page.locator("video").first.scroll_into_view_if_needed()
-    eventually(page, f"{video}.currentTime > 0.2 && !{video}.paused")
-    page.locator("button.film").first.focus()
+def test_an_address_brings_its_filters(page: "sync.Page", address: str):
+    page.evaluate("location.hash = 'light.intensity=0.9..1.1'")
+    eventually(page, "document.querySelectorAll('.gallery .card:not([hidden])').length === 2")
+    assert page.get_by_label("Highest light intensity").input_value() == "1.1"
+
+
+def test_dragging_over_a_plot_lists_the_failures_there(page: "sync.Page"):
+    plot = page.locator(".plot", has_text="light intensity").last.locator("svg")
+    plot.scroll_into_view_if_needed()
+    box = plot.bounding_box()
+    page.mouse.move(box["x"] + box["width"] * 0.5, box["y"] + 40)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 60)
+    page.mouse.up()
+    eventually(page, "document.querySelectorAll('.gallery .card:not([hidden])').length === 2")
+    assert "light.intensity=" in page.url
+
+
+def test_films_of_a_card_play_in_step_and_pause(page: "sync.Page"):
+    page.get_by_role("button", name="Play the films of").first.click()
+    times = "[...document.querySelectorAll('#cause-1 video')].map((video) => video.currentTime)"
+    eventually(page, f"Math.min(...{times}) > 0.2")
+    page.get_by_role("button", name="Pause the films of").click()
+    first, *others = page.evaluate(times)
+    assert all(abs(other - first) < 0.3 for other in others)
+    assert page.evaluate("[...document.querySelectorAll('video')].every((video) => video.paused)")
+
+
+def test_the_keyboard_steps_through_the_films(page: "sync.Page"):
+    slider = page.get_by_label("Moment in the films of").first
+    assert slider.input_value() == "3"  # where the failure makes no progress any more
+    slider.focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowRight")
+    assert (slider.input_value(), slider.get_attribute("aria-valuetext")) == ("5", "1.0 s")
+    eventually(page, "Math.abs(document.querySelector('video').currentTime - 5.5 / 15) < 0.01")
+
+
+def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(page: "sync.Page"):
+    reached = set()
+    for _ in range(150):
+        page.keyboard.press("Tab")
+        reached.add(page.evaluate("document.activeElement.outerHTML.slice(0, 60)"))
+    for part in (
+        '<a href="#method"',
+        '<button type="button" class="badge',
+        '<button type="button" class="play',
+        "<input type=",
+        "<summary>",
+        "<select",
+    ):
+        assert any(one.startswith(part) for one in reached), part
+
+
+def test_a_dot_opens_its_card(page: "sync.Page"):
+    dot = page.locator(".plot a").first
+    card = dot.get_attribute("href")
+    dot.focus()
     page.keyboard.press("Enter")
-    eventually(page, f"{video}.paused")
-    page.get_by_role("button", name="Pause videos").click()
-    eventually(page, "[...document.querySelectorAll('video')].every((video) => video.paused)")
-    page.get_by_role("button", name="Play videos").click()
-    eventually(page, f"!{video}.paused")
+    eventually(page, f"location.hash === '{card}'")
 
 
-@pytest.mark.parametrize("width", [390, 1400])
+def test_method_is_folded_up_until_it_is_asked_for(page: "sync.Page"):
+    assert not page.get_by_text("Stages reached").is_visible()
+    page.get_by_role("link", name="Method").click()
+    assert page.get_by_text("Stages reached").is_visible()
+
+
+@pytest.mark.parametrize("width", [420, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme):
     page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": width, "height": 800})
+    page.set_viewport_size({"width": width, "height": 900})
+    page.evaluate("document.querySelectorAll('details').forEach((one) => (one.open = true))")
     assert page.evaluate("document.documentElement.scrollWidth") == width
+
+
+@pytest.mark.parametrize(("width", "last"), [(1400, "solves"), (420, "fails")])
+def test_the_sentence_and_the_first_films_are_on_the_first_screen(page: "sync.Page", width: int, last: str):
+    page.set_viewport_size({"width": width, "height": 900})
+    for part in (".sentence", f".card figure.{last} video"):
+        box = page.locator(part).first.bounding_box()
+        assert box["y"] + box["height"] < 900
 
 
 @pytest.mark.parametrize("width", [390, 1400])
@@ -104,7 +169,7 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(browser: "sync.B
     picture = io.BytesIO()
     imageio.imwrite(picture, np.zeros((40, 1200, 3), np.uint8), extension=".png")
     rows = [{f"column {number}": "1.23 (1.11–1.35)" for number in range(20)}]
-    sheet = View(
+    sheet = Sheet(
         title="a",
         source="a.db",
         headline="b",
@@ -120,7 +185,8 @@ def test_a_sheet_scrolls_its_tables_and_pictures_not_the_window(browser: "sync.B
     page.close()
 
 
-def test_in_print_there_are_cards_and_no_controls(page: "sync.Page"):
+def test_in_print_there_are_two_pages_without_controls(page: "sync.Page", tmp_path: Path):
     page.emulate_media(media="print")
-    assert shown(page) == 6
     assert not page.locator(".filters").is_visible()
+    assert not page.locator(".play").first.is_visible()
+    assert page.pdf(format="A4").count(b"/Type /Page\n") <= 2

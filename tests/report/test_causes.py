@@ -15,9 +15,9 @@ from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
+from vlafuzz.report.counts import cause_table
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
-from vlafuzz.report.view import cause_table
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
@@ -164,17 +164,30 @@ def test_a_quantity_that_is_not_known_here_keeps_its_name(store: Store):
     assert listed(store).causes[0].conditions == ("glare ≤ 3 (light)", "for example light")
 
 
-def test_a_report_begins_with_the_causes_and_shows_their_cards_first(store: Store):
+def test_a_report_begins_with_the_causes(store: Store):
     assert view_of_store(store).todo
     found = certified(store, TILTED, DARK)
     view = view_of_store(store)
     assert not view.todo
+    (head,) = view.heads
+    assert re.fullmatch(
+        r"Fails when the camera turns left by at least 2\.\d+°, or the light is at most × 0\.\d+\.", head.sentence
+    )
+    assert [card.title for card in view.causes] == [f"T{cause.title[1:]}" for cause in found.causes]
+    assert [card.badge[0] for card in view.causes] == ["certified", "certified"]
     page = render(view)
-    assert page.index("Causes of run 1") < page.index("Summary") < page.index("Findings")
+    assert page.index("Fails when the camera") < page.index(view.causes[0].title) < page.index("Causes of run 1")
     assert "light (dark): fails from intensity" in page
-    shown = [digest for cause in found.causes for digest in cause.found]
-    assert {digest for card in view.cards[:3] for digest in card.of.found} >= set(shown)
-    assert view.cards[0].of.found[0] in found.causes[0].found
+
+
+def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
+    certified(store, TILTED, DARK)
+    tilted, _ = view_of_store(store).causes
+    assert [(number.value, number.says) for number in tilted.numbers] == [
+        ("100% → 0%", "4 of 4 rollouts fail with it, 0 of 4 without it"),
+        ("7", "of 14 failures explained"),
+    ]
+    assert tilted.step[1].endswith("--minimal --out corpus")
 
 
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):

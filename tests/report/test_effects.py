@@ -104,8 +104,8 @@ def test_comparable_random_scenes_are_pooled(store):
     assert effects(store).failed.of == 120
 
 
-def test_the_report_shows_them_first(store):
+def test_the_report_has_them_under_method(store):
     run(store, is_dark)
     page = render(view_of_store(store))
-    assert "Failure rate by value, in random scenes" in page
-    assert page.index("light, intensity") < page.index("Summary")
+    assert page.index("Method</h2>") < page.index("Failure rate by value, in random scenes")
+    assert "light, intensity" in page

@@ -21,8 +21,8 @@ from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_corpus, view_of_store
-from vlafuzz.report.view import Chart, View
-from vlafuzz.store.records import Run
+from vlafuzz.report.view import View
+from vlafuzz.store.records import Attribution, FoundCause, Run
 from vlafuzz.store.store import Store
 
 
@@ -31,14 +31,21 @@ def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
     return view(store(tmp_path_factory.mktemp("store") / "a.db"))
 
 
-def counts(chart: Chart) -> dict[str, tuple[int, int]]:
-    return {measure.name: (measure.share.count, measure.share.of) for measure in chart.measures}
-
-
-def test_it_begins_with_the_result_in_a_sentence(triaged: View):
+def test_it_begins_with_the_failure_rate_and_what_is_known_of_causes(triaged: View):
     assert triaged.title == "idle on pick-up"
-    assert triaged.headline.startswith("6 of 8 judged scenes failed (75%, 95% interval 40.9–92.9%).")
-    assert triaged.headline.endswith("6 of 6 findings were triaged: 2 distinct causes.")
+    (head,) = triaged.heads
+    camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most × 0\.\d+"
+    assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
+    assert head.rate.value == 0.75
+    assert [card.badge[0] for card in triaged.causes] == ["certified", "certified"]
+
+
+def test_a_random_run_says_that_nothing_looked_for_causes(tmp_path: Path):
+    (head,) = view(store(tmp_path / "a.db", triaged=0)).heads
+    assert head.sentence == "Fails in 6 of 8 scenes that were tried. Nothing has looked for causes yet."
+
+
+def test_a_page_of_triaged_scenes_has_no_next_step_but_those_of_its_cards(triaged: View):
     assert triaged.todo == ()
 
 
@@ -46,27 +53,36 @@ def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, strategy="surrogate"))
         opened.add(1, ended(SPACE.nominal()))
-    headline = view(tmp_path / "a.db").headline
-    assert headline.startswith("1 of 1 judged scenes failed, which is not the policy's failure rate, as the ")
-    assert "%" not in headline
+    (head,) = view(tmp_path / "a.db").heads
+    assert head.rate is None
+    assert "%" not in head.sentence
+
+
+def table(view: View, title: str) -> dict[str, str]:
+    (found,) = (one for one in view.tables if one.title == title)
+    return {str(next(iter(row.values()))): str(row["scenes"]) for row in found.rows}
 
 
 def test_verdicts_and_stages_are_counted_with_what_they_are_shares_of(triaged: View):
-    verdicts, funnel = triaged.charts
-    assert counts(verdicts) == {"failed": (6, 8), "passed": (2, 8), "invalid": (0, 8), "error": (0, 8)}
-    assert counts(funnel) == {"grasp": (2, 8), "lift": (2, 8), "success": (2, 8)}
+    assert table(triaged, "Verdicts") == {
+        "failed": "6 of 8",
+        "passed": "2 of 8",
+        "invalid": "0 of 8",
+        "error": "0 of 8",
+    }
+    assert table(triaged, "Stages reached") == {"grasp": "2 of 8", "lift": "2 of 8", "success": "2 of 8"}
 
 
-def test_a_card_shows_what_is_left_with_its_role_and_threshold(triaged: View):
+def test_a_card_shows_what_is_left_with_its_threshold_and_evidence(triaged: View):
     card = next(card for card in triaged.cards if "camera-orientation" in card.of.operators)
     (only,) = card.of.deviations
     assert (only.operator, only.value, only.reference) == ("camera-orientation", "yaw 2.6°", "yaw 0°")
     assert (only.fails_from or "").startswith("fails from yaw 2.")
-    assert card.role("camera-orientation") == "necessary, sufficient alone"
-    assert card.without("camera-orientation") == "without it 0 of 4 rollouts fail (0–57.5%)"
+    assert card.title.startswith("The camera turns left by at least 2.")
     assert re.fullmatch(r"fails in (\d+) of \1 rollouts around it \(.*–100%\)", card.of.detail)
-    assert card.of.witness is not None
-    assert card.of.witness.solver == "seeing"
+    assert card.badge[0] == "certified"
+    assert "The camera-only expert solves the same scene." in card.badge[1]
+    assert card.numbers[0].value == "100% → 0%"
     assert card.of.replay.endswith(f"a.db {card.of.scene.digest[:12]} --policy idle")
 
 
@@ -90,7 +106,8 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
         assert card.of.scene.light.intensity == 0.5
         assert (card.of.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
         assert card.of.detail.startswith(f"fails in {found.certified.failures} of ")
-    assert "A scene that passes" in render(shown[0])
+        assert card.neighbours[0] == ("passing neighbour", dark)
+    assert "a scene that passes" in render(shown[0])
 
 
 def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: Path):
@@ -129,10 +146,29 @@ def test_those_with_the_most_evidence_come_first(tmp_path: Path):
 
 
 def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
-    assert view(store(tmp_path / "a.db", findings=0)).headline == "No scene failed: all 2 judged scenes passed."
+    (head,) = view(store(tmp_path / "a.db", findings=0)).heads
+    assert head.sentence == "Passes in all 2 scenes that were tried."
     Store.open(tmp_path / "b.db", "write").close()
     empty = view(tmp_path / "b.db")
-    assert (empty.title, empty.headline, empty.cards) == ("no run yet", "No scene was judged.", ())
+    assert (empty.title, empty.phase, empty.heads, empty.cards) == ("no run yet", "no run yet", (), ())
+
+
+def test_it_names_the_phase_of_a_run(tmp_path: Path):
+    path = tmp_path / "a.db"
+    with Store.open(path, "write") as opened:
+        run = opened.begin(replace(MANIFEST, budget=50))
+        opened.add(run, ended(SPACE.nominal()))
+        assert view_of_store(opened).phase == "searching: 1 of 50 rollouts done"
+        opened.keep_causes(run, Attribution((FoundCause(SPACE.nominal(), ("light",), 1),)))
+        opened.finish(run, "finished", 1.0)
+        assert view_of_store(opened).phase == "certifying: 0 of 1 cause so far"
+    assert view(path).phase == "finished"
+
+
+def test_a_run_that_was_killed_is_not_said_to_go_on(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, budget=50))
+    assert view(tmp_path / "a.db").phase == "interrupted: 0 of 50 rollouts done"
 
 
 def test_it_says_where_the_runs_were_made_and_whether_that_was_one_place(tmp_path: Path):
@@ -152,9 +188,9 @@ def test_a_corpus_shows_its_cases_with_their_pictures():
     for run in range(len(corpus.runs)):
         corpus.runs[run] = MANIFEST
     shown = view_of_corpus(Path("dark"), corpus)
-    (lost,) = shown.charts
-    assert counts(lost) == {"grasp": (2, 2), "lift": (0, 2), "success": (0, 2)}
-    assert shown.headline == "2 minimal failing scenes, 1 cause, all solved by the expert; from 9 findings."
+    assert dict(shown.facts)["Fails at"] == "grasp (2)"
+    (head,) = shown.heads
+    assert head.sentence.startswith("Fails when ")
     assert [card.of.replay for card in shown.cards] == [
         f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
     ]
@@ -190,16 +226,32 @@ def test_scenes_from_elsewhere_are_shown_as_well():
     assert "light" in {row.operator for row in deviations(SPACE, scene, Causes())}
 
 
-def test_the_first_cards_are_filmed_run_by_run_each_beside_its_witness(triaged: View):
+def test_the_first_cards_are_filmed_run_by_run_beside_what_passes_and_what_solves(triaged: View):
     films, seen = MadeUpFilms(), []
     shown = filmed(triaged, films, 5, lambda done, of: seen.append((done, of)))
-    assert [card.failure is not None for card in shown.cards] == [True] * 5 + [False] * (len(shown.cards) - 5)
-    assert shown.filmed
+    assert [[shot.kind for shot in card.shots] for card in shown.cards] == [["passes", "fails", "solves"]] * 5 + [[]]
     assert shown.notes == ()
-    assert [actions is None for _, _, actions in films.requests] == [True, False] * 5
     seeds = [run.seed for run, _, _ in films.requests]
     assert seeds == sorted(seeds)
     assert seen[-1] == (5, 5)
+
+
+def test_where_nominal_fails_too_another_neighbour_is_shown(triaged: View):
+    class Failing(MadeUpFilms):
+        def __call__(self, run, scene, actions):
+            film = super().__call__(run, scene, actions)
+            return replace(film, failed=True) if scene == nominal else film
+
+    card = triaged.cards[0]
+    nominal, without = SPACE.nominal(like=card.of.scene), replace(SPACE.nominal(), light=Light(1.1))
+    card = replace(card, neighbours=(("nominal", nominal), ("without light", without)))
+    told = []
+    for neighbours in (card.neighbours, card.neighbours[:1]):
+        shown = filmed(
+            replace(triaged, cards=(replace(card, neighbours=neighbours),)), Failing(passing=1), 1, lambda *_: None
+        )
+        told.append(shown.cards[0].shots[0].says)
+    assert told == ["without light: passes", "nominal: fails, too"]
 
 
 def test_films_in_which_the_policy_passes_are_noted(triaged: View):
@@ -213,10 +265,11 @@ def test_runs_of_several_models_are_told_apart(tmp_path: Path):
         for label in ("step-1", "step-2"):
             opened.add(opened.begin(replace(MANIFEST, label=label)), ended(SPACE.nominal(), passed()))
     shown = view(tmp_path / "a.db")
-    assert [row["policy"] for row in shown.run_table.rows] == ["step-1 (idle)", "step-2 (idle)"]
+    (runs,) = (table for table in shown.tables if table.title == "Runs")
+    assert [row["policy"] for row in runs.rows] == ["step-1 (idle)", "step-2 (idle)"]
     assert shown.title == "step-1, step-2 on pick-up"
-    assert any("The runs are of several models" in note for note in shown.notes)
-    assert sum("Stages reached" in chart.title for chart in shown.charts) == 2
+    assert [head.name for head in shown.heads] == ["step-1 (idle) on pick-up", "step-2 (idle) on pick-up"]
+    assert sum("Stages reached" in table.title for table in shown.tables) == 2
 
 
 def test_guided_scenes_have_counts_but_no_rates(tmp_path):
@@ -227,6 +280,7 @@ def test_guided_scenes_have_counts_but_no_rates(tmp_path):
             outcome = failed() if number == 2 else passed()
             opened.add(number, ended(nominal("pick-up"), outcome))
         shown = view_of_store(opened)
-    assert [row["scenes that failed"] for row in shown.run_table.rows] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
-    assert not any(measure.rate for chart in shown.charts for measure in chart.measures)
+    (runs,) = (table for table in shown.tables if table.title == "Runs")
+    assert [row["scenes that failed"] for row in runs.rows] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
+    assert not any("rate" in table.rows[0] for table in shown.tables if table.title in ("Verdicts", "Stages reached"))
     assert "no failure rate" in render(shown)

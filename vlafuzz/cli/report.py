@@ -50,7 +50,10 @@ def command(
         ),
     ] = None,
     videos: Annotated[
-        bool, option("Film the failures on a page, and their witnesses.", flag="--videos/--no-videos")
+        bool,
+        option(
+            "Film what fails on a page, beside what passes and the reference solution.", flag="--videos/--no-videos"
+        ),
     ] = True,
     trust: TrustFlag = False,
     json: JsonFlag = False,

@@ -67,6 +67,23 @@ class ListedCause:
     detail: str
     mechanism: Mechanism | None = None
 
+    @classmethod
+    def of_failure(cls, of: DescribedFailure) -> ListedCause:
+        """A certified failure by itself, as of a corpus."""
+        return cls(
+            title=of.title,
+            conditions=tuple(f"{part.operator}: {part.range}" for part in of.deviations),
+            lost_stage=of.lost_stage,
+            failures=len(of.found),
+            bucket=of.bucket,
+            signature=of.signature,
+            rate=of.rate,
+            witness=of.witness.solver if of.witness else None,
+            scene=of.scene.digest,
+            found=of.found,
+            detail=of.detail,
+        )
+
     @property
     def says(self) -> str:
         """All but the conditions, in a line: stage, shares, evidence and scene."""

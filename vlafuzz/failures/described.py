@@ -4,7 +4,7 @@ import pathlib
 import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from vlafuzz.common.text import interval, named, plural
@@ -85,6 +85,7 @@ class DescribedFailure(Failure):
         run: that found the first of them; ``number``: its number in the store, None in a corpus.
         bucket: one of ``BUCKETS``.
         reference: the passing scene that it is compared with; None for the nominal one.
+        counterparts: of a certified one, by operator the scene without it, in which the policy passes.
         rate: how often the policy fails around the scene; None if unknown.
         detail: the evidence, in a sentence.
         replay: the command that replays the scene.
@@ -100,6 +101,7 @@ class DescribedFailure(Failure):
     lost_stage: str
     deviations: tuple[Deviation, ...]
     reference: Scene | None = None
+    counterparts: Mapping[str, Scene] = field(default_factory=dict)
     witness: Witness | None = None
     rate: Rate | None = None
     detail: str
@@ -158,6 +160,7 @@ def described(
         number=finding.run,
         bucket=triaged.bucket,
         deviations=deviations(space, scene, known["causes"], known["reference"]),
+        counterparts=triaged.counterparts if triaged.bucket == "minimal" else {},
         witness=triaged.witness,
         rate=rate,
         detail=_evidence(triaged, rate),
@@ -176,6 +179,7 @@ def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Spac
         bucket="minimal",
         deviations=deviations(space, case.scene, case.causes, case.reference),
         reference=case.reference,
+        counterparts=case.counterparts,
         witness=case.witness,
         rate=case.certified,
         detail=f"fails {_around(case.certified)}" if case.certified else _repeats(case.failures, case.repeats),

@@ -245,8 +245,13 @@ def amount(path: str, value: float | str) -> str:
     """A value without its name: ``2.5°``."""
     if isinstance(value, str):
         return value
-    unit = UNITS.get(path) or UNITS.get(path.rpartition(".")[2], "")
+    unit = unit_of(path)
     return f"× {value:.3g}" if unit == "×" else f"{value:g}{unit}"
+
+
+def unit_of(path: str) -> str:
+    """What stands behind a value, or ``×`` before it; empty for a bare number."""
+    return UNITS.get(path) or UNITS.get(path.rpartition(".")[2], "")
 
 
 def _canonical(value: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Counts over the trials of a store, as charts, and as standings: how each policy does in each task."""
+"""Counts over the trials of a store, as tables, and as standings: how each policy does in each task."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import interval, percent
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.view import Chart, Measure, Table
+from vlafuzz.report.sheet import Table
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Manifest, Run
@@ -31,13 +31,14 @@ class Counts:
 
     Attributes:
         rollouts: by run.
-        last: the last verdict of every scene under every policy key.
+        last: the last verdict of every scene under every policy key; ``of``: task and model of every such key.
         begun: rollouts by task and model; ``reached``: those that reached a stage.
         guided: whether a strategy or the user chose some of the scenes.
     """
 
     rollouts: Counter[int] = field(default_factory=Counter)
     last: dict[tuple[str, str], Verdict] = field(default_factory=dict)
+    of: dict[str, tuple[str, str]] = field(default_factory=dict)
     begun: Counter[tuple[str, str]] = field(default_factory=Counter)
     reached: Counter[tuple[str, str, str]] = field(default_factory=Counter)
     guided: bool = False
@@ -49,7 +50,16 @@ class Counts:
     @property
     def failed(self) -> Share:
         """Failed scenes, of those that were judged."""
-        counted = self.verdicts
+        return self._failed(self.verdicts)
+
+    def failed_in(self, task: str, model: str) -> Share:
+        """The same of a policy in a task."""
+        return self._failed(
+            Counter(verdict for (key, _), verdict in self.last.items() if self.of[key] == (task, model))
+        )
+
+    @staticmethod
+    def _failed(counted: Counter[Verdict]) -> Share:
         return Share.of_counts(counted[Verdict.FAILED], counted[Verdict.FAILED] + counted[Verdict.PASSED])
 
 
@@ -58,6 +68,7 @@ def count(store: Store) -> Counts:
     for run in store.runs():
         manifest = run.manifest
         counts.guided = counts.guided or manifest.strategy != RANDOM
+        counts.of[manifest.key()] = manifest.task, manifest.model
         for trial in store.trials(run.id):
             key = (manifest.key(), trial.scene.digest)
             if trial.outcome.verdict is not Verdict.ERROR or key not in counts.last:
@@ -69,28 +80,37 @@ def count(store: Store) -> Counts:
     return counts
 
 
-def charts_of(counts: Counts) -> tuple[Chart, ...]:
+def tables_of(counts: Counts) -> tuple[Table, ...]:
     """Distinct scenes by their verdict, and how many rollouts reached each stage, by task and policy."""
     scenes, judged, rate = counts.verdicts, counts.failed.of, not counts.guided
-    verdicts = tuple(
-        Measure(
-            verdict.name.lower(),
-            Share.of_counts(scenes[verdict], judged if verdict >= Verdict.PASSED else scenes.total()),
-            says,
-            rate=rate,
-        )
-        for verdict, says in _VERDICTS.items()
-    )
     chosen = " They were chosen: their share is no failure rate." if counts.guided else ""
-    charts = [Chart("Verdicts", f"Distinct scenes by their last verdict.{chosen}", verdicts)]
+    verdicts = [
+        {"verdict": verdict.name.lower()}
+        | _counted(scenes[verdict], judged if verdict >= Verdict.PASSED else scenes.total(), rate=rate)
+        | {"": says}
+        for verdict, says in _VERDICTS.items()
+    ]
+    tables = [Table("Verdicts", verdicts, f"Distinct scenes by their last verdict.{chosen}")]
     for (task, policy), begun in counts.begun.items():
-        stages = tuple(
-            Measure(stage, Share.of_counts(counts.reached[task, policy, stage], begun), rate=rate)
-            for stage in world_of(task).task(task).stage_names
-        )
+        names = world_of(task).task(task).stage_names
+        stages = [{"stage": name} | _counted(counts.reached[task, policy, name], begun, rate=rate) for name in names]
         which = f", {task}, {policy}" if len(counts.begun) > 1 else ""
-        charts.append(Chart(f"Stages reached{which}", f"Of {begun} rollouts.", stages))
-    return tuple(charts)
+        tables.append(Table(f"Stages reached{which}", stages, f"Of {begun} rollouts."))
+    return tuple(tables)
+
+
+def _counted(count: int, of: int, *, rate: bool) -> dict[str, str]:
+    """Columns of a count; with a rate where the scenes were not chosen."""
+    return {"scenes": f"{count} of {of}"} | ({"rate": str(Share.of_counts(count, of))} if rate else {})
+
+
+def cause_table(found: CauseList) -> Table:
+    """The causes of a run; the share is left out where none is known."""
+    rows = [cause.row() for cause in found.causes]
+    if not any(cause.share for cause in found.causes):
+        rows = [{head: value for head, value in row.items() if head != "share"} for row in rows]
+    says = "; ".join(found.sentences)
+    return Table(found.title, rows, f"{says[0].upper()}{says[1:]}.")
 
 
 def run_table(store: Store) -> Table | None:

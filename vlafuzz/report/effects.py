@@ -14,7 +14,7 @@ from vlafuzz.common.text import plural
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene, amount
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.view import Table
+from vlafuzz.report.sheet import Table
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -112,7 +112,7 @@ class Effects:
 
 def effects_of(store: Store, run: Run, space: Space) -> Effects | None:
     """The effects in the random scenes of a run and of comparable ones in its store; None without any."""
-    trials = list(_random_trials(store, run))
+    trials = list(random_trials(store, run))
     if not trials:
         return None
     failures = [trial.outcome.verdict is Verdict.FAILED for trial in trials]
@@ -122,7 +122,7 @@ def effects_of(store: Store, run: Run, space: Space) -> Effects | None:
     scenes = [trial.scene for trial in trials]
     effects = [
         effect
-        for (operator, quantity, path), values in _quantities(space, scenes).items()
+        for (operator, quantity, path), values in quantities(space, scenes).items()
         if (effect := _effect(operator, quantity, path, values, failures))
     ]
     adjusted = holm([effect.p for effect in effects])
@@ -131,7 +131,7 @@ def effects_of(store: Store, run: Run, space: Space) -> Effects | None:
     return Effects(overall, len(effects), tuple(found))
 
 
-def _random_trials(store: Store, run: Run) -> Iterator[Trial]:
+def random_trials(store: Store, run: Run) -> Iterator[Trial]:
     """The judged random scenes of a run and of those that differ in search and seed only, each once."""
     seen: set[str] = set()
     for other in store.runs():
@@ -153,7 +153,7 @@ def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
     return lambda trial: trial.proposal in drawn
 
 
-def _quantities(space: Space, scenes: Sequence[Scene]) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
+def quantities(space: Space, scenes: Sequence[Scene]) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
     """By operator, name and path: the value in each scene. Confounders are told by number and nearness."""
     found: dict[tuple[str, str, str], Sequence[Value | None]] = {}
     for gene in space.genes:

@@ -1,36 +1,47 @@
-"""Films of failures and their witnesses, for a page."""
+"""Films of failures beside what passes, for a page."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 from vlafuzz.common.text import plural
+from vlafuzz.failures.causes import SOLVERS
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.view import View
+from vlafuzz.report.view import Card, Shot, View
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import Film
 
 # Makes a film of the run's policy in a scene, or of the given actions; None if that raised an error.
 Films = Callable[[Manifest, Scene, Actions | None], Film | None]
+TRIED = 2  # neighbours, of which the first that passes is shown
 
 
 class RunFilms:
-    """Films made in the simulator; it is kept while the run stays the same, as starting it takes seconds."""
+    """Films made in the simulator, which is kept while the run stays the same, as starting it takes seconds.
+
+    What the policy does in a scene is filmed once: many failures have the same nominal scene.
+    """
 
     def __init__(self, source: Path) -> None:
         self._source = source
         self._run: Manifest | None = None
         self._runner: scene_runner.SimulatorSceneRunner | None = None
+        self._made: dict[str, Film | None] = {}
 
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
         if self._runner is None or run != self._run:
             self.close()
             self._run, self._runner = run, scene_runner.SimulatorSceneRunner(self._source, run)
-        return self._runner.film(scene, actions)
+        if actions is not None:
+            return self._runner.film(scene, actions)
+        if scene.digest not in self._made:
+            self._made[scene.digest] = self._runner.film(scene, None)
+        return self._made[scene.digest]
 
     def close(self) -> None:
+        self._made.clear()
         if self._runner is not None:
             self._runner.close()
             self._runner = None
@@ -41,16 +52,39 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
 
     A note says in how many the policy does not fail.
     """
-    cards, most = list(view.cards), min(limit, len(view.cards))
-    for done, index in enumerate(sorted(range(most), key=lambda index: view.runs.index(cards[index].of.run))):
-        watch(done, most)
-        of = cards[index].of
-        failure = films(of.run, of.scene, None)
-        solution = films(of.run, of.scene, of.witness.actions) if of.witness else None
-        cards[index] = replace(cards[index], failure=failure, solution=solution)
-    watch(most, most)
-    shown, notes = [card.failure for card in cards if card.failure is not None], list(view.notes)
+    cards = list(view.cards)
+    chosen = [index for index, card in enumerate(cards) if card.of][:limit]
+    for done, index in enumerate(sorted(chosen, key=lambda index: view.runs.index(_run(cards[index])))):
+        watch(done, len(chosen))
+        cards[index] = replace(cards[index], shots=tuple(_shots(cards[index], films)))
+    watch(len(chosen), len(chosen))
+    shown = [shot.film for card in cards for shot in card.shots if shot.kind == "fails"]
+    notes = list(view.notes)
     if passed := sum(not film.failed for film in shown):
         reason = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
         notes.append(f"In {passed} of {plural(len(shown), 'film')} the policy passes: {reason}.")
     return replace(view, cards=tuple(cards), notes=tuple(notes))
+
+
+def _run(card: Card) -> Manifest:
+    assert card.of is not None
+    return card.of.run
+
+
+def _shots(card: Card, films: Films) -> Iterator[Shot]:
+    """What passes beside it, the failure, and the reference solution."""
+    of, neighbour = card.of, None
+    assert of is not None
+    for name, scene in card.neighbours[:TRIED]:
+        if scene != of.scene and (film := films(of.run, scene, None)):
+            if neighbour is None or not film.failed:
+                neighbour = Shot("passes", f"{name}: {'fails, too' if film.failed else 'passes'}", film)
+            if not film.failed:
+                break
+    if neighbour:
+        yield neighbour
+    if film := films(of.run, of.scene, None):
+        yield Shot("fails", f"this: {f'fails at {film.lost}' if film.failed else 'passes this time'}", film)
+    if of.witness and (film := films(of.run, of.scene, of.witness.actions)):
+        solver = "fails here" if film.failed else f"solves it ({SOLVERS[of.witness.solver]})"
+        yield Shot("solves", f"reference: {solver}", film)

@@ -1,32 +1,29 @@
 """The views of a store and of an exported corpus."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import duration, interval, named, percent, plural
+from vlafuzz.common.text import duration, named, plural
+from vlafuzz.failures.causes import CauseList, ListedCause
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
-from vlafuzz.failures.described import Spaces, title_of
-from vlafuzz.failures.listed import listing_of_corpus, listing_of_store
+from vlafuzz.failures.described import DescribedFailure, Spaces, title_of
+from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.failures.triage.summary import TriageSummary, summarise
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.counts import Counts, charts_of, count, row_of_run, run_table, standings_of
-from vlafuzz.report.effects import effects_of
-from vlafuzz.report.view import Card, Chart, Measure, Table, View, cause_table
-from vlafuzz.search.base import RANDOM
+from vlafuzz.model.scene import Scene
+from vlafuzz.report.cards import cards_of, sentence
+from vlafuzz.report.counts import Counts, Standing, cause_table, count, row_of_run, run_table, standings_of, tables_of
+from vlafuzz.report.effects import draws, effects_of
+from vlafuzz.report.plots import Plot, plot_of
+from vlafuzz.report.sheet import Table
+from vlafuzz.report.view import Head, View
+from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import world_of
 from vlafuzz.worlds.provenance import by_place, in_words
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
-_SEVERAL = (
-    "The runs are of several models or tasks, and the shares above are of all of them together; "
-    "the table of policies and tasks has the rate of each."
-)
 
 
 def view_of(source: Path) -> View:
@@ -39,60 +36,112 @@ def view_of(source: Path) -> View:
 
 
 def view_of_store(store: Store) -> View:
-    """The runs, and the failures with the results of triage."""
+    """The causes and failures of the runs, with the results of triage."""
     runs, counts, summary = store.runs(), count(store), summarise(store)
-    listing = listing_of_store(store)
+    listing, spaces = listing_of_store(store), Spaces(store.path)
     standings = standings_of(store, counts, listing.causes)
-    several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
-    notes = [
-        f"Run {run.id} goes on: {counts.rollouts[run.id]} of {run.manifest.budget} rollouts are done."
-        for run in runs
-        if run.status == "running"
+    groups = _comparable(runs)
+    plots = [_plot(store, group, spaces) for group in groups]
+    found = list(_shown(listing, runs))
+    shown = {of for _, of, _ in found if of}
+    others = [one for one in listing.failures if one not in shown]
+    of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
+    by_failure = {one: of_run[one.number] for one in listing.failures if one.number in of_run}
+    effects = [
+        effects.table
+        for group in groups
+        if (effects := effects_of(store, group[0], spaces.of(group[0].manifest))) and effects.found
     ]
-    notes += [_TOY] * any(run.policy == "mini" for run in listing.runs) + [_SEVERAL] * bool(several)
+    several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
+    table = run_table(store)
     return View(
         title=listing.title,
         source=str(store.path),
-        headline=_headline(listing.runs, counts, summary),
-        facts=_facts(runs, counts, summary),
-        todo=listing.todo,
+        phase=_phase(store, runs, listing.causes, counts),
+        heads=tuple(_head(one, listing, runs, counts) for one in standings),
+        cards=cards_of(store.path, found, others, by_failure),
+        plots=tuple(plot for plot in plots if plot.axes),
         runs=listing.runs,
-        run_table=run_table(store),
-        charts=charts_of(counts),
-        tables=(*several, *map(cause_table, listing.causes), *_effects(store, runs)),
-        cards=tuple(map(Card, listing.failures)),
-        notes=tuple(notes),
+        facts=_facts(runs, counts, summary),
+        tables=(*several, *map(cause_table, listing.causes), *effects, *tables_of(counts), *([table] if table else [])),
+        todo=listing.todo,
+        notes=(_TOY,) if any(run.policy == "mini" for run in listing.runs) else (),
     )
 
 
-def _effects(store: Store, runs: Sequence[Run]) -> list[Table]:
-    """One table for all runs that differ in search and seed only."""
-    spaces, seen, tables = Spaces(store.path), list[Manifest](), list[Table]()
+def _comparable(runs: Sequence[Run]) -> list[list[Run]]:
+    """The runs, those that differ in search and seed only together."""
+    groups: list[list[Run]] = []
     for run in runs:
-        if not any(run.manifest.comparable(other) for other in seen):
-            seen.append(run.manifest)
-            if found := effects_of(store, run, spaces.of(run.manifest)):
-                tables.append(replace(found.table, title=f"{found.table.title}: {title_of([run.manifest])}"))
-    return tables
+        for group in groups:
+            if run.manifest.comparable(group[0].manifest):
+                group.append(run)
+                break
+        else:
+            groups.append([run])
+    return groups
 
 
-def _headline(runs: Sequence[Manifest], counts: Counts, summary: TriageSummary) -> str:
-    failed, errors = counts.failed, counts.verdicts[Verdict.ERROR]
+def _plot(store: Store, runs: Sequence[Run], spaces: Spaces) -> Plot:
+    """The scenes of some runs that passed or failed, each once; what a run drew at random is random."""
+    scenes: dict[str, tuple[Scene, bool, bool]] = {}
+    for run in runs:
+        drawn = draws(store, run)
+        for trial in store.trials(run.id):
+            if trial.outcome.judged:
+                random = drawn(trial) or (trial.scene.digest in scenes and scenes[trial.scene.digest][2])
+                scenes[trial.scene.digest] = (trial.scene, not trial.outcome.passed, random)
+    return plot_of(title_of([runs[0].manifest]), spaces.of(runs[0].manifest), list(scenes.values()))
+
+
+def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, int]]:
+    """Each cause with the failure that shows it, and the number of failures that its run could explain.
+
+    Then what is certified without being in a list, as of random scenes, one failure for each signature.
+    """
+    policies = {run.id: run.manifest.key() for run in runs}
+    failures, told = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}, set[str]()
+    for found in listing.causes:
+        explained = sum(cause.failures for cause in found.causes) + found.unexplained
+        for cause in found.causes:
+            keys = ((digest, policies[found.run]) for digest in cause.found)
+            told.add(policies[found.run] + str(cause.signature))
+            yield cause, next((failures[key] for key in keys if key in failures), None), explained
+    for one in listing.failures:
+        if one.bucket == "minimal" and (name := one.run.key() + str(one.signature)) not in told:
+            told.add(name)
+            yield ListedCause.of_failure(one), one, 0
+
+
+def _head(one: Standing, listing: Listing, runs: Sequence[Run], counts: Counts) -> Head:
+    """The sentence on a policy in a task, by the newest run that looked for causes."""
+    numbers = {run.id for run in runs if (run.manifest.model, run.manifest.task) == (one.policy, one.task)}
+    found = next((each for each in reversed(listing.causes) if each.run in numbers), None)
+    certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
+    causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
+    failed, name = counts.failed_in(one.task, one.policy), f"{one.policy} on {one.task}"
+    if causes:
+        return Head(name, sentence(causes), one.rate)
     if not failed.of:
-        broken = f": {plural(errors, 'rollout')} ended in errors" if errors else ""
-        return f"No scene was judged{broken}."
-    if not summary.findings:
-        return f"No scene failed: all {failed.of} judged scenes passed."
-    share = f"{failed.count} of {failed.of} judged scenes failed"
-    if all(run.strategy == RANDOM for run in runs):
-        bounds = f"95% interval {interval(failed.low, failed.high)}"
-        share += f" ({percent(failed.count / failed.of)}, {bounds})"
-    else:
-        share += ", which is not the policy's failure rate, as the scenes were chosen"
-    if not summary.triaged:
-        return f"{share}. None of the findings was triaged."
-    causes = plural(summary.distinct_signatures, "distinct cause")
-    return f"{share}. {summary.triaged} of {plural(summary.findings, 'finding')} were triaged: {causes}."
+        return Head(name, "No scene was judged.", one.rate)
+    if not failed.count:
+        return Head(name, f"Passes in all {plural(failed.of, 'scene')} that were tried.", one.rate)
+    why = f"No cause was found{found.nominal}" if found else "Nothing has looked for causes yet"
+    return Head(name, f"Fails in {failed.count} of {plural(failed.of, 'scene')} that were tried. {why}.", one.rate)
+
+
+def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList], counts: Counts) -> str:
+    """What goes on in a store."""
+    if not runs:
+        return "no run yet"
+    run, written = runs[-1], is_being_written(store.path)
+    if run.status != "finished" and run.status != "stopped":
+        word = "searching" if run.status == "running" and written else "interrupted"
+        return f"{word}: {counts.rollouts[run.id]} of {run.manifest.budget} rollouts done"
+    if written:
+        found = next((one for one in lists if one.run == run.id), None)
+        return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"
+    return "finished"
 
 
 def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
@@ -104,7 +153,7 @@ def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple
     facts = (
         ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
         ("Search", f"{plural(counts.rollouts.total(), 'rollout')}, {searched}"),
-        ("Triage", spent),
+        ("Triage", spent and f"{summary.triaged} of {plural(summary.findings, 'failure')}, {spent}"),
         ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
         _places({run.id: run.manifest for run in runs}),
     )
@@ -124,17 +173,18 @@ def _spent(policy: int, expert: int, seconds: float) -> str:
 
 
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:
-    """The cases, and the evidence from triage."""
-    cases, evidence, listing = corpus.cases, corpus.evidence, listing_of_corpus(folder, corpus)
-    lost = Counter(case.lost_stage for case in cases)
-    stages = world_of(corpus.task).task(corpus.task).stage_names
-    measures = tuple(Measure(stage, Share.of_counts(lost[stage], len(cases))) for stage in stages)
-    causes = plural(len({case.signature for case in cases}), "cause")
-    scenes, findings = plural(len(cases), "minimal failing scene"), plural(evidence.findings, "finding")
+    """The cases, with the evidence from triage, among the random scenes of the corpus."""
+    evidence, listing = corpus.evidence, listing_of_corpus(folder, corpus)
+    scenes = [(control.scene, not control.passed, True) for control in corpus.controls]
+    scenes += [(case.scene, True, False) for case in corpus.cases]
+    plot = plot_of(listing.title, Spaces(folder).of(corpus.runs[0]), scenes)
+    causes = [ListedCause.of_failure(one) for one in listing.failures]
     left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
+    lost = Counter(case.lost_stage for case in corpus.cases)
     facts = (
         ("Name", corpus.name),
-        ("Search", plural(evidence.search_rollouts, "rollout")),
+        ("Fails at", named(f"{stage} ({number})" for stage, number in lost.most_common())),
+        ("Search", f"{plural(evidence.search_rollouts, 'rollout')}, {plural(evidence.findings, 'failure')}"),
         ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
         _places(dict(enumerate(corpus.runs, start=1))),
         ("Renderer", corpus.renderer or ""),
@@ -144,10 +194,15 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     return View(
         title=listing.title,
         source=str(folder),
-        headline=f"{scenes}, {causes}, all solved by the expert; from {findings}.",
-        facts=tuple((name, value) for name, value in facts if value),
+        heads=(Head(listing.title, sentence(causes)),) if causes else (),
+        cards=cards_of(
+            folder,
+            [(cause, of, 0) for cause, of in zip(causes, listing.failures, strict=True)],
+            (),
+            dict.fromkeys(listing.failures, plot),
+        ),
+        plots=(plot,) if plot.axes else (),
         runs=listing.runs,
-        run_table=Table("Runs", [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]),
-        charts=(Chart("Lost stage", "The stage that the policy does not reach; of all cases.", measures),),
-        cards=tuple(map(Card, listing.failures)),
+        facts=tuple((name, value) for name, value in facts if value),
+        tables=(Table("Runs", [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]),),
     )

@@ -1,143 +1,135 @@
-"""Pages as values, without HTML."""
+"""The report as values, without HTML."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import interval
-from vlafuzz.failures.causes import CauseList
+from vlafuzz.failures.causes import ListedCause
 from vlafuzz.failures.described import DescribedFailure
-from vlafuzz.model.evidence import Solver
+from vlafuzz.model.scene import Scene
+from vlafuzz.report.plots import Band, Plot
+from vlafuzz.report.sheet import Table
+from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import Film
 
-# Solvers of witnesses with what they know.
-SOLVERS: Mapping[Solver, str] = {
-    "expert": "the expert, by the simulator's state",
-    "seeing": "the seeing expert, by what the camera shows",
-}
-
 
 @dataclass(frozen=True)
-class Measure:
-    """A share with its name, drawn as a bar; ``says`` explains the name.
+class Strip:
+    """An operator's axis with what fails on it; places are shares of the axis, in [0, 1].
 
     Attributes:
-        rate: whether the share estimates a rate; if not, as the scenes were chosen, only counts show.
+        name: of the quantity; ``low`` and ``high``: the ends of its range, with units.
+        nominal: where the nominal value is.
+        fails: the ranges that fail.
+        here: the value in the scene.
+        says: the same in words.
     """
 
     name: str
-    share: Share
-    says: str = ""
-    rate: bool = True
-
-
-@dataclass(frozen=True)
-class Chart:
-    """Measures under a title; ``says`` is a sentence on what they are shares of."""
-
-    title: str
+    low: str
+    high: str
+    nominal: float
+    fails: tuple[tuple[float, float], ...]
+    here: float
     says: str
-    measures: tuple[Measure, ...]
 
 
 @dataclass(frozen=True)
-class Table:
-    """Rows with the same keys, which are the column heads; the first column names the row."""
+class Number:
+    """A number of a card, and what it means."""
 
-    title: str
-    rows: Sequence[Mapping[str, object]]
-    says: str = ""
-
-    @property
-    def columns(self) -> Mapping[str, bool]:
-        """Column heads, and whether the column holds numbers."""
-        numbers = tuple("–0123456789")
-        return {head: all(str(row[head]).startswith(numbers) for row in self.rows) for head in self.rows[0]}
-
-
-def cause_table(found: CauseList) -> Table:
-    """The causes of a run; the share is left out where none is known."""
-    rows = [cause.row() for cause in found.causes]
-    if not any(cause.share for cause in found.causes):
-        rows = [{head: value for head, value in row.items() if head != "share"} for row in rows]
-    says = "; ".join(found.sentences)
-    return Table(found.title, rows, f"{says[0].upper()}{says[1:]}.")
+    value: str
+    says: str
 
 
 @dataclass(frozen=True, eq=False)
+class Shot:
+    """A film of a card; ``kind`` is ``passes``, ``fails`` or ``solves``."""
+
+    kind: str
+    says: str
+    film: Film
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Card:
-    """A failure in the gallery, with films of the policy and of the witness."""
+    """A cause with a scene that shows it, or a failure without a cause.
 
-    of: DescribedFailure
-    failure: Film | None = None
-    solution: Film | None = None
+    Attributes:
+        id: anchor in the page.
+        title: what it takes, as a title.
+        of: the failure; None for a cause that no stored failure shows.
+        cause: None for a failure of no cause.
+        badge: how well it is shown, and what that means.
+        step: what to do next, and the command.
+        neighbours: scenes in which the policy should pass, the likeliest first, with their names.
+        plot: the scenes among which it is; ``bands``: what fails there.
+    """
 
-    def role(self, operator: str) -> str:
-        """Whether an operator is necessary or sufficient for the failure, in words."""
-        causes = self.of.causes
-        roles = {"necessary": causes.necessary, "sufficient alone": causes.sufficient}
-        return ", ".join(role for role, operators in roles.items() if operator in operators)
-
-    def without(self, operator: str) -> str:
-        """How often the policy fails without an operator, in words; empty if unknown."""
-        rate = self.of.counterpart_rates.get(operator)
-        if rate is None:
-            return ""
-        counts = f"{rate.failures} of {rate.rollouts} rollouts fail"
-        return f"without it {counts} ({interval(rate.low, rate.high)})"
+    id: str
+    title: str
+    of: DescribedFailure | None
+    cause: ListedCause | None = None
+    badge: tuple[str, str]
+    numbers: tuple[Number, ...] = ()
+    strips: tuple[Strip, ...] = ()
+    step: tuple[str, str] | None = None
+    neighbours: tuple[tuple[str, Scene], ...] = ()
+    shots: tuple[Shot, ...] = ()
+    plot: Plot | None = None
+    bands: tuple[Band, ...] = ()
 
 
 @dataclass(frozen=True)
-class Picture:
-    """A PNG; ``says`` is the alternative text."""
+class Head:
+    """What is found of a policy in a task, in a sentence, with its failure rate in random scenes if that is known."""
 
-    title: str
-    png: bytes
-    says: str
+    name: str
+    sentence: str
+    rate: Probability | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class View:
-    """A page: a report, or a sheet of conclusions, pictures and tables, as of a comparison.
+    """The report of a store or corpus.
 
     Attributes:
         source: the store or folder.
-        headline: the result in a sentence.
+        phase: what a run is doing, or how it ended; empty for a corpus.
+        cards: those of causes first.
+        plots: one for all runs that differ in search and seed only.
+        facts, tables: how it was found out.
         todo: next steps, each a sentence and the command.
         notes: caveats, in sentences.
     """
 
     title: str
     source: str
-    headline: str
-    facts: tuple[tuple[str, str], ...] = ()
-    todo: tuple[tuple[str, str], ...] = ()
-    runs: tuple[Manifest, ...] = ()
-    run_table: Table | None = None
-    charts: tuple[Chart, ...] = ()
+    phase: str = ""
+    heads: tuple[Head, ...] = ()
     cards: tuple[Card, ...] = ()
+    plots: tuple[Plot, ...] = ()
+    runs: tuple[Manifest, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
     tables: tuple[Table, ...] = ()
+    todo: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
-    conclusions: tuple[str, ...] = ()
-    pictures: tuple[Picture, ...] = ()
 
     @property
-    def filmed(self) -> bool:
-        return any(card.failure or card.solution for card in self.cards)
+    def causes(self) -> tuple[Card, ...]:
+        return tuple(card for card in self.cards if card.id.startswith("cause"))
 
     @property
-    def solved(self) -> bool:
-        """Whether there is a film of a witness."""
-        return any(card.solution for card in self.cards)
+    def failures(self) -> tuple[Card, ...]:
+        """The cards of failures without a cause."""
+        return self.cards[len(self.causes) :]
 
     @property
     def filters(self) -> dict[tuple[str, str], list[str]]:
         """The choices of each filter of the gallery, by its key and name."""
-        shown = [card.of for card in self.cards]
-        return {
-            ("task", "Task"): sorted({one.scene.task for one in shown}),
-            ("stage", "Lost stage"): sorted({one.lost_stage for one in shown}),
-            ("operator", "Operator"): sorted({name for one in shown for name in one.operators}),
-            ("evidence", "Evidence"): sorted({one.bucket for one in shown}),
+        shown = [card.of for card in self.failures if card.of]
+        choices = {
+            ("task", "Task"): {one.scene.task for one in shown},
+            ("stage", "Fails at"): {one.lost_stage for one in shown},
+            ("operator", "Changed"): {name for one in shown for name in one.operators},
         }
+        return {key: sorted(values) for key, values in choices.items() if len(values) > 1}

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+import numpy as np
+
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.conditions import Conditions
@@ -27,6 +29,9 @@ from vlafuzz.worlds.provenance import elsewhere
 if TYPE_CHECKING:
     from vlafuzz.worlds.evaluator import SceneEvaluator
     from vlafuzz.worlds.recording import Recording
+
+
+_ROUNDED = 1e-5  # of progress, which is kept as 32-bit floats
 
 
 class SceneRunner(Protocol):
@@ -168,8 +173,24 @@ class SimulatorSceneRunner:
         if not outcome.rollouts:
             return None
         hz = min(self._world.robot(scene.robot).control_hz or of.spec.action.hz, FRAMES)
-        video = to_mp4(recording.frames, hz * FILM_SPEED)
-        return Film(video, to_jpeg(recording.frames[0]), outcome.verdict is Verdict.FAILED)
+        (rollout, *_), frames = outcome.rollouts, recording.frames
+        stages = tuple(
+            (stage, recording.frame_after(int(reached[0]) + 1))
+            for number, stage in enumerate(self.stages, start=1)
+            if len(reached := np.flatnonzero(rollout.trace >= number / len(self.stages) - _ROUNDED))
+        )
+        failed = outcome.verdict is Verdict.FAILED
+        moment = recording.stuck(rollout.trace) if failed or not stages else stages[-1][1]
+        return Film(
+            to_mp4(frames, hz * FILM_SPEED),
+            to_jpeg(frames[moment]),
+            failed,
+            frames=len(frames),
+            rate=hz * FILM_SPEED,
+            moment=moment,
+            stages=stages,
+            lost=outcome.lost_stage or "",
+        )
 
     def close(self) -> None:
         if self.lanes > 1:

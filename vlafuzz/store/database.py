@@ -197,13 +197,29 @@ def _pragma(connection: sqlite3.Connection, name: str) -> Any:
     return connection.execute(f"PRAGMA {name}").fetchone()[0]
 
 
+_BESIDE = ".lock"  # behind the name of a store
+
+
+def is_being_written(path: Path) -> bool:
+    """Whether a process writes to a store at present."""
+    real = path.resolve()
+    try:
+        with open(real.with_name(real.name + _BESIDE)) as beside:
+            fcntl.flock(beside, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
 class WriterLock:
     """Held by the one process that writes to a store. The kernel releases it however that process ends."""
 
     def __init__(self, path: Path) -> None:
         check_is_file(path)
         real = path.resolve()  # a link to a store is under the same lock
-        self._beside = real.with_name(real.name + ".lock")
+        self._beside = real.with_name(real.name + _BESIDE)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self._acquire(path)

@@ -74,6 +74,23 @@ class Wanted:
     packs: Sequence[Any] = ()
 
 
+@dataclass(frozen=True, kw_only=True)
+class SceneMap:
+    """Two values of a scene that are a place, drawn from above.
+
+    Attributes:
+        across: path of the value that goes to the right, or to the left if ``mirrored``.
+        along: path of the value that goes up.
+        below: what is beyond the lower edge, such as the robot.
+    """
+
+    title: str
+    across: str
+    along: str
+    mirrored: bool = False
+    below: str = ""
+
+
 class World(ABC):
     """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them.
 
@@ -135,6 +152,10 @@ class World(ABC):
 
     def check_pictures(self) -> None:
         """Raise a PrerequisiteError if no pictures can be drawn here."""
+
+    def maps(self, task: str) -> Sequence[SceneMap]:
+        """Which values of a task's scenes are places, for maps in a report."""
+        return ()
 
     @abstractmethod
     def space(self, wanted: Wanted, operators: Operators | None = None) -> Space:

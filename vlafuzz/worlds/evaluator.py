@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
@@ -34,11 +34,25 @@ thrown the PolicyError; or it yields a pause in seconds. It returns the outcome.
 
 @dataclass(frozen=True, eq=False)
 class Film:
-    """A recorded rollout: an MP4, and a JPEG of the scene before anything moves."""
+    """A recorded rollout.
+
+    Attributes:
+        video: MP4 of ``frames`` frames, ``rate`` of them a second.
+        still: JPEG of the moment that tells most: where a failure makes no progress any more, or at success.
+        moment: the frame of the still.
+        stages: that were reached, each with its frame.
+        lost: the stage that was not reached, of a failure.
+    """
 
     video: bytes
     still: bytes
     failed: bool
+    _: KW_ONLY
+    frames: int = 1
+    rate: int = FRAMES * FILM_SPEED
+    moment: int = 0
+    stages: tuple[tuple[str, int], ...] = ()
+    lost: str = ""
 
 
 class Evaluator(Protocol):

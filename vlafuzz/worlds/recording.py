@@ -57,14 +57,21 @@ class Recording:
             frame = _captioned(frame, episode.instruction, status)
         self.frames.append(frame.copy())
 
+    def stuck(self, trace: NDArray[np.float32]) -> int:
+        """The frame after which a rollout makes no progress any more; ``trace``: its progress after each step."""
+        return self.frame_after(int(np.argmax(trace)) + 1) if len(trace) else 0
+
+    def frame_after(self, steps: int) -> int:
+        """The last frame that was kept in so many control steps."""
+        return min(steps // self._stride, len(self.frames) - 1)
+
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
         """Frame in red, with a word, all that comes after the last progress of a rollout.
 
         Args:
             trace: ``(steps,)`` progress after each control step.
         """
-        stuck = (int(np.argmax(trace)) + 1) // self._stride if len(trace) else 0
-        for index in range(stuck, len(self.frames)):
+        for index in range(self.stuck(trace), len(self.frames)):
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]
             cv2.rectangle(frame, (1, 1), (width - 2, height - 2), _RED, 3)

@@ -256,7 +256,7 @@ class TableSpace(Space):
     def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
         if group == CONFOUNDERS and not fails:
             names = [_name(placement) for placement in scene.confounders]
-            return f"{' and '.join(names) or 'nothing else'} {'are' if len(names) > 1 else 'is'} on the table, too"
+            return f"{' and '.join(names) or 'nothing else'} {'are' if len(names) > 1 else 'is'} on the table"
         if group == CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
             far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
             return f"the camera is {_moved(self.rig.view, scene.camera, far)}"

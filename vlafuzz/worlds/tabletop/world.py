@@ -19,7 +19,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
-from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
+from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -118,6 +118,19 @@ class Tabletop(TableWorld):
         from vlafuzz.worlds.tabletop.experts.expert import TabletopDemonstrator
 
         return TabletopDemonstrator(interface)
+
+    def maps(self, task: str) -> list[SceneMap]:
+        names = ("the target", "the second target")[: self.task(task).targets]
+        return [
+            SceneMap(
+                title=f"Where {name} stands, from above",
+                across=f"targets.{slot}.y",
+                along=f"targets.{slot}.x",
+                mirrored=True,
+                below="robot",
+            )
+            for slot, name in enumerate(names)
+        ]
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
         """The packs in these folders, measured; notes say what is missing in them.
