@@ -170,11 +170,13 @@ def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]
     """The axes, curves and points of scenes, each with whether it failed and whether it was drawn at random."""
     axes = _axes(space, [scene for scene, _, _ in scenes])
     rows = [tuple(_value(space, axis, scene) for axis in axes) for scene, _, _ in scenes]
-    drawn = np.array([random for _, _, random in scenes], dtype=bool)
-    failed = np.array([failed for _, failed, _ in scenes], dtype=bool)
+    random = np.array([drawn for _, _, drawn in scenes], dtype=bool)
+    failures = np.array([failed for _, failed, _ in scenes], dtype=bool)
     columns = np.array(rows, dtype=float).reshape(len(rows), len(axes)).T  # None is no number
-    rated = tuple(_rated(axis, column[drawn], failed[drawn]) for axis, column in zip(axes, columns, strict=True))
-    points = tuple(Point(scene.digest, *told, row) for (scene, *told), row in zip(scenes, rows, strict=True))
+    rated = tuple(_rated(axis, column[random], failures[random]) for axis, column in zip(axes, columns, strict=True))
+    points = tuple(
+        Point(scene.digest, failed, drawn, row) for (scene, failed, drawn), row in zip(scenes, rows, strict=True)
+    )
     ids = {axis.id for axis in axes}
     maps = world_of(space.task.name).maps(space.task.name)
     return Plot(title, space, rated, points, tuple(one for one in maps if {one.across, one.along} <= ids))
