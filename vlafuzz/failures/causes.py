@@ -293,8 +293,6 @@ def _title(space: Space, cause: FoundCause, types: Sequence[str], failure: Descr
         return quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)
     if failure is None:
         return f"{' and '.join(map(spoken, cause.operators))} {'differ' if len(cause.operators) > 1 else 'differs'}"
-    if failure.bucket == "base":
-        return failure.title
     blamed = failure.operators if failure.bucket == "minimal" else cause.operators
     parts = [part.clause for part in failure.deviations if part.operator in blamed]
     target = [f"the target is {' and '.join(types)}"] if types else []

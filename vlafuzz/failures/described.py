@@ -29,8 +29,6 @@ BUCKETS: Mapping[str, str] = {
     "flaky": "not shown to fail more often than the nominal scene",
     "observed": "failed once; not triaged",
 }
-
-
 TOLD = 2  # deviations that a title names
 
 

@@ -46,8 +46,6 @@ def sentence(causes: Sequence[ListedCause]) -> str:
     """
     certain = [cause for cause in causes if cause.bucket == "minimal"]
     told = certain or [cause for cause in causes if cause.bucket != "flaky"] or list(causes)
-    if told[0].bucket == "base":
-        return "Fails even in the nominal scene."
     titles = list({cause.signature or cause.title: cause.title for cause in reversed(told)}.values())[::-1]
     more = f", and for {plural(len(titles) - SAID, 'other cause')}" if len(titles) > SAID else ""
     return f"{'Fails' if certain else 'Probably fails'} when {', or '.join(titles[:SAID])}{more}."
@@ -89,9 +87,8 @@ def _badge(of: DescribedFailure | None, cause: ListedCause | None) -> tuple[str,
     words = {
         "minimal": "certified",
         "witnessed": f"repeated {rollouts} times",
-        "base": "fails at nominal",
         "unproven": "not shown to be solvable",
-        "flaky": f"passes when repeated {rollouts} times",
+        "flaky": f"not confirmed in {rollouts} repeats",
         "observed": "seen once",
     }
     more = {
