@@ -44,11 +44,6 @@ class Shrunk:
     reference: Scene | None = None
 
     @property
-    def blocked(self) -> bool:
-        """Whether an operator is left only because the scene without it is not fair."""
-        return Answer.UNFAIR.value in self.unresolved.values()
-
-    @property
     def minimal(self) -> bool:
         """Whether every operator left is shown to matter."""
         return self.firm and bool(self.operators) and not self.unresolved
@@ -68,16 +63,12 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Refer
 
     A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the way that
     holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes the scene's place.
-    Where an object is in the way of a fair counterpart, scenes before it are tried.
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.
     """
     certifier = _Certifier(oracle, space, reference)
-    way, shrunk = certifier.firm(way)
-    shrunk = certifier.simplest(shrunk)
-    if shrunk.firm and shrunk.blocked:
-        shrunk = certifier.unblocked(way, shrunk)
+    shrunk = certifier.simplest(certifier.firm(way))
     if not shrunk.minimal and oracle.room:
         certifier = replace(certifier, patience=certifier.patience * LONGER)
         shrunk = certifier.simplest(certifier.test(shrunk.scene))
@@ -103,7 +94,7 @@ class _Certifier:
     reference: Reference
     patience: int = PATIENCE
 
-    def firm(self, way: Sequence[Scene]) -> tuple[Sequence[Scene], Shrunk]:
+    def firm(self, way: Sequence[Scene]) -> Shrunk:
         """The evidence for the last scene of the way, shrunk anew where that is not firm.
 
         Where none does, it is that for the scene that fails most often.
@@ -117,7 +108,7 @@ class _Certifier:
                 break
             way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
             tried.append(self.test(way[-1]))
-        return way, max(tried, key=lambda one: (one.firm, one.rate.share))
+        return max(tried, key=lambda one: (one.firm, one.rate.share))
 
     def test(self, scene: Scene) -> Shrunk:
         """The evidence for a scene: against all of its operators reset, then against each of them reset."""
@@ -152,18 +143,6 @@ class _Certifier:
         """The evidence for the scene with as few operators as are firm."""
         while shrunk.firm and (simpler := self._simpler(shrunk)):
             shrunk = simpler
-        return shrunk
-
-    def unblocked(self, way: Sequence[Scene], shrunk: Shrunk) -> Shrunk:
-        """The evidence for a scene on the way whose counterparts are fair; if there is none, that given."""
-        unfair = [name for name, outcome in shrunk.unresolved.items() if outcome == Answer.UNFAIR.value]
-        for scene in self.backwards(way):
-            without = [self._without(scene, name) for name in unfair]
-            if Answer.UNFAIR in self.oracle.answers(without, self.reference.stages, lead=1):
-                continue
-            other = self.simplest(self.test(scene))
-            if other.firm and not other.blocked:
-                return other
         return shrunk
 
     def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
