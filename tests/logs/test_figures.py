@@ -1,4 +1,4 @@
-"""Rates and recurrence of a log, by hand."""
+"""Rates of a log, by hand."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import pytest
 
 from tests.logs.samples import episodes
 from vlafuzz.common.statistics import wilson
-from vlafuzz.logs.episodes import Episode, rates, recurrence
+from vlafuzz.logs.episodes import rates
 
 
 def test_rates_are_of_all_and_of_each_suite_and_errors_count_for_neither():
@@ -24,23 +24,6 @@ def test_repeats_of_an_episode_tell_less_than_as_many_episodes():
     single, repeated = rates(once)[0].success, rates(twice)[0].success
     assert repeated.share == single.share
     assert repeated.high - repeated.low > wilson(8, 16).high - wilson(8, 16).low
-
-
-def repeats(*outcomes: str) -> list[Episode]:
-    return [replace(one, run=str(run)) for run, letters in enumerate(outcomes) for one in episodes(a=letters)]
-
-
-def test_a_failure_that_comes_again_is_counted_in_ordered_pairs_of_repeats():
-    """Episode 0 fails in two of three runs, episode 1 in one, episode 2 in none; 3 has no repeat."""
-    found = recurrence(repeats("ffss", "fss", "ses"))
-    assert found is not None
-    assert (found.again.count, found.again.of) == (2, 5)  # 2 of 4 pairs, and 0 of 1
-    assert (found.episodes, found.failing, found.mixed) == (3, 2, 2)
-    assert (found.failures.count, found.failures.of) == (3, 8)
-
-
-def test_without_repeats_there_is_no_recurrence():
-    assert recurrence(episodes(a="fsf")) is None
 
 
 def test_conditions_have_rates():

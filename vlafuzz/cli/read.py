@@ -23,7 +23,7 @@ def command(
     markdown: MarkdownFlag = False,
     json: JsonFlag = False,
 ) -> None:
-    """Read the logs of an evaluation that you already run: success rates, repeats, and two logs compared.
+    """Read the logs of an evaluation that you already run: success rates, and two logs compared.
 
     Rates come with 95 % intervals, by suite, condition and task. With --against, the exit code is 1 if a suite, or all
     of them together, got worse, and 3 if the logs cannot tell. Nothing is rolled out.

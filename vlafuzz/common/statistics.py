@@ -51,13 +51,8 @@ class Share:
         groups: dict[Hashable, list[bool]] = {}
         for of, positive in cases:
             groups.setdefault(of, []).append(positive)
-        return cls.of_groups([(sum(group), len(group)) for group in groups.values()])
-
-    @classmethod
-    def of_groups(cls, groups: Sequence[tuple[int, int]]) -> Self:
-        """This is ``grouped``, given two counts a group: its positive cases, and all of its cases."""
-        count, of = (sum(counts) for counts in zip(*groups, strict=True)) if groups else (0, 0)
-        counts = [(size, positive, positive) for positive, size in groups]
+        count, of = sum(positive for _, positive in cases), len(cases)
+        counts = [(len(group), sum(group), sum(group)) for group in groups.values()]
         effective = of if count in (0, of) else _effective(counts)
         return cls(count, of, *wilson(count / max(of, 1) * effective, effective))
 

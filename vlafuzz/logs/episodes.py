@@ -1,4 +1,4 @@
-"""Episodes of an evaluation as its log tells them: success rates, and whether the same ones fail again."""
+"""Episodes of an evaluation as its log tells them, and their success rates."""
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
@@ -64,23 +64,6 @@ class Rate:
         return Share(success.of - success.count, success.of, 1 - success.high, 1 - success.low)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Recurrence:
-    """Whether failures come again where the same episode is repeated.
-
-    Attributes:
-        again: of the ordered pairs of repeats whose first one fails, those whose second one fails, too. failures: of
-        all repeats, the share by which chance alone would let a failure come again. failing: episodes with a failure;
-        ``mixed``: of these, those with a success, too.
-    """
-
-    again: Share
-    failures: Share
-    episodes: int
-    failing: int
-    mixed: int
-
-
 def rates(episodes: Sequence[Episode]) -> list[Rate]:
     """By suite, then by condition, then by task, where there are several; the first one is of all."""
 
@@ -103,30 +86,9 @@ def rates(episodes: Sequence[Episode]) -> list[Rate]:
 def share(episodes: Iterable[Episode]) -> Share:
     """Of the judged ones those that succeed; where several have the same start, these are a group."""
     counted = judged(episodes)
-    if starts(counted) == len(counted):
+    if len({episode.start for episode in counted}) == len(counted):
         return Share.of_counts(sum(bool(episode.success) for episode in counted), len(counted))
     return Share.grouped([(episode.start, bool(episode.success)) for episode in counted])
-
-
-def starts(episodes: Iterable[Episode]) -> int:
-    """How many different starts they have."""
-    return len({episode.start for episode in episodes})
-
-
-def recurrence(episodes: Sequence[Episode]) -> Recurrence | None:
-    """None where no episode is repeated."""
-    by_episode = grouped(judged(episodes), lambda episode: episode.same)
-    repeated = [those for same, those in by_episode.items() if same is not None and len(those) > 1]
-    if not repeated:
-        return None
-    counts = [(sum(not episode.success for episode in those), len(those)) for those in repeated]
-    return Recurrence(
-        again=Share.of_groups([(failed * (failed - 1), failed * (of - 1)) for failed, of in counts if failed]),
-        failures=Share.of_groups(counts),
-        episodes=len(counts),
-        failing=sum(failed > 0 for failed, _ in counts),
-        mixed=sum(0 < failed < of for failed, of in counts),
-    )
 
 
 def grouped(episodes: Iterable[Episode], key: Callable[[Episode], Key]) -> dict[Key, list[Episode]]:

@@ -7,7 +7,7 @@ from typing import Any
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, markdown_table, percent, plural, points
 from vlafuzz.logs.against import ALL, Comparison, compare
-from vlafuzz.logs.episodes import Episode, Rate, Recurrence, rates, recurrence
+from vlafuzz.logs.episodes import Episode, Rate, rates
 
 _MOST = 5  # tasks in a table
 
@@ -21,7 +21,6 @@ class Reading:
 
     name: str
     rates: tuple[Rate, ...]
-    recurrence: Recurrence | None
     against: Comparison | None
 
     @classmethod
@@ -32,7 +31,6 @@ class Reading:
         return cls(
             name=name,
             rates=tuple(rates(episodes)),
-            recurrence=recurrence(episodes),
             against=compare(old[1], episodes, (old[0], name), alpha) if old else None,
         )
 
@@ -88,18 +86,9 @@ def _contrasts(compared: Comparison) -> list[Row]:
 
 def sentences(reading: Reading) -> list[str]:
     """What the tables do not say."""
-    said = _of(reading.against) if reading.against else []
-    if (repeats := reading.recurrence) and repeats.failing:
-        failing = plural(repeats.failing, "episode")
-        said.append(
-            f"Repeats: {plural(repeats.episodes, 'episode')} ran more than once. After a failure, "
-            f"{repeats.again.count} of {repeats.again.of} repeats fail, too: {repeats.again}; of all repeats "
-            f"{repeats.failures} fail. {repeats.mixed} of {failing} with a failure also succeeded."
-        )
-    return said
-
-
-def _of(compared: Comparison) -> list[str]:
+    compared = reading.against
+    if compared is None:
+        return []
     said = [f"{compared.verdict}."]
     if compared.contrasts:
         said.append(
@@ -118,7 +107,6 @@ def document(reading: Reading) -> dict[str, Any]:
     return {
         "log": reading.name,
         "rates": [_rate_document(rate) for rate in reading.rates],
-        "recurrence": asdict(reading.recurrence) if reading.recurrence else None,
         "against": _comparison_document(reading.against),
     }
 

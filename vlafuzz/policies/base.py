@@ -63,7 +63,7 @@ class ActionSpec:
     Translation along and rotation about the axes of the robot's base, then the gripper.
 
     Attributes:
-        rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles as in ManiSkill; ``rpy``,
+        rotation: ``axis_angle``, a rotation vector; ``euler_xyz``, intrinsic x-y-z angles; ``rpy``,
             extrinsic (fixed-axis) x-y-z angles as in most data sets.
         relative_to: whether a delta is added to the last target or to the hand's current pose.
         position_scale: metres per unit; ``rotation_scale``: radians per unit.

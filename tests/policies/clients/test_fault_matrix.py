@@ -70,7 +70,11 @@ def breaks_and_goes_on(
 
 
 @pytest.mark.parametrize(
-    ("what", "at"), _cases(*product(FAULTS, (FIRST, LATER)), quick={("500", FIRST), *product(FAULTS, [LATER])})
+    ("what", "at"),
+    _cases(
+        *product(FAULTS, (FIRST, LATER)),
+        quick={("500", FIRST), *product(("refuses", "resets", "hangs", "half", "NaN"), [LATER])},
+    ),
 )
 def test_a_server_that_breaks(what: str, at: int, server: Server, capsys: pytest.CaptureFixture[str]):
     name = f"http://127.0.0.1:{server.port}/act?camera=0&execute=1&timeout=0.05&deterministic=1&version=1"

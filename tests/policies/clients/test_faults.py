@@ -77,7 +77,7 @@ class TestScenes:
 
 
 @pytest.mark.usefixtures("no_pause")
-@pytest.mark.parametrize("protocol", PROTOCOLS)
+@pytest.mark.parametrize("protocol", ["openpi", "groot"])  # a connection a rollout, and one for all
 def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, undisturbed):
     plan = [*[None] * 5, "drop", None, None, "garbage", *[None] * 3, "cut", None, "error"]
     faults = Faults(plan, seconds=STALL)

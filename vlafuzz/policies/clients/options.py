@@ -52,6 +52,14 @@ def _signed(scale: float) -> float:
     return scale
 
 
+def _benchmark(name: str) -> str:
+    """One of vla-eval's benchmarks that a profile names."""
+    known = {profile.protocols.get("vla-eval", {}).get("benchmark") for profile in known_profiles().values()} - {None}
+    if name not in known:
+        raise ValueError(f"expected {', '.join(known)}, got {name!r}")
+    return name
+
+
 # Layouts of proprioception by vla-eval's names, see ``conventions.LAYOUTS``.
 _Layout = Literal[
     "eef_pos3_axisangle3_gripper1",
@@ -121,7 +129,7 @@ class VlaEvalOptions(CommonOptions):
     protocol: ClassVar[str] = "vla-eval"
 
     state: State | None = None
-    benchmark: Literal["libero"] | None = None
+    benchmark: Annotated[str, AfterValidator(_benchmark)] | None = None
     action: Literal["eef_delta"] = "eef_delta"
     frame: Literal["base"] = "base"
     rotation: Rotation | None = None

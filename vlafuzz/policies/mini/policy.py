@@ -41,7 +41,7 @@ class Card(BaseModel):
         weights: digest of their file.
         words: the vocabulary.
         views: number of cameras.
-        action: what its numbers mean, as in ``ActionSpec``; else as in the tabletop.
+        action: what its numbers mean, as in ``ActionSpec``; without it, moves from the hand's current pose in metres.
         ranges: the largest inputs of convolutions that are done in integers.
     """
 
@@ -160,11 +160,6 @@ class Mini:
 def mini(folder: Path = SHIPPED) -> Mini:
     """A small learned vision-language-action model that runs on a CPU; mini:FOLDER has other weights."""
     return Mini(folder)
-
-
-def mini_libero() -> Mini:
-    """Mini with two cameras, trained in the ten tasks of LIBERO's object suite; it runs on a CPU."""
-    return Mini(SHIPPED / "libero")
 
 
 def read_card(folder: Path = SHIPPED) -> Card:

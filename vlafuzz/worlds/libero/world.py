@@ -13,7 +13,7 @@ from vlafuzz.model.evidence import Solver
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
-from vlafuzz.policies.mini.policy import mini_libero
+from vlafuzz.policies.mini.policy import SHIPPED, Mini
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
@@ -30,6 +30,11 @@ from vlafuzz.worlds.manipulation.space import TableWorld
 if TYPE_CHECKING:
     from vlafuzz.policies.clients.model import Interface
     from vlafuzz.worlds.recording import Recording
+
+
+def mini_libero() -> Mini:
+    """Mini with two cameras, trained in the ten tasks of LIBERO's object suite; it runs on a CPU."""
+    return Mini(SHIPPED / "libero")
 
 
 class Libero(TableWorld):
