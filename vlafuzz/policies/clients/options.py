@@ -54,7 +54,8 @@ def _signed(scale: float) -> float:
 
 def _benchmark(name: str) -> str:
     """One of vla-eval's benchmarks that a profile names."""
-    known = {profile.protocols.get("vla-eval", {}).get("benchmark") for profile in known_profiles().values()} - {None}
+    declared = (profile.protocols.get("vla-eval", {}) for profile in known_profiles().values())
+    known = {str(options["benchmark"]) for options in declared if "benchmark" in options}
     if name not in known:
         raise ValueError(f"expected {', '.join(known)}, got {name!r}")
     return name
