@@ -18,6 +18,7 @@ from vlafuzz.store.store import Store
 pytestmark = pytest.mark.usefixtures("no_pause")
 SCENES = 12
 RUN = ("run", "--strategy", "random", "--unchecked", "--no-certify", "--store", "a.db")
+QUICK = ("refuses", "resets", "hangs", "half", "NaN")  # a fault of each kind
 FIRST, LATER = 0, 3 * STEPS + 1  # answers before the fault: none, or those of three scenes and a begun one
 
 
@@ -70,11 +71,7 @@ def breaks_and_goes_on(
 
 
 @pytest.mark.parametrize(
-    ("what", "at"),
-    _cases(
-        *product(FAULTS, (FIRST, LATER)),
-        quick={("500", FIRST), *product(("refuses", "resets", "hangs", "half", "NaN"), [LATER])},
-    ),
+    ("what", "at"), _cases(*product(FAULTS, (FIRST, LATER)), quick={("500", FIRST), *product(QUICK, [LATER])})
 )
 def test_a_server_that_breaks(what: str, at: int, server: Server, capsys: pytest.CaptureFixture[str]):
     name = f"http://127.0.0.1:{server.port}/act?camera=0&execute=1&timeout=0.05&deterministic=1&version=1"
