@@ -1,5 +1,6 @@
 """Policies behind the real vla-eval server, and servers that misbehave."""
 
+import re
 import socket
 import threading
 import zlib
@@ -230,6 +231,12 @@ def failure(name: str, **more: object) -> PolicyError:
     with pytest.raises(PolicyError) as caught:
         asked(name, **more)
     return caught.value
+
+
+def check_failure(error: PolicyError, cause: str, says: str) -> None:
+    """An error has its cause, and a short message."""
+    assert (error.cause, bool(re.search(says, error.message))) == (cause, True), error.message
+    assert len(error.message) < 800
 
 
 def still_open(opened) -> int:
