@@ -16,7 +16,8 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 PROTOCOLS = ("vla-eval", "openpi", "groot")  # that of /act is broken in test_fault_matrix
-STALL = 2.4  # seconds; a server gets half of it to answer, enough on a busy machine
+TIMEOUT = 1.2  # seconds for an answer, enough on a busy machine
+STALL = 1.5 * TIMEOUT  # the next attempt is answered in the middle of its time
 
 
 @contextmanager
@@ -55,7 +56,7 @@ class TestScenes:
     def outcomes(self, protocol: str, scenes: int, *plan: str | None) -> tuple[list[Outcome], Faults]:
         faults = Faults(plan, seconds=STALL)
         with faulty(protocol, faults) as name:
-            simulator = evaluator(make_policy(f"{name}&timeout={STALL / 2}"))
+            simulator = evaluator(make_policy(f"{name}&timeout={TIMEOUT}"))
             faults.begin()
             outcomes = simulator.evaluate(sampled(4)[:scenes])
             simulator.close()
@@ -82,7 +83,7 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
     plan = [*[None] * 5, "drop", None, None, "garbage", *[None] * 3, "cut", None, "error"]
     faults = Faults(plan, seconds=STALL)
     with faulty(protocol, faults) as name:
-        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout={STALL / 2}"), lanes=3)
+        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout={TIMEOUT}"), lanes=3)
         faults.begin()
         ((_, outcomes),) = executor.run([(0, sampled(4))])
         executor.close()
@@ -97,7 +98,7 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
 def test_what_is_lost_three_times_is_an_error_with_its_cause(undisturbed):
     faults = Faults(["drop"] * 3, seconds=STALL)
     with faulty("openpi", faults) as name:
-        simulator = evaluator(make_policy(f"{name}&timeout={STALL / 2}"))
+        simulator = evaluator(make_policy(f"{name}&timeout={TIMEOUT}"))
         faults.begin()
         lost, *others = simulator.evaluate(sampled(4))
         simulator.close()
