@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from itertools import takewhile
+from typing import Self
 
 import numpy as np
 
@@ -31,6 +33,12 @@ class TinySpace:
     """Light from 1/16 to 16, and where the target stands; nominal in the middle of each."""
 
     dim = 3
+    share = 1.0  # of the ranges
+
+    def narrowed(self, severity: float) -> Self:
+        space = copy(self)
+        space.share = severity
+        return space
 
     def decode(self, genome: Genome) -> Scene:
         light, x, y = (min(int(gene * LEVELS), LEVELS - 1) - LEVELS // 2 for gene in genome)
@@ -42,7 +50,7 @@ class TinySpace:
         return np.array([(round(level) + LEVELS // 2 + 0.5) / LEVELS for level in levels])
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        return self.decode(rng.random(self.dim))
+        return self.decode(0.5 + (rng.random(self.dim) - 0.5) * self.share)
 
     def severities(self, scene: Scene) -> dict[str, float]:
         target = scene.targets[0]

@@ -211,3 +211,36 @@ def test_a_wrong_merge_is_a_sentence(capsys, arguments: list[str], says: str):
     run("--budget", "3", "--store", "a.db")
     assert says in complaint(capsys, "export", "--format", "store", *arguments)
     assert not Path("c.db").exists()
+
+
+def test_a_run_of_narrower_ranges_is_gone_on_with_in_these(monkeypatch, capsys):
+    flags = ("--strategy", "random", "--budget", "48", "--seed", "3", "--severity", "0.3")
+    run(*flags, "--store", "whole.db")
+    cut(monkeypatch, *flags, "--store", "parted.db")
+    run("--resume", "--store", "parted.db")
+    assert proposed("parted.db") == proposed("whole.db")
+    assert max(abs(trial[0].camera.pitch) for trial in proposed("whole.db")) <= 1.5
+    cut(monkeypatch, *flags, "--store", "other.db")
+    said = complaint(capsys, "run", *IDLE, "--resume", "--severity", "0.5", "--store", "other.db")
+    assert "severity 0.3, not 0.5" in said
+
+
+def test_the_severity_at_which_one_half_fails_is_found_first(capsys):
+    run("--severity", "auto", "--budget", "80", "--strategy", "random", "--store", "a.db")
+    shown = capsys.readouterr()
+    assert "one half fails at severity" in shown.out
+    told = re.search(r"severity ([\d.]+): about one half fails there", shown.err)
+    assert told
+    with Store.open(Path("a.db")) as store:
+        assert [(found.manifest.strategy, found.manifest.budget) for found in store.runs()] == [
+            ("severity", 20),
+            ("random", 60),
+        ]
+        assert json.loads(store.runs()[1].manifest.operators).get("severity", 1.0) == float(told[1])
+
+
+@pytest.mark.parametrize("severity", ["0", "2", "much"])
+def test_a_severity_out_of_range_is_refused(capsys, severity: str):
+    assert f"--severity {severity}: expected a number from 0.05 to 1, or auto" in complaint(
+        capsys, "run", *IDLE, "--severity", severity
+    )

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
-from vlafuzz.campaign.options import OF_WORLDS
+from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
@@ -75,7 +75,7 @@ def plan(
     if policy is None:
         check_policy_name(named.policy)
     wanted = Wanted(task=task.name, robot=named.robot, operators=config.operators, vary=config.vary, packs=config.packs)
-    space = space or world.space(wanted, operators)
+    space = space or world.space(wanted, operators).narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy: Strategy = InOrder(len(scenes))
     if factory and scenes:
@@ -174,6 +174,9 @@ def _read_scene_file(config: RunConfig) -> list[Scene]:
 
 
 def _check_numbers(config: RunConfig) -> None:
+    if config.scenes and config.severity != 1:
+        problem = f"--severity {config.severity}: the scenes of --scenes are run as they are"
+        raise UsageError(problem, hint="leave one of the two out")
     if config.scenes and config.vary:
         problem = f"--vary {','.join(config.vary)}: the scenes of --scenes are run as they are"
         raise UsageError(problem, hint="leave one of the two out")

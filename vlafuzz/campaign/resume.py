@@ -8,6 +8,7 @@ from typing import Any
 
 from vlafuzz.campaign.config import Plan, RunConfig, filled, plan
 from vlafuzz.campaign.fuzz import AFRESH
+from vlafuzz.campaign.options import AUTO
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
@@ -96,11 +97,15 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     for name, stored in _flags(manifest).items():
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
+    world = world_of(manifest.task)
+    severity = world.stored_space(Path(), manifest).operators.severity
+    if flags.get("severity", severity) not in (AUTO, severity):
+        return f"severity {severity:g}, not {flags['severity']:g}"
     asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
     if not asked:
         return None
     wanted = Wanted(task=manifest.task, robot=manifest.robot, **asked)
-    now = world_of(manifest.task).space(wanted).conditions
+    now = world.space(wanted).narrowed(severity).conditions
     if "packs" in asked and manifest.differences(replace(manifest, packs=now["packs"])):
         return "other packs of objects"
     if asked.keys() - {"packs"} and now["operators_digest"] != manifest.operators_digest:

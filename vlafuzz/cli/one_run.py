@@ -16,6 +16,7 @@ from rich.table import Table
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
+from vlafuzz.campaign.severity import half_of_run, in_words
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
@@ -32,6 +33,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.effects import effects_of
 from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
 from vlafuzz.search.probability import Probability
+from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED
 from vlafuzz.store.store import Store
 
@@ -173,6 +175,9 @@ def _failures(summary: Summary, judged: int, probability: Probability | None) ->
     if summary.strategy == RANDOM:
         share = Share.of_counts(failed, judged)
         return {"failure share": f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"}
+    if summary.strategy == SEVERITY:
+        with Store.open(Path(summary.store)) as store:
+            return {"one half fails at severity": in_words(half_of_run(store, summary.run))}
     if summary.strategy == POOL:
         where = "a failure rate only where they are a random sample"
         return {"failures": f"{failed} of {judged} scenes, {where}"}

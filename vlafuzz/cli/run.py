@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.campaign.options import AUTO
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
-    from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.forecast import Speed
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
@@ -46,7 +47,7 @@ def command(
         ),
     ] = None,
     unchecked: Annotated[
-        bool, option("Skip the check whether the policy sees, hears and moves.", flag="--unchecked")
+        bool, option("Skip the check whether the policy sees, hears and moves.", flag="--unchecked", hidden=True)
     ] = False,
     trust: TrustFlag = False,
     config: ConfigFlag = None,
@@ -63,8 +64,8 @@ def command(
     example, is not run. With --time, half of it is for the run and what is left is for certification, if any; all of it
     is for the run where what is left would probably certify nothing. Several tasks share it.
 
-    --config also has what is rarely changed: batch, criteria, pool, repeats, stop-early; and fail-on-finding, for
-    exit code 1 when scenes fail.
+    --config also has what is rarely changed: batch, criteria, pool, repeats, stop-early, unchecked; and
+    fail-on-finding, for exit code 1 when scenes fail.
     """
     from vlafuzz.common.deadline import deadline
 
@@ -83,12 +84,34 @@ def command(
         asked = partial(run_plan, certify=certify, json=json)
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=typed()))
+        config = RunConfig(**flags, command=typed())
+        runs = []
+        if config.severity == AUTO and not resume:
+            config, probe = _with_severity(config, partial(run_plan, json=json), until)
+            runs.append(probe)
+        plan = resume_run(flags) if resume else plan_of(config)
         plan, speed = _checked(plan, flags, unchecked=unchecked)
-        runs = [run_plan(plan, speed, until, certify=certify, json=json)]
+        runs.append(run_plan(plan, speed, until, certify=certify, json=json))
         if json:
-            print_json(runs[0].document)
+            print_json(runs[-1].document)
     _end(runs, left, fail_on_finding=fail_on_finding)
+
+
+def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Deadline) -> tuple[RunConfig, Done]:
+    """The configuration with the severity at which about one half fails, and the run that found it out."""
+    from vlafuzz.campaign.config import BUDGET
+    from vlafuzz.campaign.config import plan as plan_of
+    from vlafuzz.campaign.severity import half_of_run, probing, settled
+    from vlafuzz.store.store import Store
+
+    budget = config.budget or BUDGET
+    plan = plan_of(probing(config, budget))
+    done = run_plan(plan, None, until.after(0.5), certify=False)
+    with Store.open(plan.store) as store:
+        half = half_of_run(store, done.summary.run)
+    found = settled(replace(config, store=plan.store), half, budget - done.summary.rollouts)
+    Bar.note(f"severity {found.severity:g}: about one half fails there")
+    return found, done
 
 
 def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
@@ -168,7 +191,10 @@ def _run_tasks(
         if before and before.status not in UNFINISHED:
             Bar.note(f"run {before.id} of it is over")
             continue
-        plan = resume_run(asked) if before else plan_of(replace(config, task=task))
+        ready = replace(config, task=task)
+        if config.severity == AUTO and not before:
+            ready, _ = _with_severity(ready, run_plan, until.after(1 / (len(tasks) - number)))
+        plan = resume_run(asked) if before else plan_of(ready)
         foreseen, remaining = 0, len(tasks) - number
         if first is None:
             first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -36,6 +36,13 @@ class Grid:
     def choice(size: int, nominal: int = 0) -> Grid:
         """One of ``size`` options, by index."""
         return Grid(0, size - 1, 1, nominal)
+
+    def narrowed(self, share: float) -> Grid:
+        """The same grid with both ends so much nearer to nominal, at the nearest levels."""
+        start = self._scaled(self.nominal)
+        ends = (start + self.step * round(share * self._steps(end)) for end in (self.low, self.high))
+        low, high = (2.0**end if self.log else end for end in ends)
+        return replace(self, low=low, high=high, wraps=False)
 
     @cached_property
     def size(self) -> int:
@@ -114,6 +121,7 @@ class Gene:
         options: of a category whose values are strings in the scene.
         spread: how random generation draws it: ``even`` over the levels; ``coin``, a fair coin for below or above 1,
             then linearly (the paper's light); ``sphere``, the elevation of a uniform direction.
+        drawn: of a category, how often it is drawn at all; else it is nominal.
     """
 
     operator: str
@@ -124,6 +132,13 @@ class Gene:
     neutral: bool = False
     options: tuple[str, ...] = ()
     spread: Spread = "even"
+    drawn: float = 1.0
+
+    def narrowed(self, share: float) -> Gene:
+        """The gene with its range scaled towards nominal; a category is drawn that much less often."""
+        if share == 1 or self.neutral:
+            return self
+        return replace(self, drawn=share) if self.kind == "category" else replace(self, grid=self.grid.narrowed(share))
 
     @property
     def slot(self) -> str:
@@ -133,6 +148,8 @@ class Gene:
     def draw(self, rng: np.random.Generator) -> float:
         """A random value on the grid."""
         grid = self.grid
+        if self.drawn < 1 and rng.random() >= self.drawn:
+            return grid.nominal
         if self.spread == "coin":
             side = (grid.low, 1.0) if rng.random() < 0.5 else (1.0, grid.high)
             return grid.value(grid.snap(float(rng.uniform(*side))))

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any, Protocol
+from dataclasses import asdict, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +49,7 @@ class Operators(Protocol):
         operators: by name, in the order in which their severities are added.
         varied: names of those that vary; the others stay nominal.
         decisive: names of those that decide something even if they do not vary.
+        severity: by how much all ranges are scaled towards nominal, in (0, 1]; 1 for the ranges as they are written.
         digest: 32 hexadecimal digits, equal where the same ones vary in the same ranges.
     """
 
@@ -59,6 +61,9 @@ class Operators(Protocol):
 
     @property
     def decisive(self) -> Collection[str]: ...
+
+    @property
+    def severity(self) -> float: ...
 
     @property
     def digest(self) -> str: ...
@@ -86,9 +91,8 @@ class Space(ABC):
     blocking: Sequence[str] = ()
 
     def __init__(self, task: Task, robot: str, operators: Operators, composer: Composer) -> None:
-        self.task, self.robot, self.operators, self._composer = task, robot, operators, composer
-        self.by_path = {gene.path: gene for gene in composer.genes}
-        self.genes = tuple(gene for gene in composer.genes if self.varies(gene))
+        self.task, self.robot, self._composer = task, robot, composer
+        self._scale(operators)
         self.nominal_values: Values = {gene.path: gene.grid.nominal for gene in composer.genes}
 
     @property
@@ -111,6 +115,17 @@ class Space(ABC):
     @abstractmethod
     def jittered(self, scene: Scene, number: int) -> Scene:
         """The n-th scene around a scene that nobody would call another one; the same one on any machine."""
+
+    def _scale(self, operators: Operators) -> None:
+        self.operators = operators
+        self.by_path = {gene.path: gene.narrowed(operators.severity) for gene in self._composer.genes}
+        self.genes = tuple(gene for gene in self.by_path.values() if self.varies(gene))
+
+    def narrowed(self, severity: float) -> Self:
+        """The same space with all ranges scaled towards nominal, by a factor in (0, 1]."""
+        space = copy.copy(self)
+        space._scale(replace(self.operators, severity=severity))  # type: ignore[type-var]
+        return space
 
     @property
     def dim(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,9 @@ class Source(Measure, Protocol):
 
     def sample(self, rng: np.random.Generator) -> Scene:
         """A random scene that keeps the preconditions."""
+
+    def narrowed(self, severity: float) -> Self:
+        """The space with all ranges scaled towards nominal, by a factor in (0, 1]."""
 
     def encode(self, scene: Scene) -> Genome:
         """The scene's coordinates, ``(dim,)``."""

@@ -47,6 +47,10 @@ STRATEGIES: dict[str, Factory] = {
         "vlafuzz.search.surrogate:Surrogate",
         "Rolls out what a forest predicts to fail in cells that have no failure yet; else random.",
     ),
+    "severity": _later(
+        "vlafuzz.search.severity:Severity",
+        "Random scenes of narrower ranges: how far they have to reach for the policy to fail in one half.",
+    ),
     "causes": _later(
         "vlafuzz.search.causes.strategy:Causes",
         "Attributes failures to operators as they come, and looks where no known cause explains a failure.",

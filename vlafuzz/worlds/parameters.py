@@ -115,6 +115,7 @@ class Parameters:
 
     parameters: Mapping[str, Parameter]
     varied: frozenset[str]
+    severity: float = 1.0
 
     @cached_property
     def operators(self) -> dict[str, list[Parameter]]:
@@ -131,7 +132,8 @@ class Parameters:
     def to_json(self) -> str:
         """As conditions keep them."""
         ranges = {name: _stored(parameter) for name, parameter in self.parameters.items()}
-        return json.dumps({"varied": sorted(self.varied), "operators": ranges}, sort_keys=True)
+        scaled = {"severity": self.severity} if self.severity != 1 else {}
+        return json.dumps({"varied": sorted(self.varied), "operators": ranges} | scaled, sort_keys=True)
 
 
 def operators_of(parameters: Collection[Parameter]) -> dict[str, list[Parameter]]:

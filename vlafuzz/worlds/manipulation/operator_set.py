@@ -50,6 +50,7 @@ class OperatorSet:
         source: the file that was read.
         min_distance: between the centres of any two objects, metres.
         visible: None where it is not checked whether targets are visible.
+        severity: by how much the ranges are scaled towards nominal, see ``Operators``.
         tasks: the sets of the tasks whose ranges differ.
     """
 
@@ -59,6 +60,7 @@ class OperatorSet:
     varied: frozenset[str]
     visible: Visible | None = None
     tasks: Mapping[str, OperatorSet] = field(default_factory=dict)
+    severity: float = 1.0
 
     def only(self, names: Iterable[str]) -> OperatorSet:
         """The same set with only these operators varying.
@@ -81,7 +83,8 @@ class OperatorSet:
 
     def in_task(self, task: str) -> OperatorSet:
         """The set for a task."""
-        return self.tasks.get(task, self)
+        found = self.tasks.get(task, self)
+        return found if found.severity == self.severity else replace(found, severity=self.severity)
 
     def get(self, kind: type[Kind]) -> Kind:
         """The operator of a kind."""
@@ -101,7 +104,8 @@ class OperatorSet:
         """32 hexadecimal digits: equal for sets that vary the same operators in the same ranges."""
         parts = [f"{task}={part.digest}" for task, part in sorted(self.tasks.items())]
         ranges = [f"{name}={operator.model_dump_json()}" for name, operator in sorted(self.decisive.items())]
-        text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts])
+        scaled = [f"severity={self.severity!r}"] * (self.severity != 1)
+        text = "\n".join([repr(self.min_distance), *sorted(self.varied), *ranges, *parts, *scaled])
         return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
 
 
@@ -232,7 +236,8 @@ def operators_json(operators: OperatorSet) -> str:
     """Operators with their ranges as a field of conditions."""
     ranges = {name: operator.model_dump(mode="json") for name, operator in operators.decisive.items()}
     kept = {"min_distance": operators.min_distance, "varied": sorted(operators.varied), "operators": ranges}
-    return json.dumps(kept, sort_keys=True)
+    scaled = {"severity": operators.severity} if operators.severity != 1 else {}
+    return json.dumps(kept | scaled, sort_keys=True)
 
 
 def stored_operators(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> OperatorSet:
@@ -253,6 +258,7 @@ def stored_operators(source: Path, conditions: Conditions, vary: Collection[str]
             operators={**load_operators().operators, **written},
             varied=frozenset(stored["varied"]),
             visible=stored_visible(conditions),
+            severity=float(stored.get("severity", 1.0)),
         )
     except (KeyError, ValueError, TypeError) as error:
         raise StoreError(

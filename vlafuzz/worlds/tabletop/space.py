@@ -305,6 +305,8 @@ class Attempt:
             return
         if first is not None:
             yield int(first[path]) % size
+        elif gene.drawn < 1 and self._rng.random() >= gene.drawn:
+            yield int(gene.grid.nominal)
         yield from self._rng.permutation(size).tolist()
 
     def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:

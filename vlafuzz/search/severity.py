@@ -1,0 +1,66 @@
+"""Severity: random scenes of ranges scaled towards nominal, and the scale at which a policy fails in one half."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import expit
+from scipy.stats import chi2
+
+from vlafuzz.search.base import Genome, Proposal
+from vlafuzz.search.proposals import OneByOne, Rng
+from vlafuzz.search.scoring import Score
+
+NAME = "severity"  # of the strategy
+_HALVES = np.linspace(0.0, 1.0, 201)  # candidates for the severity at which one half fails
+_SLOPES = np.geomspace(0.5, 60.0, 60)  # of the log odds, for each unit of severity: flat to a step
+
+
+def severity_of(number: int) -> float:
+    """The severity of the proposal with this number: they fill (0, 1) evenly, however many there are.
+
+    Van der Corput's sequence in base 2.
+    """
+    digits = f"{number + 1:b}"[::-1]
+    return float(int(digits, 2)) / 2.0 ** len(digits)
+
+
+class Severity(OneByOne):
+    """Draws scenes of ranges at all severities, independently of earlier outcomes."""
+
+    outstanding = 64  # it learns nothing: as ``Random``
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Scores change nothing."""
+
+    def _genome(self, number: int, rng: Rng) -> Genome:
+        return self._space.encode(self._space.narrowed(severity_of(number)).sample(rng))
+
+
+class Half(NamedTuple):
+    """The severity at which a policy fails in one half of the scenes, with a 95 % interval.
+
+    An end of 0 or 1 is open: it fails as often in nominal scenes, or does not fail as often in the ranges as they are.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def half_of(outcomes: Sequence[tuple[float, bool]]) -> Half:
+    """The severity at which one half fails, by severities and whether these scenes failed.
+
+    The probability of a failure is logistic in the severity, and does not fall. The interval is that of the profile
+    likelihood (Venzon and Moolgavkar 1988 <https://doi.org/10.2307/2347496>).
+    """
+    if not outcomes:
+        return Half(0.5, 0.0, 1.0)
+    severities, failed = np.array([at for at, _ in outcomes]), np.array([bad for _, bad in outcomes])
+    odds = _SLOPES[None, :, None] * (severities - _HALVES[:, None, None])
+    chances = np.clip(expit(odds), 1e-9, 1 - 1e-9)
+    likely = np.where(failed, np.log(chances), np.log1p(-chances)).sum(axis=2).max(axis=1)
+    within = _HALVES[likely >= likely.max() - chi2.ppf(0.95, 1) / 2]
+    return Half(float(_HALVES[int(likely.argmax())]), float(within[0]), float(within[-1]))
