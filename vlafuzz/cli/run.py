@@ -84,12 +84,11 @@ def command(
         asked = partial(run_plan, certify=certify, json=json)
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        config = RunConfig(**flags, command=typed())
-        runs = []
-        if config.severity == AUTO and not resume:
-            config, probe = _with_severity(config, partial(run_plan, json=json), until)
+        wanted, runs = RunConfig(**flags, command=typed()), list[Done]()
+        if wanted.severity == AUTO and not resume:
+            wanted, probe = _with_severity(wanted, partial(run_plan, json=json), until)
             runs.append(probe)
-        plan = resume_run(flags) if resume else plan_of(config)
+        plan = resume_run(flags) if resume else plan_of(wanted)
         plan, speed = _checked(plan, flags, unchecked=unchecked)
         runs.append(run_plan(plan, speed, until, certify=certify, json=json))
         if json:

@@ -1,9 +1,11 @@
 """A fixed pool of scenes in place of a search space: in order, or chosen by any strategy."""
 
 from collections.abc import Mapping, Sequence
+from typing import Self
 
 import numpy as np
 
+from vlafuzz.errors import UsageError
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Genome, Proposal, Source, about, looks_for_causes
 from vlafuzz.search.proposals import UNLIMITED
@@ -106,6 +108,10 @@ class Left:
         """A random unused scene; any scene when all are used."""
         left = np.flatnonzero(self.unused)
         return self._scenes[int(rng.choice(left)) if len(left) else int(rng.integers(len(self._scenes)))]
+
+    def narrowed(self, severity: float) -> Self:
+        """Raise a UsageError: the scenes of a file have no ranges."""
+        raise UsageError("strategy severity: the scenes of a pool have no ranges", hint="leave the pool out")
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
         """The nearest unused scene."""
