@@ -84,7 +84,8 @@ def command(
         asked = partial(run_plan, certify=certify, json=json)
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        wanted, runs = RunConfig(**flags, command=typed()), list[Done]()
+        wanted = RunConfig(**flags, command=typed())
+        runs: list[Done] = []
         if wanted.severity == AUTO and not resume:
             wanted, probe = _with_severity(wanted, partial(run_plan, json=json), until)
             runs.append(probe)

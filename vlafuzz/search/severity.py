@@ -6,8 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import expit
-from scipy.stats import chi2
 
 from vlafuzz.search.base import Genome, Proposal
 from vlafuzz.search.proposals import OneByOne, Rng
@@ -15,6 +13,7 @@ from vlafuzz.search.scoring import Score
 
 NAME = "severity"  # of the strategy
 _HALVES = np.linspace(0.0, 1.0, 201)  # candidates for the severity at which one half fails
+_FALL = 3.841 / 2  # of the log likelihood in the interval: half of the 95 % quantile of chi-square with one degree
 _SLOPES = np.geomspace(0.5, 60.0, 60)  # of the log odds, for each unit of severity: flat to a step
 
 
@@ -56,11 +55,13 @@ def half_of(outcomes: Sequence[tuple[float, bool]]) -> Half:
     The probability of a failure is logistic in the severity, and does not fall. The interval is that of the profile
     likelihood (Venzon and Moolgavkar 1988 <https://doi.org/10.2307/2347496>).
     """
+    from scipy.special import expit  # which takes a while to import
+
     if not outcomes:
         return Half(0.5, 0.0, 1.0)
     severities, failed = np.array([at for at, _ in outcomes]), np.array([bad for _, bad in outcomes])
     odds = _SLOPES[None, :, None] * (severities - _HALVES[:, None, None])
     chances = np.clip(expit(odds), 1e-9, 1 - 1e-9)
     likely = np.where(failed, np.log(chances), np.log1p(-chances)).sum(axis=2).max(axis=1)
-    within = _HALVES[likely >= likely.max() - chi2.ppf(0.95, 1) / 2]
+    within = _HALVES[likely >= likely.max() - _FALL]
     return Half(float(_HALVES[int(likely.argmax())]), float(within[0]), float(within[-1]))
