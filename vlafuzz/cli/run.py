@@ -85,7 +85,7 @@ def command(
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
         wanted = RunConfig(**flags, command=typed())
-        runs: list[Done] = []
+        runs = []
         if wanted.severity == AUTO and not resume:
             wanted, probe = _with_severity(wanted, partial(run_plan, json=json), until)
             runs.append(probe)
