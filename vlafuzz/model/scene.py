@@ -251,7 +251,7 @@ def amount(path: str, value: float | str) -> str:
 
 def unit_of(path: str) -> str:
     """What stands behind a value, or ``×`` before it; empty for a bare number."""
-    return UNITS.get(path) or UNITS.get(path.rpartition(".")[2], "")
+    return UNITS.get(path if path.startswith("values.") else path.rpartition(".")[2], "")
 
 
 def _canonical(value: Any) -> Any:

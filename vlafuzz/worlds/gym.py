@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import metadata
+from math import prod
 from typing import Any, Self
 
 import gymnasium
@@ -145,7 +146,7 @@ class GymWorld(ValuesWorld[Now]):
     @cached_property
     def action_width(self) -> int:  # type: ignore[override]
         """How many numbers an action has; one more than seven, which would be a hand's motion."""
-        width = int(np.prod(self.space_of_actions.shape or (1,)))
+        width = prod(self.space_of_actions.shape or ())
         return width + 1 if width == WIDTH else width
 
     @cached_property
@@ -170,8 +171,11 @@ class GymWorld(ValuesWorld[Now]):
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        return replace(
-            state,
+        return Now(  # dataclasses.replace takes longer than a step of a simple environment
+            env=state.env,
+            task=state.task,
+            values=state.values,
+            seed=state.seed,
             observation=observation,
             info=info,
             reward=float(reward),
@@ -234,26 +238,28 @@ class GymWorld(ValuesWorld[Now]):
 
 def fitted(space: spaces.Space[Any], action: Array) -> Any:
     """An action in its space; a PolicyError says in a sentence why it does not fit."""
-    if action.size == WIDTH + 1 and np.prod(space.shape or (1,)) == WIDTH:
+    size = prod(space.shape or ())
+    if action.size == WIDTH + 1 == size + 1:
         action = action[:WIDTH]
-    if action.size != np.prod(space.shape or (1,)):
-        problem = f"the action has {action.size} numbers, {space} takes {int(np.prod(space.shape or (1,)))}"
-        raise PolicyError(problem, "look at the action space", "bad_action")
-    shaped = action.reshape(space.shape or ()).astype(space.dtype)
-    if np.issubdtype(space.dtype, np.integer) and np.any(shaped.ravel() != action):
-        raise PolicyError(f"the action {_short(action)} is not whole, as {space} wants it", None, "bad_action")
+    if action.size != size:
+        raise _unfit(f"the action has {action.size} numbers, {space} takes {size}", "look at the action space")
+    shaped = action.astype(space.dtype).reshape(space.shape or ())
     if isinstance(space, spaces.Box):
         outside = (shaped < space.low) | (shaped > space.high)
-        if np.any(outside):
+        if outside.any():
             first = int(np.flatnonzero(outside)[0])
             low, high = space.low.ravel()[first], space.high.ravel()[first]
             problem = f"the action {_short(action)} does not fit: number {first} is not within {low:g} to {high:g}"
-            raise PolicyError(problem, "clip it, or look at its unit", "bad_action")
+            raise _unfit(problem, "clip it, or look at its unit")
         return shaped
     fitting = shaped if space.shape else shaped[()]
-    if not space.contains(fitting):
-        raise PolicyError(f"the action {_short(action)} does not fit {space}", "look at its range", "bad_action")
+    if (shaped.ravel() != action).any() or not space.contains(fitting):
+        raise _unfit(f"the action {_short(action)} does not fit {space}", "look at its range")
     return fitting
+
+
+def _unfit(problem: str, hint: str) -> PolicyError:
+    return PolicyError(problem, hint, "bad_action")
 
 
 class GymPolicy:
@@ -265,7 +271,8 @@ class GymPolicy:
         self._world, made = world, act() if isinstance(act, type) else act
         self._made, self._act = made, getattr(made, "act", made)
         action = ActionSpec(width=world.action_width)
-        self.spec = PolicySpec(name, action=action, state=True, deterministic=deterministic)
+        # It gets the environment's observation out of the state, and nothing else.
+        self.spec = PolicySpec(name, action=action, privileged=True, deterministic=deterministic)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for episode in episodes:
@@ -287,7 +294,7 @@ class GymExpert:
 
     def __init__(self, world: GymWorld) -> None:
         self._world, action = world, ActionSpec(width=world.action_width)
-        self.spec = PolicySpec("expert", action=action, state=True, privileged=True, execute=None)
+        self.spec = PolicySpec("expert", action=action, privileged=True, execute=None)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         """Nothing is kept."""
