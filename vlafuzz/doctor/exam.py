@@ -133,8 +133,9 @@ class Exam:
         interview = Interview(self._policy, recorder.moments)
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
-        hearing = None if spec.privileged or spec.calibrated else interview.change(reworded(self._rewordings))
-        yield verdicts.on_sense("hearing", hearing)
+        others = {*self._rewordings.values(), *(moment.start.instruction for moment in recorder.moments)}
+        hears = len(others) > 1 and not (spec.privileged or spec.calibrated)
+        yield verdicts.on_sense("hearing", interview.change(reworded(self._rewordings)) if hears else None)
         if not quick:
             yield verdicts.on_sense("proprioception", interview.change(moved) if spec.state else None)
             together = interview.together() if spec.max_batch > 1 else None
@@ -155,7 +156,8 @@ class Exam:
         """Record the beginnings of some rollouts in cluttered scenes."""
         recorder, seen = self._recorder, 0
         recorder.most, space = ANSWERS, self._space(TARGETS)
-        for scene in islice(self._drawn(TARGETS + CLUTTER), SCENES * UNFAIR):
+        cluttered = TARGETS + CLUTTER
+        for scene in islice(self._drawn(cluttered if self._space(cluttered).genes else None), SCENES * UNFAIR):
             if other := space.misnamed(scene):
                 self._rewordings[scene.instruction] = other
             outcome = self._roll(scene)
@@ -191,12 +193,12 @@ class Exam:
             if enough or broken == BROKEN or 2 * failed > n or self._deadline.passed:
                 return
 
-    def _drawn(self, vary: Sequence[str]) -> Iterator[Scene]:
-        """An endless series of scenes in which these operators vary."""
+    def _drawn(self, vary: Sequence[str] | None) -> Iterator[Scene]:
+        """An endless series of scenes in which these operators vary; None for those of the run."""
         space, seed = self._space(vary), self._manifest.seed
         return (space.sample(np.random.default_rng([seed, number])) for number in count())
 
-    def _space(self, vary: Sequence[str]) -> Space:
+    def _space(self, vary: Sequence[str] | None) -> Space:
         return world_of(self._manifest.task).stored_space(Path("the run"), self._manifest, vary)
 
     def _retry(self, scene: Scene, correction: Correction | None) -> Outcome:

@@ -104,7 +104,7 @@ def on_sight(changes: Mapping[str, Change]) -> Check:
 
 # Each sense has what the check changes, what is said if nothing changes where it need not, and the fault otherwise.
 _SENSES = {
-    "hearing": ("instruction", "it knows the scene, whatever the instruction", "deaf"),
+    "hearing": ("instruction", "it knows the scene, or hears one instruction in all scenes", "deaf"),
     "proprioception": ("pose of the hand", "it asks for none", "it asks for the pose of the hand and does not use it"),
 }
 

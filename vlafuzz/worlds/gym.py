@@ -271,8 +271,7 @@ class GymPolicy:
         self._world, made = world, act() if isinstance(act, type) else act
         self._made, self._act = made, getattr(made, "act", made)
         action = ActionSpec(width=world.action_width)
-        # It gets the environment's observation out of the state, and nothing else.
-        self.spec = PolicySpec(name, action=action, privileged=True, deterministic=deterministic)
+        self.spec = PolicySpec(name, action=action, state=True, deterministic=deterministic)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for episode in episodes:

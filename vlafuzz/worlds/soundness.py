@@ -170,8 +170,8 @@ class _Exam:
         idle, alike = [], []
         for one in self.world.parameters:
             traces = self._levels(one)
-            if one.name in (traces[0][1].applied if traces else {}):
-                continue  # it arrives, whatever follows from it
+            if traces and one.name in traces[0][1].applied and not self.world.expert():
+                continue  # it arrives, and random actions may never meet what it changes
             same = [not self._differ(one, (a, b)) for a, b in pairwise(traces)]
             if same and all(same):
                 idle.append(_named(one))
@@ -270,8 +270,8 @@ class _Exam:
 
     def _trace(self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False) -> Trace:
         """What happens from a state on, by the same random actions every time."""
-        rng = np.random.default_rng(SEED)
-        applied, solved = dict(world.applied(state)), world.stages[-1].holds(state)
+        rng, success = np.random.default_rng(SEED), world.stages[-1]
+        applied, held = dict(world.applied(state)), [success.holds(state)]
         states = [world.fingerprint(state)]
         picture = b"" if draw else _drawn(world, state)
         while len(states) <= min(steps, world.horizon) and not world.ended(state):
@@ -279,8 +279,8 @@ class _Exam:
                 world.picture(state)
             state = world.step(state, world.some_action(rng))
             states.append(world.fingerprint(state))
-        world.stages[-1].holds(state)  # which raises where nothing says what success is
-        return Trace(tuple(states), picture, applied, solved)
+            held.append(success.holds(state))
+        return Trace(tuple(states), picture, applied, all(held[: success.steps]))
 
     def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
         """Rollouts with a value all over its range, the others nominal."""

@@ -1,0 +1,257 @@
+"""Environments of gymnasium as worlds: their spaces, rollouts, policies, files of parameters, and causes."""
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium import spaces
+
+from tests.worlds.carts import Cart, Carts, Expert
+from vlafuzz.cli import main
+from vlafuzz.errors import CatalogueError, PolicyError, UsageError
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import amount
+from vlafuzz.worlds.base import Wanted
+from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
+
+CARTS = "python:tests.worlds.carts"
+EXAMPLES = Path(__file__).parents[2] / "docs" / "worlds"
+
+
+def space(world: GymWorld, *vary: str):
+    return world.space(Wanted(task=world.tasks[0], robot="own", vary=vary))
+
+
+def outcome(world: GymWorld, act, scene=None, **options) -> Outcome:
+    """The outcome of a policy, by default in the nominal scene."""
+    all_scenes = space(world)
+    conditions = Conditions(task=world.tasks[0], policy="own", **all_scenes.conditions)
+    policy = type(world).policy(act, **options)()
+    evaluator = world.evaluator(conditions, policy, all_scenes, recording=None, checked=True)
+    (found,) = evaluator.evaluate([scene or all_scenes.nominal()])
+    evaluator.close()
+    return found
+
+
+def towards(observation):
+    x, v, mark = observation
+    return np.clip([3 * (mark - x) - 2 * v], -1, 1)
+
+
+def test_a_function_of_an_observation_is_a_policy_and_info_says_success():
+    assert outcome(Carts(), towards).verdict is Verdict.PASSED
+    assert outcome(Carts(), lambda seen: [0.0]).verdict is Verdict.FAILED
+
+
+def test_a_class_with_act_is_a_policy_and_hears_the_seed_of_each_rollout():
+    class Noted:
+        seeds: list[int] = []  # noqa: RUF012
+
+        def reset(self, seed):
+            self.seeds.append(seed)
+
+        def act(self, observation):
+            return towards(observation)
+
+    assert outcome(Carts(), Noted).verdict is Verdict.PASSED
+    assert Noted.seeds == [0]
+
+
+@pytest.mark.parametrize(
+    ("space", "action", "words"),
+    [
+        (spaces.Box(-1, 1, (2,)), [0.5, 1.5], "number 1 is not within -1 to 1"),
+        (spaces.Box(-1, 1, (2,)), [0.5], "the action has 1 numbers"),
+        (spaces.Discrete(3), [3.0], r"does not fit Discrete\(3\)"),
+        (spaces.Discrete(3), [0.5], r"does not fit Discrete\(3\)"),
+        (spaces.MultiDiscrete([2, 4]), [1.0, 4.0], "does not fit MultiDiscrete"),
+    ],
+)
+def test_an_action_that_does_not_fit_is_named_in_a_sentence(space, action, words):
+    with pytest.raises(PolicyError, match=words):
+        fitted(space, np.array(action))
+
+
+def test_an_action_that_does_not_fit_is_an_error_of_the_policy_and_no_failure():
+    found = outcome(Carts(), lambda seen: [2.0])
+    assert (found.verdict, "policy: bad_action" in found.detail) == (Verdict.ERROR, True)
+
+
+def test_actions_of_seven_numbers_arrive_as_they_are():
+    class Seven(Cart):
+        action_space = spaces.Box(-1, 1, (7,), np.float32)
+
+        def step(self, action):
+            assert action == pytest.approx([0.5] * 7)
+            return super().step(action)
+
+    class World(Carts):
+        env = Seven
+
+    assert outcome(World(), lambda seen: np.full(7, 0.5)).verdict is not Verdict.ERROR
+
+
+def test_a_rollout_ends_where_the_environment_does():
+    class Falls(Cart):
+        def step(self, action):
+            observation, reward, _, truncated, info = super().step(action)
+            return observation, reward, self.x > 0.2, truncated, info
+
+    class World(Carts):
+        env = Falls
+
+    (rollout,) = outcome(World(), towards).rollouts
+    assert len(rollout.actions) < 20
+
+
+def test_observations_may_be_nested_and_pictures_in_them_are_no_numbers():
+    class Nested(Cart):
+        def seen(self):
+            return {"hand": super().seen(), "camera": np.zeros((4, 4, 3), np.uint8), "more": (np.ones(2),)}
+
+    class World(Carts):
+        env = Nested
+
+    now = World().reset(dict(space(World()).nominal().values), 0)
+    assert World().observe(now).shape == (5,)
+
+
+def test_a_space_of_actions_that_is_no_array_is_refused():
+    class Odd(Cart):
+        action_space = spaces.Dict({"push": spaces.Discrete(2)})
+
+    class World(Carts):
+        env = Odd
+
+    with pytest.raises(UsageError, match="actions of Dict are not supported"):
+        _ = World().action_width
+
+
+FILE = """
+length: {range: [0.25, 1.5], nominal: 0.5, unit: m, says: how long it is}
+boxes: {kind: integer, range: [0, 4], nominal: 1}
+floor: {options: [wood, ice]}
+heading: {kind: angle, nominal: 0, unit: °}
+x: {range: [-1, 1], nominal: 0, group: place}
+y: {range: [-1, 1], nominal: 0, group: place}
+"""
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read(text: str):
+        (tmp_path / "p.yaml").write_text(text)
+        return read_parameters(tmp_path / "p.yaml")
+
+    return read
+
+
+def test_a_file_says_kinds_units_and_groups(read):
+    length, boxes, floor, heading, *_ = read(FILE)
+    assert (length.step, length.says) == (0.02, "how long it is")
+    assert (boxes.step, boxes.told(2.0), isinstance(boxes.told(2.0), int)) == (1, 2, True)
+    assert (floor.options, heading.gene.kind, heading.gene.grid.wraps) == (("wood", "ice"), "angle", True)
+    assert (amount("values.length", 0.5), amount("values.heading", 30)) == ("0.5 m", "30°")
+
+
+def test_parameters_of_a_group_vary_and_are_reset_together(read):
+    class World(Carts):
+        parameters = read(FILE)
+
+    drawn = space(World(), "place").sample(np.random.default_rng(3))
+    changed = {name for name, value in drawn.values if value != dict(space(World()).nominal().values)[name]}
+    assert changed == {"x", "y"}
+    assert space(World()).reset(drawn, ["place"]) == space(World()).nominal()
+
+
+def test_whole_numbers_stay_whole_in_the_neighbourhood_of_a_scene(read):
+    class World(Carts):
+        parameters = read(FILE)
+
+    near = dict(space(World()).jittered(space(World()).nominal(), 1).values)
+    assert near["boxes"] == 1
+    assert 0 < abs(near["length"] - 0.5) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("length: {range: [1, 2], nominal: 3}", "nominal 3 is not within 1 to 2"),
+        ("length: {range: [1, 2]}", "no range or no nominal value"),
+        ("length: {rang: [1, 2], nominal: 1}", "length.rang"),
+        ("Length: {range: [1, 2], nominal: 1}", "'Length'"),
+        ("floor: {options: [wood]}", "two or more options"),
+        ("turn: {kind: angle, range: [-90, 90], nominal: 0}", "an angle goes from -180 to 180"),
+        ("length: {range: [2, 2], nominal: 2}", "is no range"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named_with_the_key(read, text, words):
+    with pytest.raises(CatalogueError, match=words):
+        read(text)
+
+
+def test_ranges_that_say_nothing_new_are_stored_as_they_always_were():
+    stored = json.loads(space(Carts(), "mass").conditions["operators"])
+    assert sorted(stored["operators"]["floor"]) == ["high", "low", "name", "nominal", "options", "says", "step"]
+    assert Parameter("mass", 0, 1).operator == "mass"
+
+
+def test_a_run_names_what_the_policy_cannot_do_and_the_expert_can(tmp_path, capsys):
+    store = tmp_path / "carts.db"
+    flags = ["--world", f"{CARTS}:Expert", "--policy", f"{CARTS}:sliding", "--budget", "80"]
+    assert main(["run", *flags, "--store", str(store)]) == 0
+    capsys.readouterr()
+    assert main(["report", str(store), "--trust", "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert rows[0]["operators"] == ["mark"]
+    assert rows[0]["witness"] == "expert"
+    assert main(["report", str(store), "--trust", "--out", str(tmp_path / "r.html")]) == 0
+    assert "data:video/mp4" in (tmp_path / "r.html").read_text()
+
+
+def example(name: str):
+    """A module of the pages, as a user has it."""
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize(
+    ("package", "name", "world", "tasks"),
+    [
+        ("gymnasium", "pendulum", "Pendulum", ["swing-up"]),
+        ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "push-cube"]),
+        ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3"]),
+    ],
+)
+def test_the_expert_of_an_example_solves_its_nominal_scenes(package, name, world, tasks):
+    pytest.importorskip(package)
+    module = example(name)
+    for task in tasks:
+        opened = getattr(module, world)().opened(task)
+        now = opened.reset(dict(space(opened).nominal().values), 0)
+        solved = 0
+        while not opened.ended(now) and now.steps < opened.horizon and solved < opened.stages[-1].steps:
+            now = opened.step(now, np.asarray(opened.solve(now), dtype=np.float64))
+            solved = solved + 1 if opened.stages[-1].holds(now) else 0
+        opened.close()
+        assert solved == opened.stages[-1].steps, task
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
+def test_an_example_has_at_most_120_lines(path):
+    assert len(path.read_text().splitlines()) <= 120
+
+
+def test_the_cart_is_an_environment_as_gymnasium_wants_it():
+    assert isinstance(Cart(), gymnasium.Env)
+    assert Expert().expert() is not None
+    assert Carts().expert() is None
