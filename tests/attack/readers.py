@@ -23,10 +23,10 @@ from vlafuzz.model.scene_lines import is_document
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import jittered
+from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_scene_file
-from vlafuzz.worlds.tabletop.world import WORLD
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
@@ -93,7 +93,7 @@ def policy_name(rng: Rng, folder: Path) -> None:
 
 
 def _lint(path: Path, frame: Any) -> None:
-    verdicts = WORLD.lint(path, frame, (), SILENT, settle=False)
+    verdicts = lint(path, frame, (), SILENT, settle=False)
     json.dumps(verdicts.counts, allow_nan=False)
 
 
