@@ -13,11 +13,11 @@ from PIL import Image
 
 from repair import figures, judged
 from repair.figures import SHIPPED, Estimate, Row
+from repair.sheet import Picture, Sheet, render_sheet
 from vlafuzz.common.text import interval, percent, points
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
-from vlafuzz.report.page import render_sheet
-from vlafuzz.report.sheet import Picture, Sheet, Table
+from vlafuzz.report.tables import Table
 from vlafuzz.worlds.recording import Recording
 
 STRIPS, FRAMES = 3, 6  # scenes of each way to end, and frames of a rollout

@@ -4,20 +4,22 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
+from vlafuzz.common.text import percent
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.counts import cause_table
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
+from vlafuzz.report.tables import cause_table
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
@@ -183,11 +185,29 @@ def test_a_report_begins_with_the_causes(store: Store):
 def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     certified(store, TILTED, DARK)
     tilted, _ = view_of_store(store).causes
-    assert [(number.value, number.says) for number in tilted.numbers] == [
+    assert list(tilted.numbers) == [
         ("100% → 0%", "4 of 4 rollouts fail with it, 0 of 4 without it"),
         ("7", "of 14 failures explained"),
     ]
     assert tilted.step[1].endswith("--minimal --out corpus")
+
+
+def test_the_range_and_the_share_of_a_card_are_those_of_the_same_scenes(tmp_path: Path):
+    rng = np.random.default_rng(0)
+    scenes = [only("light", 1), *(SPACE.sample(rng) for _ in range(80))]
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, strategy="causes"))
+        for proposal, scene in enumerate(scenes):
+            opened.add(1, ended(scene, failed() if DARK(scene) else passed(), proposal))
+        rough = FoundCause(scenes[0], ("light",), 5, SHARE)  # of the range that the strategy has in mind
+        opened.keep_causes(1, Attribution((rough,), 0, Probability(0.9, 0.8, 1.0), tuple(range(1, 81))))
+        triage(opened, lambda run: PlantedRunner([DARK]), findings=cause_findings(opened, 1))
+        (card,), (plot,) = view_of_store(opened).causes, view_of_store(opened).plots
+    ((axis, _, (band,)),) = card.strips
+    assert (axis.quantity, band.quantity) == ("light.intensity", "light.intensity")
+    inside = [scene for scene, failed, drawn in plot.scenes if drawn and failed and band.holds(scene.light.intensity)]
+    assert 0 < len(inside) < 80
+    assert card.numbers[0][0] == percent(len(inside) / 80)
 
 
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):

@@ -145,9 +145,8 @@ UNSEEN = "mini\x1b[31m\u202e\x00 --policy x\r\u2066"
 
 def test_nothing_unseen_reaches_a_page_nor_its_copy_button(tmp_path: Path):
     shown = view(store(tmp_path / "a.db", findings=1))
-    hostile = replace(
-        shown, title=UNSEEN, cards=tuple(replace(card, of=replace(card.of, replay=UNSEEN)) for card in shown.cards)
-    )
+    cards = tuple(replace(card, of=replace(card.of, replay=UNSEEN)) for card in shown.causes)
+    hostile = replace(shown, title=UNSEEN, causes=cards)
     page = render(hostile)
     assert r"mini\x1b[31m\u202e\x00 --policy x\r\u2066" in page
     assert not [sign for sign in page if not sign.isprintable() and sign not in "\n\t\u2009\u202f\u00a0"]

@@ -7,6 +7,7 @@ import math
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, replace
 from typing import Any, Protocol, Self
 
@@ -248,8 +249,19 @@ class Space(ABC):
         return scene
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
-        """Quantities of a scene that no single gene has: by operator and name, in the units of the scene."""
+        """Quantities of a scene that no single gene has, by operator and name; their units are in ``UNITS``.
+
+        What is told of a displacement replaces the genes of its operator, where people see them.
+        """
         return {}
+
+    def quantity(self, scene: Scene, operator: str, name: str) -> Any:
+        """A value of a scene by its path, or a derived one by its name; None where the scene has none."""
+        if name not in self.by_path:
+            return self.derived(scene).get((operator, name))
+        with suppress(IndexError, KeyError):
+            return value_at(scene, name)
+        return None
 
     @property
     def quantities(self) -> Mapping[str, Quantity]:
@@ -303,10 +315,6 @@ class Space(ABC):
         paths, genes = dict(fails[0][0]), [gene for gene in self.by_path.values() if gene.operator == group]
         field = f" {next(iter(paths)).rpartition('.')[2]}" if len(paths) == 1 < len(genes) else ""
         return f"the {spoken(group)}{field} is {ranges}"
-
-    def displaced(self, scene: Scene) -> Mapping[tuple[str, str], float]:
-        """Displacements as people see them: by operator, and unit with direction such as ``cm to the left``."""
-        return {}
 
     def draw(self, path: str, rng: np.random.Generator) -> float:
         """A random value of a gene; nominal if its operator does not vary."""

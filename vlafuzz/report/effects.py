@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -13,8 +12,8 @@ from vlafuzz.common.statistics import Share, holm
 from vlafuzz.common.text import plural
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene, amount
-from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.sheet import Table
+from vlafuzz.model.space import Space
+from vlafuzz.report.tables import Table
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
@@ -154,23 +153,27 @@ def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
 
 
 def quantities(space: Space, scenes: Sequence[Scene]) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
-    """By operator, name and path: the value in each scene. Confounders are told by number and nearness."""
-    found: dict[tuple[str, str, str], Sequence[Value | None]] = {}
+    """The value in each scene of what varies, by operator, name in words, and path or derived name.
+
+    Confounders are told by number and nearness, displacements by what is derived of them.
+    """
+    keys = dict.fromkeys((operator, name, name) for scene in scenes for operator, name in space.derived(scene))
+    told = {operator for operator, _, _ in keys}
+    genes = []
     for gene in space.genes:
-        if not gene.slot.startswith("confounders"):
+        if gene.operator not in told and not gene.slot.startswith("confounders"):
             *_, slot, name = ("", *gene.path.split("."))
             owner = f" of object {int(slot) + 1}" if slot.isdigit() and slot != "0" else ""
-            quantity = "" if name in ("object", "confounders", "instruction") else name
-            values = [_value(value_at(scene, gene.path)) for scene in scenes]
-            found[gene.operator, f"{quantity}{owner}".strip(), gene.path] = values
-    derived = [space.derived(scene) for scene in scenes]
-    for operator, quantity in dict.fromkeys(name for one in derived for name in one):
-        found[operator, quantity, "x"] = [one.get((operator, quantity)) for one in derived]
+            quantity = "" if name in ("object", "confounders", "instruction", gene.operator) else name
+            genes.append((gene.operator, f"{quantity}{owner}".strip(), gene.path))
+    found = {key: [value_in(space, scene, key[0], key[2]) for scene in scenes] for key in (*genes, *keys)}
     return {key: values for key, values in found.items() if len({*values} - {None}) > 1}
 
 
-def _value(value: Any) -> Value:
-    return value if isinstance(value, (int, float)) else str(value).replace("_", " ")
+def value_in(space: Space, scene: Scene, operator: str, quantity: str) -> Value | None:
+    """A number, or the name of an option in words; see ``Space.quantity``."""
+    value = space.quantity(scene, operator, quantity)
+    return value if value is None or isinstance(value, (int, float)) else str(value).replace("_", " ")
 
 
 def _effect(

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import SOLVERS
+from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.model.evidence import Actions
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.view import Card, Shot, View
@@ -52,29 +53,26 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
 
     A note says in how many the policy does not fail.
     """
-    cards = list(view.cards)
-    chosen = [index for index, card in enumerate(cards) if card.of][:limit]
-    for done, index in enumerate(sorted(chosen, key=lambda index: view.runs.index(_run(cards[index])))):
+    chosen = [(card, card.of) for card in view.cards if card.of][:limit]
+    shots: dict[Card, list[Shot]] = {}
+    for done, (card, of) in enumerate(sorted(chosen, key=lambda pair: view.runs.index(pair[1].run))):
         watch(done, len(chosen))
-        cards[index] = replace(cards[index], shots=tuple(_shots(cards[index], films)))
+        shots[card] = list(_shots(card, of, films))
     watch(len(chosen), len(chosen))
-    shown = [shot.film for card in cards for shot in card.shots if shot.kind == "fails"]
+    causes, failures = (
+        tuple(replace(card, shots=shots.get(card, ())) for card in cards) for cards in (view.causes, view.failures)
+    )
+    shown = [shot.film for several in shots.values() for shot in several if shot.kind == "fails"]
     notes = list(view.notes)
     if passed := sum(not film.failed for film in shown):
         reason = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
         notes.append(f"In {passed} of {plural(len(shown), 'film')} the policy passes: {reason}.")
-    return replace(view, cards=tuple(cards), notes=tuple(notes))
+    return replace(view, causes=causes, failures=failures, notes=tuple(notes))
 
 
-def _run(card: Card) -> Manifest:
-    assert card.of is not None
-    return card.of.run
-
-
-def _shots(card: Card, films: Films) -> Iterator[Shot]:
+def _shots(card: Card, of: DescribedFailure, films: Films) -> Iterator[Shot]:
     """What passes beside it, the failure, and the reference solution."""
-    of, neighbour = card.of, None
-    assert of is not None
+    neighbour = None
     for name, scene in card.neighbours[:TRIED]:
         if scene != of.scene and (film := films(of.run, scene, None)):
             if neighbour is None or not film.failed:

@@ -1,4 +1,4 @@
-"""Views and sheets as self-contained HTML pages."""
+"""Views as self-contained HTML pages."""
 
 import json
 import math
@@ -18,9 +18,11 @@ from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
 from vlafuzz.report.effects import ENOUGH
 from vlafuzz.report.plots import Plot
-from vlafuzz.report.sheet import Sheet
 from vlafuzz.report.view import View
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
+
+_OF_AXIS = ("id", "operator", "name", "unit", "log", "options", "low", "high", "nominal")
+MOST = 1500  # scenes that are drawn; of more an even selection
 
 
 def render(view: View, *, refresh: int | None = None) -> str:
@@ -30,16 +32,11 @@ def render(view: View, *, refresh: int | None = None) -> str:
         refresh: seconds after which the browser loads it again.
     """
     films = {film_id(shot.film): _encoded(shot.film.video) for card in view.cards for shot in card.shots}
-    page = _environment().get_template("page.html.j2")
+    page = environment().get_template("page.html.j2")
     plots = [_plot_data(plot, view) for plot in view.plots]
     return page.render(
         view=view, plots=_script(plots), films=_script(films), speed=FILM_SPEED, version=__version__, refresh=refresh
     )
-
-
-def render_sheet(sheet: Sheet) -> str:
-    """A sheet as one HTML page without external resources."""
-    return _environment().get_template("sheet.html.j2").render(sheet=sheet, version=__version__, refresh=None)
 
 
 def film_id(film: Film) -> str:
@@ -51,27 +48,33 @@ def _plot_data(plot: Plot, view: View) -> dict[str, Any]:
     """What ``page.js`` draws: axes with their curves, scenes, and the cards among them."""
     shown = [(card, card.of) for card in view.cards if card.plot is plot and card.of]
     cards = {digest: card.id for card, of in shown for digest in (of.scene.digest, *of.found, *of.alike)}
-    bands = [(card.title, band) for card, _ in shown for band in card.bands]
+    bands = [(band, card.title) for card, _ in shown for band in card.bands]
+    axes = [
+        {name: getattr(axis, name) for name in _OF_AXIS}
+        | {
+            "curve": [[_short(place), *map(_short, rate)] for place, rate in axis.curve],
+            "bars": [[one.count, one.of, _short(one.low), _short(one.high)] for one in axis.bars],
+            "bands": [
+                [_short(max(band.low, axis.low)), _short(min(band.high, axis.high)), title]
+                for band, title in bands
+                if (band.operator, band.quantity) == (axis.operator, axis.quantity)
+            ],
+        }
+        for axis in plot.axes
+    ]
+    points = [
+        [int(failed), int(drawn), cards.get(scene.digest), *map(_short, plot.values(scene))]
+        for scene, failed, drawn in plot.scenes[:: -(-len(plot.scenes) // MOST)]
+    ]
     return {
         "title": plot.title,
-        "random": len(plot.drawn),
+        "random": plot.random,
         "enough": ENOUGH,
-        "axes": [
-            {
-                **{name: getattr(axis, name) for name in ("id", "operator", "name", "unit", "log", "options")},
-                "low": axis.low, "high": axis.high, "nominal": axis.nominal,
-                "curve": [[_short(place), *map(_short, rate)] for place, rate in axis.curve],
-                "bars": [[one.count, one.of, _short(one.low), _short(one.high)] for one in axis.bars],
-                "bands": [[_short(one.low), _short(one.high), title] for title, one in bands if one.axis == axis.id],
-            }
-            for axis in plot.axes
-        ],
-        "points": [
-            [int(one.failed), int(one.drawn), cards.get(one.digest), *map(_short, one.values)] for one in plot.shown
-        ],
+        "axes": axes,
+        "points": points,
         "cards": {card.id: list(map(_short, plot.values(of.scene))) for card, of in shown},
         "maps": [vars(one) for one in plot.maps],
-    }  # fmt: skip
+    }
 
 
 def _short(value: float | None) -> float | None:
@@ -84,8 +87,9 @@ def _script(data: object) -> Markup:
 
 
 @cache
-def _environment() -> Environment:
-    environment = Environment(
+def environment() -> Environment:
+    """The templates of pages."""
+    made = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
         autoescape=True,  # names and instructions are untrusted text
         finalize=_shown,
@@ -93,13 +97,13 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {
+    made.filters |= {
         "percent": percent,
         "film_id": film_id,
         "data": lambda content, kind: f"data:{kind};base64,{_encoded(content)}",
     }
-    environment.globals["interval"] = interval
-    return environment
+    made.globals["interval"] = interval
+    return made
 
 
 def _encoded(content: bytes) -> str:

@@ -10,13 +10,12 @@ from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, Spaces, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
-from vlafuzz.failures.triage.summary import TriageSummary, summarise
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.cards import cards_of, sentence
-from vlafuzz.report.counts import Counts, Standing, cause_table, count, row_of_run, run_table, standings_of, tables_of
+from vlafuzz.report.cards import card_of, sentence
+from vlafuzz.report.counts import Standing, rollouts_of, standings_of
 from vlafuzz.report.effects import draws, effects_of
 from vlafuzz.report.plots import Plot, plot_of
-from vlafuzz.report.sheet import Table
+from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Manifest, Run
@@ -37,33 +36,34 @@ def view_of(source: Path) -> View:
 
 def view_of_store(store: Store) -> View:
     """The causes and failures of the runs, with the results of triage."""
-    runs, counts, summary = store.runs(), count(store), summarise(store)
-    listing, spaces = listing_of_store(store), Spaces(store.path)
-    standings = standings_of(store, counts, listing.causes)
-    groups = _comparable(runs)
+    runs, listing, spaces = store.runs(), listing_of_store(store), Spaces(store.path)
+    standings, groups = standings_of(store, listing.causes), _comparable(runs)
     plots = [_plot(store, group, spaces) for group in groups]
+    of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
     found = list(_shown(listing, runs))
     shown = {of for _, of, _ in found if of}
-    others = [one for one in listing.failures if one not in shown]
-    of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
-    by_failure = {one: of_run[one.number] for one in listing.failures if one.number in of_run}
-    effects = [
-        effects.table
-        for group in groups
-        if (effects := effects_of(store, group[0], spaces.of(group[0].manifest))) and effects.found
-    ]
+    causes = (
+        card_of(store.path, f"cause-{number}", of, of_run.get(of.number or 0) if of else None, cause, failures)
+        for number, (cause, of, failures) in enumerate(found, start=1)
+    )
+    failures = (
+        card_of(store.path, f"failure-{number}", of, of_run.get(of.number or 0))
+        for number, of in enumerate((one for one in listing.failures if one not in shown), start=1)
+    )
+    effects = (effects_of(store, group[0], spaces.of(group[0].manifest)) for group in groups)
     several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
-    table = run_table(store)
+    tables = (*several, *map(cause_table, listing.causes), *(one.table for one in effects if one and one.found))
     return View(
         title=listing.title,
         source=str(store.path),
-        phase=_phase(store, runs, listing.causes, counts),
-        heads=tuple(_head(one, listing, runs, counts) for one in standings),
-        cards=cards_of(store.path, found, others, by_failure),
+        phase=_phase(store, runs, listing.causes),
+        heads=tuple(_head(one, listing, runs, store) for one in standings),
+        causes=tuple(causes),
+        failures=tuple(failures),
         plots=tuple(plot for plot in plots if plot.axes),
         runs=listing.runs,
-        facts=_facts(runs, counts, summary),
-        tables=(*several, *map(cause_table, listing.causes), *effects, *tables_of(counts), *([table] if table else [])),
+        facts=_facts(store, runs),
+        tables=(*tables, run_table(store, runs)) if runs else (),
         todo=listing.todo,
         notes=(_TOY,) if any(run.policy == "mini" for run in listing.runs) else (),
     )
@@ -113,47 +113,45 @@ def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause,
             yield ListedCause.of_failure(one), one, 0
 
 
-def _head(one: Standing, listing: Listing, runs: Sequence[Run], counts: Counts) -> Head:
+def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) -> Head:
     """The sentence on a policy in a task, by the newest run that looked for causes."""
     numbers = {run.id for run in runs if (run.manifest.model, run.manifest.task) == (one.policy, one.task)}
     found = next((each for each in reversed(listing.causes) if each.run in numbers), None)
     certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
-    failed, name = counts.failed_in(one.task, one.policy), f"{one.policy} on {one.task}"
+    failed, judged = store.judged(sorted(numbers))
+    name = f"{one.policy} on {one.task}"
     if causes:
         return Head(name, sentence(causes), one.rate)
-    if not failed.of:
+    if not judged:
         return Head(name, "No scene was judged.", one.rate)
-    if not failed.count:
-        return Head(name, f"Passes in all {plural(failed.of, 'scene')} that were tried.", one.rate)
+    if not failed:
+        return Head(name, f"Never failed in {plural(judged, 'scene')}.", one.rate)
     why = f"No cause was found{found.nominal}" if found else "Nothing has looked for causes yet"
-    return Head(name, f"Fails in {failed.count} of {plural(failed.of, 'scene')} that were tried. {why}.", one.rate)
+    return Head(name, f"Fails in {failed} of {plural(judged, 'scene')} that were tried. {why}.", one.rate)
 
 
-def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList], counts: Counts) -> str:
+def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:
     """What goes on in a store."""
     if not runs:
         return "no run yet"
     run, written = runs[-1], is_being_written(store.path)
     if run.status != "finished" and run.status != "stopped":
         word = "searching" if run.status == "running" and written else "interrupted"
-        return f"{word}: {counts.rollouts[run.id]} of {run.manifest.budget} rollouts done"
+        return f"{word}: {rollouts_of(store, run)} of {run.manifest.budget} rollouts done"
     if written:
         found = next((one for one in lists if one.run == run.id), None)
         return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"
     return "finished"
 
 
-def _facts(runs: Sequence[Run], counts: Counts, summary: TriageSummary) -> tuple[tuple[str, str], ...]:
-    manifests = [run.manifest for run in runs]
-    searched = duration(sum(run.seconds or 0.0 for run in runs))
-    if unfinished := sum(run.seconds is None for run in runs):
-        searched = "still running" if len(runs) == 1 else f"{searched} and {plural(unfinished, 'unfinished run')}"
-    spent = _spent(summary.policy_rollouts, summary.expert_rollouts, summary.seconds) if summary.triaged else ""
+def _facts(store: Store, runs: Sequence[Run]) -> tuple[tuple[str, str], ...]:
+    manifests, triaged = [run.manifest for run in runs], store.triaged()
+    spent = (sum(getattr(one, name) for one in triaged) for name in ("policy_rollouts", "expert_rollouts", "seconds"))
     facts = (
         ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
-        ("Search", f"{plural(counts.rollouts.total(), 'rollout')}, {searched}"),
-        ("Triage", spent and f"{summary.triaged} of {plural(summary.findings, 'failure')}, {spent}"),
+        ("Search", duration(sum(run.seconds or 0.0 for run in runs))),
+        ("Triage", _spent(*spent) if triaged else ""),
         ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
         _places({run.id: run.manifest for run in runs}),
     )
@@ -179,6 +177,10 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     scenes += [(case.scene, True, False) for case in corpus.cases]
     plot = plot_of(listing.title, Spaces(folder).of(corpus.runs[0]), scenes)
     causes = [ListedCause.of_failure(one) for one in listing.failures]
+    cards = (
+        card_of(folder, f"cause-{number}", of, plot, cause)
+        for number, (of, cause) in enumerate(zip(listing.failures, causes, strict=True), start=1)
+    )
     left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
     lost = Counter(case.lost_stage for case in corpus.cases)
     facts = (
@@ -195,12 +197,7 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         title=listing.title,
         source=str(folder),
         heads=(Head(listing.title, sentence(causes)),) if causes else (),
-        cards=cards_of(
-            folder,
-            [(cause, of, 0) for cause, of in zip(causes, listing.failures, strict=True)],
-            (),
-            dict.fromkeys(listing.failures, plot),
-        ),
+        causes=tuple(cards),
         plots=(plot,) if plot.axes else (),
         runs=listing.runs,
         facts=tuple((name, value) for name, value in facts if value),

@@ -1,48 +1,28 @@
 """The report as values, without HTML."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
-from vlafuzz.failures.causes import ListedCause
 from vlafuzz.failures.described import DescribedFailure
+from vlafuzz.failures.regions import Band
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.plots import Band, Plot
-from vlafuzz.report.sheet import Table
+from vlafuzz.report.plots import Axis, Plot
+from vlafuzz.report.tables import Table
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import Film
 
 
-@dataclass(frozen=True)
-class Strip:
-    """An operator's axis with what fails on it; places are shares of the axis, in [0, 1].
+class Strip(NamedTuple):
+    """An axis with the value of a scene, and what fails for its cause."""
 
-    Attributes:
-        name: of the quantity; ``low`` and ``high``: the ends of its range, with units.
-        nominal: where the nominal value is.
-        fails: the ranges that fail.
-        here: the value in the scene.
-        says: the same in words.
-    """
-
-    name: str
-    low: str
-    high: str
-    nominal: float
-    fails: tuple[tuple[float, float], ...]
-    here: float
-    says: str
+    axis: Axis
+    value: float
+    fails: Sequence[Band]
 
 
-@dataclass(frozen=True)
-class Number:
-    """A number of a card, and what it means."""
-
-    value: str
-    says: str
-
-
-@dataclass(frozen=True, eq=False)
-class Shot:
+class Shot(NamedTuple):
     """A film of a card; ``kind`` is ``passes``, ``fails`` or ``solves``."""
 
     kind: str
@@ -58,8 +38,8 @@ class Card:
         id: anchor in the page.
         title: what it takes, as a title.
         of: the failure; None for a cause that no stored failure shows.
-        cause: None for a failure of no cause.
         badge: how well it is shown, and what that means.
+        numbers: each with what it means.
         step: what to do next, and the command.
         neighbours: scenes in which the policy should pass, the likeliest first, with their names.
         plot: the scenes among which it is; ``bands``: what fails there.
@@ -68,19 +48,17 @@ class Card:
     id: str
     title: str
     of: DescribedFailure | None
-    cause: ListedCause | None = None
     badge: tuple[str, str]
-    numbers: tuple[Number, ...] = ()
-    strips: tuple[Strip, ...] = ()
+    numbers: Sequence[tuple[str, str]] = ()
+    strips: Sequence[Strip] = ()
     step: tuple[str, str] | None = None
-    neighbours: tuple[tuple[str, Scene], ...] = ()
-    shots: tuple[Shot, ...] = ()
+    neighbours: Sequence[tuple[str, Scene]] = ()
+    shots: Sequence[Shot] = ()
     plot: Plot | None = None
-    bands: tuple[Band, ...] = ()
+    bands: Sequence[Band] = ()
 
 
-@dataclass(frozen=True)
-class Head:
+class Head(NamedTuple):
     """What is found of a policy in a task, in a sentence, with its failure rate in random scenes if that is known."""
 
     name: str
@@ -95,7 +73,7 @@ class View:
     Attributes:
         source: the store or folder.
         phase: what a run is doing, or how it ended; empty for a corpus.
-        cards: those of causes first.
+        causes, failures: cards; failures are those without a cause.
         plots: one for all runs that differ in search and seed only.
         facts, tables: how it was found out.
         todo: next steps, each a sentence and the command.
@@ -106,7 +84,8 @@ class View:
     source: str
     phase: str = ""
     heads: tuple[Head, ...] = ()
-    cards: tuple[Card, ...] = ()
+    causes: tuple[Card, ...] = ()
+    failures: tuple[Card, ...] = ()
     plots: tuple[Plot, ...] = ()
     runs: tuple[Manifest, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()
@@ -115,13 +94,8 @@ class View:
     notes: tuple[str, ...] = ()
 
     @property
-    def causes(self) -> tuple[Card, ...]:
-        return tuple(card for card in self.cards if card.id.startswith("cause"))
-
-    @property
-    def failures(self) -> tuple[Card, ...]:
-        """The cards of failures without a cause."""
-        return self.cards[len(self.causes) :]
+    def cards(self) -> tuple[Card, ...]:
+        return self.causes + self.failures
 
     @property
     def filters(self) -> dict[tuple[str, str], list[str]]:

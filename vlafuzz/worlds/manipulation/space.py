@@ -70,6 +70,7 @@ _TURNED = {
 }
 # By direction, as whoever looks through the camera sees it: in words, and the opposite one.
 _WAYS = {"to the left": ("to the left ←", "to the right →"), "up": ("up ↑", "down ↓"), "back": ("back", "forward")}
+model.UNITS.update(dict.fromkeys(_WAYS, " cm"))
 PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a scene with one gene per field
 
 
@@ -283,9 +284,9 @@ class TableSpace(Space):
             return f"the target is at {described}"
         return f"the target {'' if described.startswith('rests') else 'is '}{described.replace('yaw', 'turned to')}"
 
-    def displaced(self, scene: Scene) -> Mapping[tuple[str, str], float]:
+    def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         ways = seen_from(self.rig.view, scene.camera)
-        return {(CameraPosition.name, f"cm {way}"): round(100 * far, 2) + 0.0 for way, far in ways.items()}
+        return {(CameraPosition.name, way): round(100 * far, 2) + 0.0 for way, far in ways.items()}
 
     def _targets(self, operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
         """What differs of the targets that an operator is about."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import UsageError
 from vlafuzz.model.quantities import Quantity
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model.scene import UNITS, Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
@@ -163,6 +163,7 @@ def _distinct(slots: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
 
 
 _NEAREST = ("confounder-position", "distance of the nearest confounder from the target")
+UNITS[_NEAREST[1]] = " m"
 
 
 class SearchSpace(TableSpace):
@@ -246,9 +247,8 @@ class SearchSpace(TableSpace):
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         target, *_ = scene.targets
         places = [(other.x - target.x, other.y - target.y) for other in scene.confounders]
-        if not places:
-            return {}
-        return {_NEAREST: min(round(float(np.hypot(*place)), 3) for place in places)}
+        nearest = {_NEAREST: min(round(float(np.hypot(*place)), 3) for place in places)} if places else {}
+        return {**super().derived(scene), **nearest}
 
 
 class Attempt:
