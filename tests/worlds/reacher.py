@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.model.task import Stage
-from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, EpisodeStart, Observation, PolicySpec
 from vlafuzz.worlds.values import Parameter, Value, ValuesWorld
 
 LINKS = (0.5, 0.4)  # metres
@@ -68,6 +68,13 @@ class Reacher(ValuesWorld[Arm]):
         far = hypot(float(values["ball-x"]), float(values["ball-y"]))
         return None if 0.2 <= far <= 0.85 else f"the ball is {far:.2f} m away, out of reach"
 
+    def picture(self, state: Arm) -> np.ndarray:
+        drawn = np.zeros((32, 32, 3), np.uint8)
+        for place, colour in ((state.hand, 0), (state.ball, 1)):
+            column, row = (int(16 + 15 * part) for part in place)
+            drawn[31 - row, column, colour] = 255
+        return drawn
+
     def expert(self) -> "Downhill":
         return Downhill(sees_all=True, width=self.action_width)
 
@@ -118,3 +125,20 @@ def downhill() -> Any:
 
 def narrow() -> Any:
     return Downhill(width=2)
+
+
+class Watching(Downhill):
+    """Turns by what it sees of hand and ball."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.spec = PolicySpec("watching", cameras=(CameraRequest("eye", 32, 32),))
+
+    def _answer(self, seen: Observation) -> np.ndarray:
+        red, green, _ = np.moveaxis(seen.images["eye"].astype(float), -1, 0)
+        across = [float(np.argmax(layer.max(axis=0)) - 16) / 100 for layer in (red, green)]
+        return np.array([across[1] - across[0], across[1], 0, 0, 0, 0, 1.0])
+
+
+def watching() -> Any:
+    return Watching()

@@ -100,3 +100,9 @@ def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
 def test_a_policy_whose_actions_have_another_width_is_refused(capsys):
     assert main(["run", "--world", NARROW, "--policy", POLICY, "--budget", "2"]) == 2
     assert "policy 'downhill' acts by 7 numbers" in capsys.readouterr().err
+
+
+def test_a_policy_that_sees_is_not_called_blind_or_deaf_where_only_values_vary(capsys):
+    assert main(["doctor", "--world", WORLD, "--policy", f"{MODULE}:watching", "--n", "1", "--json"]) in (0, 3)
+    rows = {row["check"]: row["verdict"] for row in json.loads(capsys.readouterr().out)}
+    assert (rows["sight"], rows["hearing"]) == ("ok", "ok")

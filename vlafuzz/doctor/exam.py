@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
-from itertools import count, cycle, islice
+from itertools import chain, count, cycle, islice
 from pathlib import Path
 from statistics import fmean, median
 
@@ -156,8 +156,10 @@ class Exam:
         """Record the beginnings of some rollouts in cluttered scenes."""
         recorder, seen = self._recorder, 0
         recorder.most, space = ANSWERS, self._space(TARGETS)
-        cluttered = TARGETS + CLUTTER
-        for scene in islice(self._drawn(cluttered if self._space(cluttered).genes else None), SCENES * UNFAIR):
+        drawn = self._drawn(TARGETS + CLUTTER)
+        if not self._space(TARGETS + CLUTTER).genes:  # a world without things on a table
+            drawn = chain([space.nominal()], self._drawn(None))
+        for scene in islice(drawn, SCENES * UNFAIR):
             if other := space.misnamed(scene):
                 self._rewordings[scene.instruction] = other
             outcome = self._roll(scene)

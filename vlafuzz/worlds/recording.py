@@ -63,7 +63,7 @@ class Recording:
 
     def frame_after(self, steps: int) -> int:
         """The last frame that was kept in so many control steps."""
-        return min(steps // self._stride, len(self.frames) - 1)
+        return max(0, min(steps // self._stride, len(self.frames) - 1))
 
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
         """Frame in red, with a word, all that comes after the last progress of a rollout.
