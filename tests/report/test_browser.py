@@ -65,6 +65,7 @@ def output(page: "sync.Page") -> str:
 
 def test_filters_narrow_the_gallery_live_in_the_address_and_reset(page: "sync.Page"):
     assert (shown(page), output(page)) == (5, "5 of 5 shown")
+    assert page.locator(".filters select[name]").evaluate_all("(all) => all.map((one) => one.name)") == ["operator"]
     assert page.get_by_role("button", name="Reset").is_disabled()
     page.locator("select[name=operator]").select_option("light")
     assert (shown(page), output(page)) == (3, "3 of 5 shown")

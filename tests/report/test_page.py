@@ -86,11 +86,6 @@ def test_a_title_says_the_cause(page: Page):
     assert "not nominal" not in page.text
 
 
-def test_filters_offer_what_the_cards_differ_in(page: Page):
-    assert [select["name"] for select in page.all("select")] == ["operator"]
-    assert {option["value"] for option in page.all("option")} == {"", "camera-orientation", "light"}
-
-
 def test_foreign_text_stays_text(tmp_path: Path):
     page = page_of(store(tmp_path / "a.db", policy=HOSTILE), films=True)
     assert len(page.all("script")) == 3

@@ -216,9 +216,10 @@ function scatter(plot, xAxis, yAxis, map = null) {
     const where = { cx: x(point[3 + across] + spread(xAxis, number)), cy: y(point[3 + along] + spread(yAxis, number)) };
     const dot = svg("circle", { class: `dot ${failed ? "bad" : "good"}${random ? "" : " led"}`, r: card ? 5 : 3.2, ...where });
     const values = `${xAxis.name} ${written(xAxis, point[3 + across])}, ${yAxis.name} ${written(yAxis, point[3 + along])}`;
-    dot.append(svg("title", {}, `${failed ? "fails" : "passes"}: ${values}`));
-    if (card && document.getElementById(card)) {
-      const link = svg("a", { href: `#${card}`, "aria-label": `Failure at ${values}: open its card` }, dot);
+    const known = card && document.getElementById(card);
+    dot.append(svg("title", {}, `${failed ? "fails" : "passes"}: ${values}${known ? "; opens its card" : ""}`));
+    if (known) {
+      const link = svg("a", { href: `#${card}` }, dot);
       link.addEventListener("click", () => open(card));
       layer.append(link);
     } else layer.append(dot);
@@ -289,13 +290,13 @@ const axes = new Map(plots.flatMap((plot) => plot.axes.map((axis) => [axis.id, a
 
 function draw(root) {
   const plot = plots[root.dataset.plot];
-  if (plots.length > 1) root.append(html("h3", {}, plot.title));
+  if (plots.length > 1) root.append(html("h3", { class: "of" }, plot.title));
   if (plot.random < plot.enough) {
     const few = plot.random === 1 ? "There is 1 random scene" : `There are ${plot.random} random scenes`;
     root.append(html("p", { class: "warn" }, `${few}: too few for curves that mean much, which are hatched. From ${plot.enough} on they are drawn in full.`));
   }
   const panel = (title, picture, wide = false) => {
-    const element = html("section", { class: wide ? "plot wide" : "plot" }, html("h4", {}, ...title), picture);
+    const element = html("section", { class: wide ? "plot wide" : "plot" }, html("h3", {}, ...title), picture);
     root.append(element);
     return element;
   };
@@ -333,6 +334,14 @@ function grouped(list) {
 const form = document.querySelector(".filters");
 const gallery = all(".gallery .card");
 const ranges = new Map();
+// A choice for each property in which the cards of the gallery differ.
+for (const [key, name] of Object.entries({ task: "Task", stage: "Fails at", operator: "Changed" })) {
+  const values = [...new Set(gallery.flatMap((card) => card.dataset[key].split(" ")))].sort();
+  if (values.length < 2) continue;
+  const select = html("select", { name: key }, html("option", { value: "" }, "all"));
+  for (const value of values) select.append(html("option", { value }, value));
+  form.querySelector(".ranges").before(html("label", {}, name, select));
+}
 const value = (card, id) => {
   for (const plot of plots) {
     const index = plot.axes.findIndex((axis) => axis.id === id);

@@ -1,10 +1,10 @@
 """The views of a store and of an exported corpus."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from vlafuzz.common.text import duration, named, plural
+from vlafuzz.common.text import named, plural
 from vlafuzz.failures.causes import CauseList, ListedCause
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
@@ -18,9 +18,8 @@ from vlafuzz.report.plots import Plot, plot_of
 from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
-from vlafuzz.store.records import Manifest, Run
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.provenance import by_place, in_words
 
 _TOY = "mini is a small policy that comes with vlafuzz to try it out: its failures say nothing about others."
 
@@ -62,7 +61,6 @@ def view_of_store(store: Store) -> View:
         failures=tuple(failures),
         plots=tuple(plot for plot in plots if plot.axes),
         runs=listing.runs,
-        facts=_facts(store, runs),
         tables=(*tables, run_table(store, runs)) if runs else (),
         todo=listing.todo,
         notes=(_TOY,) if any(run.policy == "mini" for run in listing.runs) else (),
@@ -145,31 +143,6 @@ def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str
     return "finished"
 
 
-def _facts(store: Store, runs: Sequence[Run]) -> tuple[tuple[str, str], ...]:
-    manifests, triaged = [run.manifest for run in runs], store.triaged()
-    spent = (sum(getattr(one, name) for one in triaged) for name in ("policy_rollouts", "expert_rollouts", "seconds"))
-    facts = (
-        ("Policy checkup", named(run.checkup for run in manifests if run.checkup not in ("", "ok"))),
-        ("Search", duration(sum(run.seconds or 0.0 for run in runs))),
-        ("Triage", _spent(*spent) if triaged else ""),
-        ("Made with", named(run.simulator.replace("/", ", ") for run in manifests)),
-        _places({run.id: run.manifest for run in runs}),
-    )
-    return tuple((name, value) for name, value in facts if value)
-
-
-def _places(runs: Mapping[int, Manifest]) -> tuple[str, str]:
-    """Where runs were made, by number."""
-    places = {number: run.place for number, run in runs.items()}
-    if len(set(places.values())) > 1:
-        return "Made at several places, whose outcomes may differ", by_place(places)
-    return "Made at", "".join(map(in_words, set(places.values())))
-
-
-def _spent(policy: int, expert: int, seconds: float) -> str:
-    return f"{policy} rollouts of the policy, {expert} of the expert, {duration(seconds)}"
-
-
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     """The cases, with the evidence from triage, among the random scenes of the corpus."""
     evidence, listing = corpus.evidence, listing_of_corpus(folder, corpus)
@@ -181,18 +154,19 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         card_of(folder, f"cause-{number}", of, plot, cause)
         for number, (of, cause) in enumerate(zip(listing.failures, causes, strict=True), start=1)
     )
-    left_out = ", ".join(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
-    lost = Counter(case.lost_stage for case in corpus.cases)
-    facts = (
-        ("Name", corpus.name),
-        ("Fails at", named(f"{stage} ({number})" for stage, number in lost.most_common())),
-        ("Search", f"{plural(evidence.search_rollouts, 'rollout')}, {plural(evidence.findings, 'failure')}"),
-        ("Triage", _spent(evidence.triage_rollouts, evidence.expert_rollouts, evidence.seconds)),
-        _places(dict(enumerate(corpus.runs, start=1))),
-        ("Renderer", corpus.renderer or ""),
-        ("Made", corpus.created),
-        ("Minimal, but left out", left_out),
-    )
+    left_out = named(f"{count} {reason}" for reason, count in evidence.left_out.items() if count)
+    lost = Counter(case.lost_stage for case in corpus.cases).most_common()
+    made = {
+        "corpus": corpus.name,
+        "fails at": named(f"{stage} ({number})" for stage, number in lost),
+        "rollouts of search": evidence.search_rollouts,
+        "of triage": evidence.triage_rollouts,
+        "of the expert": evidence.expert_rollouts,
+        "minimal, but left out": left_out or "–",
+        "renderer": corpus.renderer or "–",
+        "made": corpus.created,
+    }
+    runs = [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]
     return View(
         title=listing.title,
         source=str(folder),
@@ -200,6 +174,5 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
         causes=tuple(cards),
         plots=(plot,) if plot.axes else (),
         runs=listing.runs,
-        facts=tuple((name, value) for name, value in facts if value),
-        tables=(Table("Runs", [row_of_run(number, run) for number, run in enumerate(listing.runs, start=1)]),),
+        tables=(Table("Corpus", [made]), Table("Runs", runs)),
     )

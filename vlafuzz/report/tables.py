@@ -5,11 +5,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.common.statistics import Share
+from vlafuzz.common.text import duration
 from vlafuzz.failures.causes import CauseList
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import RANDOM
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.provenance import in_words
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,17 @@ def run_table(store: Store, runs: Sequence[Run]) -> Table:
 
 def row_of_run(number: int, run: Manifest) -> dict[str, object]:
     """What a run was asked to do, as columns of a table."""
-    columns: dict[str, object] = {"run": number, "task": run.task, "policy": run.model, "strategy": run.strategy}
-    return columns | {"seed": run.seed, "budget": run.budget}
+    return {
+        "run": number,
+        "task": run.task,
+        "policy": run.model,
+        "strategy": run.strategy,
+        "seed": run.seed,
+        "budget": run.budget,
+        "checkup": run.checkup or "–",
+        "made with": run.simulator.replace("/", ", ") or "–",
+        "made at": in_words(run.place) or "–",
+    }
 
 
 def _counted(store: Store, run: Run) -> dict[str, object]:
@@ -64,4 +75,5 @@ def _counted(store: Store, run: Run) -> dict[str, object]:
         "errors": verdicts[Verdict.ERROR],
         "stages reached": ", ".join(f"{stage} {count}" for stage, count in reached.items()) or "–",
         "rollouts": len(rollouts),
+        "time": duration(run.seconds) if run.seconds else "–",
     }

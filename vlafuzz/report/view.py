@@ -75,7 +75,7 @@ class View:
         phase: what a run is doing, or how it ended; empty for a corpus.
         causes, failures: cards; failures are those without a cause.
         plots: one for all runs that differ in search and seed only.
-        facts, tables: how it was found out.
+        tables: how it was found out.
         todo: next steps, each a sentence and the command.
         notes: caveats, in sentences.
     """
@@ -88,7 +88,6 @@ class View:
     failures: tuple[Card, ...] = ()
     plots: tuple[Plot, ...] = ()
     runs: tuple[Manifest, ...] = ()
-    facts: tuple[tuple[str, str], ...] = ()
     tables: tuple[Table, ...] = ()
     todo: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
@@ -96,14 +95,3 @@ class View:
     @property
     def cards(self) -> tuple[Card, ...]:
         return self.causes + self.failures
-
-    @property
-    def filters(self) -> dict[tuple[str, str], list[str]]:
-        """The choices of each filter of the gallery, by its key and name."""
-        shown = [card.of for card in self.failures if card.of]
-        choices = {
-            ("task", "Task"): {one.scene.task for one in shown},
-            ("stage", "Fails at"): {one.lost_stage for one in shown},
-            ("operator", "Changed"): {name for one in shown for name in one.operators},
-        }
-        return {key: sorted(values) for key, values in choices.items() if len(values) > 1}
