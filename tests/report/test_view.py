@@ -3,6 +3,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.doubles import ended, failed, passed
@@ -11,6 +12,7 @@ from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import SPACE, Condition
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
+from tests.worlds.reacher import Reacher
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
@@ -20,10 +22,12 @@ from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.report.films import filmed
 from vlafuzz.report.page import render
+from vlafuzz.report.plots import plot_of
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.store.records import Attribution, FoundCause, Run
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.base import SceneMap, Wanted
 
 
 @pytest.fixture(scope="module")
@@ -276,3 +280,31 @@ def test_guided_scenes_have_counts_but_no_rates(tmp_path):
         shown = view_of_store(opened)
     (runs,) = (table for table in shown.tables if table.title == "Runs")
     assert [row["scenes that failed"] for row in runs.rows] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
+
+
+class Mapped(Reacher):
+    def maps(self, task):
+        return [SceneMap(title="The ball", across="values.ball-x", along="values.ball-y")]
+
+
+def test_a_world_says_which_values_make_a_map(monkeypatch):
+    world = Mapped()
+    monkeypatch.setattr("vlafuzz.report.plots.world_of", lambda task: world)
+    space = world.space(Wanted(task="reach", robot="own"))
+    scenes = [(space.sample(np.random.default_rng(seed)), False, True) for seed in range(9)]
+    assert [one.title for one in plot_of("a", space, scenes).maps] == ["The ball"]
+    still = world.space(Wanted(task="reach", robot="own", vary=["strength"]))
+    assert plot_of("b", still, [(still.nominal(), True, True)]).maps == []
+
+
+def test_a_failure_curve_follows_the_outcomes_of_random_scenes_alone():
+    scenes = [SPACE.sample(np.random.default_rng(seed)) for seed in range(120)]
+    random = [(scene, scene.light.intensity > 4, True) for scene in scenes]
+    chosen = [(scene, True, False) for scene in (SPACE.sample(np.random.default_rng(seed)) for seed in range(200, 260))]
+    plot = plot_of("a", SPACE, random + chosen)
+    (light,) = (axis for axis in plot.axes if axis.quantity == "light.intensity")
+    rates = {round(place, 2): rate for place, (rate, _, _) in light.curve}
+    assert plot.random == 120
+    assert rates[min(rates)] < 0.02
+    assert rates[max(rates)] > 0.98
+    assert all(low <= rate <= high for _, (rate, low, high) in light.curve)

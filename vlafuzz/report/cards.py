@@ -51,7 +51,8 @@ def card_of(
     """
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
-    region = region_of(plot.space, of.scene, of.operators, of.causes) if plot and of and certified else Region()
+    ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity
+    region = region_of(plot.space, of.scene, of.operators, of.causes) if plot and of and ranged else Region()
     return Card(
         id=name,
         title=f"{title[:1].upper()}{title[1:]}",
