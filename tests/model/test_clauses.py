@@ -6,6 +6,7 @@ import pytest
 
 from tests.failures.triage.planted import SPACE
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.worlds.tabletop.space import SearchSpace
 
 NOMINAL = SPACE.nominal()
 BRIGHT, DARK = replace(NOMINAL, light=Light(6.5)), replace(NOMINAL, light=Light(0.1))
@@ -48,3 +49,15 @@ def test_ranges_that_fail_are_said_one_after_the_other():
     turned = replace(NOMINAL, camera=Camera(yaw=5.0))
     first, second = ((("camera.yaw", 2.1),), (("camera.yaw", 3.4),)), ((("camera.yaw", 4.0),), ())
     assert clause("camera-orientation", turned, first, second) == "the camera turns left by 2.1° to 3.4° or at least 4°"
+
+
+def test_of_several_targets_each_is_named():
+    space = SearchSpace(SPACE.operators, SPACE.catalogue, "put-on")
+    start = space.nominal()
+    first, second = start.targets
+    moved = replace(start, targets=(replace(first, x=0.1, yaw=45.0), replace(second, x=0.05)))
+    names = [placed.object.replace("_", " ") for placed in start.targets]
+    assert space.clause(moved, "target-position", start) == (
+        f"{names[0]} is at x 0.1 m, y {first.y:g} m and {names[1]} is at x 0.05 m, y {second.y:g} m"
+    )
+    assert space.clause(moved, "target-orientation", start) == f"{names[0]} is turned to 45°"

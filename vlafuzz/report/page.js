@@ -155,8 +155,8 @@ function curve(plot, axis) {
   const height = 150;
   const x = scale(axis, BOX.left, WIDE - BOX.right);
   const y = (rate) => height - BOX.bottom - rate * (height - BOX.bottom - BOX.top);
-  const rates = axis.curve.map(([place, rate]) => `${written(axis, place)}: ${percent(rate)}`).filter((_, index) => index % 10 === 0);
-  const bars = axis.bars.map(([count, of], index) => `${axis.options[index]}: ${count} of ${of}`);
+  const rates = axis.curve.map(([place, [rate]]) => `${written(axis, place)}: ${percent(rate)}`).filter((_, index) => index % 10 === 0);
+  const bars = axis.bars.map(({ count, of }, index) => `${axis.options[index]}: ${count} of ${of}`);
   const found = [...rates, ...bars].join(", ") || "no random scenes";
   const picture = frame(height, x, axis, `Failure rate by ${axis.name}. ${found}. ${said(axis)}`);
   for (const rate of [0, 0.5, 1]) {
@@ -165,14 +165,14 @@ function curve(plot, axis) {
   }
   shade(picture, axis, x, height);
   if (axis.curve.length) {
-    const line = axis.curve.map(([place, rate]) => `${x(place)},${y(rate)}`);
-    const upper = axis.curve.map(([place, , , high]) => `${x(place)},${y(high)}`);
-    const lower = axis.curve.map(([place, , low]) => `${x(place)},${y(low)}`).reverse();
+    const line = axis.curve.map(([place, [rate]]) => `${x(place)},${y(rate)}`);
+    const upper = axis.curve.map(([place, [, , high]]) => `${x(place)},${y(high)}`);
+    const lower = axis.curve.map(([place, [, low]]) => `${x(place)},${y(low)}`).reverse();
     const few = plot.random < plot.enough ? "band few" : "band";
     picture.append(svg("polygon", { class: few, points: [...upper, ...lower].join(" ") }));
     picture.append(svg("polyline", { class: "curve", points: line.join(" ") }));
   }
-  axis.bars.forEach(([count, of, low, high], index) => {
+  axis.bars.forEach(({ count, of, low, high }, index) => {
     if (!of) return;
     const wide = Math.min(40, (0.6 * (WIDE - BOX.left - BOX.right)) / axis.options.length);
     picture.append(svg("rect", { class: "bar", x: x(index) - wide / 2, y: y(count / of), width: wide, height: y(0) - y(count / of) }));
@@ -281,7 +281,7 @@ function pick(axes, chosen, label, change) {
 
 // How much the failure rate changes along an axis: which of an operator's quantities is shown first.
 const matters = (axis) => {
-  const rates = [...axis.curve.map(([, rate]) => rate), ...axis.bars.filter(([, of]) => of).map(([count, of]) => count / of)];
+  const rates = [...axis.curve.map(([, [rate]]) => rate), ...axis.bars.filter(({ of }) => of).map(({ count, of }) => count / of)];
   return (axis.bands.length ? 10 : 0) + (rates.length ? Math.max(...rates) - Math.min(...rates) : 0);
 };
 

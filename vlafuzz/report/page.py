@@ -1,8 +1,8 @@
 """Views as self-contained HTML pages."""
 
 import json
-import math
 from base64 import b64encode
+from dataclasses import asdict
 from functools import cache
 from hashlib import blake2b
 from pathlib import Path
@@ -21,7 +21,6 @@ from vlafuzz.report.plots import Plot
 from vlafuzz.report.view import View
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 
-_OF_AXIS = ("id", "operator", "name", "unit", "log", "options", "low", "high", "nominal")
 MOST = 1500  # scenes that are drawn; of more an even selection
 
 
@@ -49,41 +48,31 @@ def _plot_data(plot: Plot, view: View) -> dict[str, Any]:
     shown = [(card, card.of) for card in view.cards if card.plot is plot and card.of]
     cards = {digest: card.id for card, of in shown for digest in (of.scene.digest, *of.found, *of.alike)}
     bands = [(band, card.title) for card, _ in shown for band in card.bands]
-    axes = [
-        {name: getattr(axis, name) for name in _OF_AXIS}
-        | {
-            "curve": [[_short(place), *map(_short, rate)] for place, rate in axis.curve],
-            "bars": [[one.count, one.of, _short(one.low), _short(one.high)] for one in axis.bars],
-            "bands": [
-                [_short(max(band.low, axis.low)), _short(min(band.high, axis.high)), title]
-                for band, title in bands
-                if (band.operator, band.quantity) == (axis.operator, axis.quantity)
-            ],
-        }
-        for axis in plot.axes
-    ]
-    points = [
-        [int(failed), int(drawn), cards.get(scene.digest), *map(_short, plot.values(scene))]
-        for scene, failed, drawn in plot.scenes[:: -(-len(plot.scenes) // MOST)]
-    ]
+    axes = []
+    for axis in plot.axes:
+        on = [
+            (band, title) for band, title in bands if (band.operator, band.quantity) == (axis.operator, axis.quantity)
+        ]
+        ranges = [[max(band.low, axis.low), min(band.high, axis.high), title] for band, title in on]
+        axes.append(asdict(axis) | {"id": axis.id, "bands": ranges})
     return {
         "title": plot.title,
         "random": plot.random,
         "enough": ENOUGH,
         "axes": axes,
-        "points": points,
-        "cards": {card.id: list(map(_short, plot.values(of.scene))) for card, of in shown},
-        "maps": [vars(one) for one in plot.maps],
+        "points": [
+            [int(failed), int(drawn), cards.get(scene.digest), *plot.values(scene)]
+            for scene, failed, drawn in plot.scenes[:: -(-len(plot.scenes) // MOST)]
+        ],
+        "cards": {card.id: plot.values(of.scene) for card, of in shown},
+        "maps": [asdict(one) for one in plot.maps],
     }
 
 
-def _short(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(f"{value:.4g}")
-
-
 def _script(data: object) -> Markup:
-    """JSON in ASCII that cannot end the element it is in."""
-    return Markup(json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"))
+    """JSON in ASCII that cannot end the element it is in; numbers have four digits, as much as one sees."""
+    short = json.loads(json.dumps(data), parse_float=lambda text: float(f"{float(text):.4g}"))
+    return Markup(json.dumps(short, separators=(",", ":")).replace("<", r"\u003c"))
 
 
 @cache

@@ -278,11 +278,19 @@ class TableSpace(Space):
                 ways.append(_TURNED[path][values[path] < usual[path]].format(" or ".join(amounts)))
             return " and ".join(ways).replace(" and the camera", " and")
         described = self.described(scene, group, other)
-        if fails or ":" in described:
+        if fails:
             return super().clause(scene, group, other, fails)
+        several = ":" in described  # each target behind its name
         if group == TargetPosition.name:
-            return f"the target is at {described}"
-        return f"the target {'' if described.startswith('rests') else 'is '}{described.replace('yaw', 'turned to')}"
+            return (
+                described.replace(": ", " is at ").replace("; ", " and ")
+                if several
+                else f"the target is at {described}"
+            )
+        words = described.replace("yaw", "turned to").replace("; ", " and ")
+        if several:
+            return words.replace(": rests", " rests").replace(": ", " is ")
+        return f"the target {'' if words.startswith('rests') else 'is '}{words}"
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         ways = seen_from(self.rig.view, scene.camera)
