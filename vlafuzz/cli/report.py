@@ -35,25 +35,16 @@ def command(
         Path, typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR")
     ],
     out: Annotated[
-        Path | None,
-        option("Write one HTML page; or as .csv or .md how often each policy fails in each task.", "the terminal"),
+        Path | None, option("Write one HTML page; or as .csv or .md how often each policy fails.", "the terminal")
     ] = None,
     follow: Annotated[
-        bool,
-        option("Write the page again while a run goes on, until interrupted; a browser reloads it.", flag="--follow"),
+        bool, option("Write the page again while a run goes on; a browser reloads it.", flag="--follow")
     ] = False,
     limit: Annotated[
-        int | None,
-        option(
-            "Most causes and failures that are listed, 0 for all; or on a page get videos.",
-            f"{FEW}; {FILMED} on a page",
-        ),
+        int | None, option("Most that are listed, 0 for all; on a page, filmed.", f"{FEW}; {FILMED} on a page")
     ] = None,
     videos: Annotated[
-        bool,
-        option(
-            "Film what fails on a page, beside what passes and the reference solution.", flag="--videos/--no-videos"
-        ),
+        bool, option("Film what passes, what fails and what solves it, on a page.", flag="--videos/--no-videos")
     ] = True,
     trust: TrustFlag = False,
     json: JsonFlag = False,
@@ -65,6 +56,8 @@ def command(
 
     With --follow the page, by default STORE.html, has no videos. The store is read, never written.
     """
+    from vlafuzz.failures.corpus.folder import locate
+
     table = out is not None and out.suffix in TABLES
     if follow:
         refuse({"--limit": limit}, "has no effect with --follow")
@@ -74,6 +67,8 @@ def command(
         ineffective = {"--limit": limit, "--no-videos": None if videos else True, "--follow": follow or None}
         refuse(ineffective, "has no effect on a table")
     check_number("--limit", limit, 1 if out else 0)
+    if not locate(source).exists():
+        raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
     if follow:
         _follow(source, out or source.with_suffix(".html"))
     elif out and table:
@@ -82,15 +77,6 @@ def command(
         _write(source, out, limit, videos=videos)
     else:
         _list(source, FEW if limit is None else limit, json=json)
-
-
-def _checked(source: Path) -> Path:
-    """Where a store or corpus is; UsageError if there is none."""
-    from vlafuzz.failures.corpus.folder import locate
-
-    if not (found := locate(source)).exists():
-        raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
-    return found
 
 
 def _list(source: Path, limit: int, *, json: bool) -> None:
@@ -104,7 +90,7 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     from vlafuzz.failures.listed import listing_of
     from vlafuzz.store.store import Store
 
-    found = listing_of(_checked(source))
+    found = listing_of(source)
     if json:
         from vlafuzz.stored import StoredResults, finding_of
 
@@ -170,7 +156,7 @@ def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     from vlafuzz.report.page import check_place, render, write_page
     from vlafuzz.report.sources import view_of
 
-    view = view_of(_checked(source))
+    view = view_of(source)
     check_place(out)  # before minutes go by
     if videos and view.cards:
         view = _with_films(source, view, limit or FILMED)
@@ -202,7 +188,6 @@ def _follow(source: Path, out: Path) -> None:
     from vlafuzz.report.page import check_place, render, write_page
     from vlafuzz.report.sources import view_of
 
-    source = _checked(source)
     check_place(out)
     sys.stderr.write(f"following {source}: open {out} in a browser; Ctrl-C ends it\n")
     try:
