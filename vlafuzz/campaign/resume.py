@@ -97,11 +97,13 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
     for name, stored in _flags(manifest).items():
         if flags.get(name, stored) != stored:
             return f"{name} {stored}, not {flags[name]}"
+    asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
+    if not asked and "severity" not in flags:
+        return None
     world = world_of(manifest.task)
     severity = world.stored_space(Path(), manifest).operators.severity
     if flags.get("severity", severity) not in (AUTO, severity):
         return f"severity {severity:g}, not {flags['severity']:g}"
-    asked = {name: flags[name] for name in ("packs", "operators", "vary") if name in flags}
     if not asked:
         return None
     wanted = Wanted(task=manifest.task, robot=manifest.robot, **asked)

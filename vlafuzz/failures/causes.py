@@ -11,7 +11,7 @@ from typing import Any
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import count_of, interval, percent, plural
 from vlafuzz.failures.described import DescribedFailure, Spaces, described, title_of
-from vlafuzz.failures.regions import Region, region_of, shares
+from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.model.evidence import Rate, Solver
@@ -204,7 +204,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
     findings = {finding.scene: finding for finding in store.findings(run.id)}
     keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
     triaged = {row.scene: row for row in store.triaged() if row.key in keys}
-    merged, regions = dict[object, ListedCause](), dict[object, Region]()
+    merged, ranges = dict[object, ListedCause](), dict[object, Range]()
     for number, cause in enumerate(kept.causes):
         finding = findings.get(cause.scene) if cause.scene else None
         if finding is None:
@@ -237,9 +237,10 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         )
         key = (one.signature, types) if one.bucket == "minimal" else number
         merged[key] = _united(merged[key], one) if key in merged else one
-        if failure.bucket == "minimal" and not types and cause.mechanism is None:  # the ranges are all that it takes
-            regions.setdefault(key, region_of(space, failure.scene, failure.operators, failure.causes))
-    listed = tuple(sorted(_shared(store, run, space, merged, regions), key=_rank))
+        if failure.bucket == "minimal" and cause.mechanism is None:
+            taken = (*failure.operators, *[space.subject] * bool(types))
+            ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
+    listed = tuple(sorted(_shared(store, run, space, merged, ranges), key=_rank))
     return CauseList(
         run=run.id,
         of=title_of([run.manifest]),
@@ -255,20 +256,20 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
 
 
 def _shared(
-    store: Store, run: Run, space: Space, causes: Mapping[object, ListedCause], regions: Mapping[object, Region]
+    store: Store, run: Run, space: Space, causes: Mapping[object, ListedCause], ranges: Mapping[object, Range]
 ) -> Iterable[ListedCause]:
     """The causes with the shares of random scenes that fail in the printed ranges; others as the strategy has them.
 
     None is above that of all failures, of which it is a part.
     """
-    kept, whole = store.causes(run.id), {key: region for key, region in regions.items() if region.whole}
-    drawn = set(kept.at_random) if kept and whole else set[int]()
+    kept = store.causes(run.id)
+    drawn = set(kept.at_random) if kept and ranges else set[int]()
     trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
     scenes = [(trial.scene, not trial.outcome.passed) for trial in trials] if drawn else []
     if not kept or not scenes:
         return causes.values()
     most = kept.probability or Probability(1.0, 1.0, 1.0)
-    found = zip(whole, shares(space, list(whole.values()), scenes), strict=True)
+    found = zip(ranges, shares(space, list(ranges.values()), scenes), strict=True)
     told = {key: Probability(*map(min, share, most)) for key, share in found}
     return [replace(cause, share=told.get(key, cause.share)) for key, cause in causes.items()]
 

@@ -88,7 +88,7 @@ class _Run:
         scenes = units.deviations(np.array([units.levels(genome) for genome in genomes]))
         own = units.deviations(np.array([units.levels(cause.genome) for cause in causes]))
         pairs = zip(causes, own, strict=True)
-        self.doses = np.array([_dose(units, cause.operators, scenes, one) for cause, one in pairs])
+        self.doses = np.array([dose(units, cause.operators, scenes, one) for cause, one in pairs])
 
     @cached_property
     def usual(self) -> Mapping[str, float]:
@@ -140,7 +140,7 @@ def reset(space: Space, scene: Scene, operator: str) -> Scene:
     return space.reset(scene, space.groups.get(operator, (operator,)))
 
 
-def _dose(units: Units, operators: Sequence[str], scenes: Numbers, own: Numbers) -> Numbers:
+def dose(units: Units, operators: Sequence[str], scenes: Numbers, own: Numbers) -> Numbers:
     """``(n,)`` how far scenes deviate in the way of a cause, as a share of how far its own scene does."""
     dose = np.full(len(scenes), np.inf)
     for index, unit in enumerate(units.units):

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 
-from vlafuzz.common.statistics import wilson
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.failures.mechanisms import dose
 from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.search.probability import Probability
+from vlafuzz.search.causes.units import Units
+from vlafuzz.search.probability import Probability, share_of_range, shared_out
+
+DRAWN = 1500  # random scenes without a rollout, 2 ms each: a range of 14 % is known to within 0.9 points (1 sigma)
+SLACK = 1e-6  # of the way to a scene
 
 
 @dataclass(frozen=True)
@@ -72,15 +79,46 @@ def _bands(space: Space, scene: Scene, threshold: Threshold) -> list[Band]:
     return bands
 
 
-def shares(space: Space, regions: Sequence[Region], scenes: Sequence[tuple[Scene, bool]]) -> list[Probability]:
-    """The shares of random scenes that fail in each region; a scene in several is shared out.
+@dataclass(frozen=True, eq=False)
+class Range:
+    """The range of a certified cause, with what no single quantity bounds: in the way of its scene, as far off.
 
     Args:
-        scenes: each with whether it failed; at least one.
+        scene: the minimal one.
+        operators: all that the cause takes.
     """
-    counts = [0.0] * len(regions)
-    for scene, failed in scenes:
-        inside = [index for index, region in enumerate(regions) if failed and region.holds(space, scene)]
-        for index in inside:
-            counts[index] += 1 / len(inside)
-    return [Probability(count / len(scenes), *wilson(count, len(scenes))) for count in counts]
+
+    space: Space
+    scene: Scene
+    operators: tuple[str, ...]
+    causes: Causes
+
+    def holds(self, scenes: Sequence[Scene]) -> NDArray[np.bool_]:
+        """``(n,)`` which of these scenes are in it."""
+        space, region = self.space, region_of(self.space, self.scene, self.operators, self.causes)
+        inside = np.array([region.holds(space, scene) for scene in scenes], dtype=bool)
+        unbounded = set(self.operators) - {band.operator for band in region.bands}
+        if unbounded and len(scenes):
+            units = Units(space.genes, np.array([gene.grid.nominal_level for gene in space.genes]))
+            levels = np.array([units.levels(space.nearest(scene)) for scene in (self.scene, *scenes)])
+            own, *others = units.deviations(levels)
+            starts = {one.operator: one.share for one in self.causes.thresholds}
+            for name in unbounded:
+                inside &= dose(units, (name,), np.array(others), own) >= starts.get(name, 1.0) - SLACK
+        return inside
+
+
+def shares(space: Space, ranges: Sequence[Range], scenes: Sequence[tuple[Scene, bool]]) -> list[Probability]:
+    """The shares of random scenes that fail in each range; a scene in several is shared out.
+
+    Args:
+        scenes: random ones, each with whether it failed.
+    """
+
+    def inside(some: Sequence[Scene]) -> NDArray[np.float64]:
+        return shared_out(np.stack([one.holds(some) for one in ranges], axis=1))
+
+    failed = np.array([bad for _, bad in scenes])
+    parts = inside([space.sample(np.random.default_rng([number, 2])) for number in range(DRAWN)])
+    weights = inside([scene for scene, _ in scenes])
+    return [share_of_range(*pair, failed) for pair in zip(parts.T, weights.T, strict=True)]

@@ -16,7 +16,12 @@ from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vlafuzz.common.statistics import sequential_interval, wilson
+
+Numbers = NDArray[np.float64]
 
 # Chosen by simulation with seeds that scripts/simulate_probability.py does not report.
 _LEAST = 0.25  # chance of a rollout
@@ -91,6 +96,34 @@ def failure_probability(draws: Sequence[Draw], *, over: bool) -> Probability:
     worth = 1 / (alike * ratio / number + error**2 * number / binomial)
     low, high = wilson(value * worth, worth) if over else sequential_interval(value * worth, worth, _TAIL)
     return Probability(value, min(low, value), max(high, value))
+
+
+def shared_out(inside: NDArray[np.bool_]) -> Numbers:
+    """``(n, rules)`` parts of scenes: a scene in the ranges of several rules is shared out."""
+    return np.asarray(inside / np.maximum(inside.sum(axis=1, keepdims=True), 1))
+
+
+def share_of_range(parts: Numbers, weights: Numbers, failed: NDArray[np.bool_]) -> Probability:
+    """The share of random scenes that are in a range and fail: the probability of the range times the rate in it.
+
+    The interval of the product is that of Zou and Donner 2008 <https://doi.org/10.1002/sim.3095>.
+
+    Args:
+        parts: ``(n,)`` of random scenes, how much of each is in the range.
+        weights: ``(m,)`` of those that were rolled out, the same, over the chance of their rollout.
+        failed: ``(m,)`` whether they failed.
+    """
+    range_, number = float(parts.mean()), len(parts)
+    total = float(weights.sum())
+    rate = float((weights @ failed + _INSIDE * _WORTH) / (total + _WORTH))
+    rolled = total**2 / float((weights**2).sum()) if total else 0.0
+    of_range = wilson(range_ * number, number)
+    of_rate = wilson(float(weights @ failed) / total * rolled if total else 0.0, rolled)
+    low, high = (
+        math.hypot(range_ * (rate - at), rate * (range_ - part)) for at, part in zip(of_rate, of_range, strict=True)
+    )
+    value = range_ * rate
+    return Probability(value, max(0.0, value - low), min(1.0, value + high))
 
 
 class Rates:

@@ -7,13 +7,11 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vlafuzz.common.statistics import wilson
 from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.rules import Rules
 from vlafuzz.search.causes.units import Levels, Numbers, Units
-from vlafuzz.search.probability import Draw, Probability, Rates, failure_probability
+from vlafuzz.search.probability import Draw, Probability, Rates, failure_probability, share_of_range, shared_out
 from vlafuzz.search.proposals import ProposalFactory
 
 SUPPLY = 8  # candidates for a severe scene
@@ -23,7 +21,6 @@ MOVED = (0.5, 0.8)  # share of the numbers of a severe scene that are moved, by 
 AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose failure a rule may explain
 RECENT = 30  # draws by which that is judged
 EXPLAINED = 0.5  # chance from which on a failure counts as explained
-FAILING, WORTH = 0.8, 2.0  # prior of the failure rate in a rule's range, and how many scenes it is worth
 # Random scenes without a rollout, by which shares are estimated: at first, for each proposal, and at most. One takes 2
 # to 3 ms; four for each rollout add less than a tenth to the variance of a probability.
 FIRST, MORE, MOST = 200, 4, 20_000
@@ -110,16 +107,16 @@ class Draws:
         """The shares of random scenes that are in each rule's range and fail; a scene in several is shared out.
 
         Each is the probability of the range, from random scenes without a rollout, times the failure rate of the draws
-        in it. The interval of the product is that of Zou and Donner 2008 <https://doi.org/10.1002/sim.3095>.
+        in it.
         """
         if not rules:
             return []
-        parts, drawn = _shared(rules.regions(self._random(units), units)), list(self._judged.values())
+        parts, drawn = shared_out(rules.regions(self._random(units), units)), list(self._judged.values())
         levels = np.array([one.levels for one in drawn] or [units.reference])
         weights = np.array([1 / one.draw.chance for one in drawn] or [0.0])
         failed = np.array([bool(one.draw.failed) for one in drawn] or [False])
-        inside = _shared(rules.regions(units.deviations(levels), units)) * weights[:, None]
-        return [_product(*pair, failed) for pair in zip(parts.T, inside.T, strict=True)]
+        inside = shared_out(rules.regions(units.deviations(levels), units)) * weights[:, None]
+        return [share_of_range(*pair, failed) for pair in zip(parts.T, inside.T, strict=True)]
 
     def _random(self, units: Units) -> Numbers:
         """``(n, units + 1)`` deviations of the random scenes without a rollout."""
@@ -167,23 +164,3 @@ class _Drawn:
     explained: bool
     sample: bool
     new: bool
-
-
-def _shared(inside: NDArray[np.bool_]) -> Numbers:
-    """``(n, rules)`` parts of scenes: a scene in the ranges of several rules is shared out."""
-    return np.asarray(inside / np.maximum(inside.sum(axis=1, keepdims=True), 1))
-
-
-def _product(parts: Numbers, weights: Numbers, failed: NDArray[np.bool_]) -> Probability:
-    """The mean of parts times the failure rate by weights."""
-    range_, number = float(parts.mean()), len(parts)
-    total = float(weights.sum())
-    rate = float((weights @ failed + FAILING * WORTH) / (total + WORTH))
-    rolled = total**2 / float((weights**2).sum()) if total else 0.0
-    of_range = wilson(range_ * number, number)
-    of_rate = wilson(float(weights @ failed) / total * rolled if total else 0.0, rolled)
-    low, high = (
-        math.hypot(range_ * (rate - at), rate * (range_ - part)) for at, part in zip(of_rate, of_range, strict=True)
-    )
-    value = range_ * rate
-    return Probability(value, max(0.0, value - low), min(1.0, value + high))
