@@ -20,6 +20,7 @@ from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.tables import cause_table
 from vlafuzz.search.probability import Probability
+from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
@@ -218,3 +219,16 @@ def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_fou
     store.keep_causes(1, Attribution(()))
     says = listed(store).sentences[0]
     assert says.startswith("no cause was found; 2 of 3 nominal scenes fail, mostly at grasp, and nothing")
+
+
+def test_a_run_at_all_severities_says_where_one_half_fails(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, strategy="severity"))
+        rng = np.random.default_rng(0)
+        for proposal in range(60):
+            outcome = failed() if severity_of(proposal) > 0.4 else passed()
+            opened.add(1, ended(SPACE.sample(rng), outcome, proposal))
+        (table,) = (table for table in view_of_store(opened).tables if "severity" in table.title)
+    assert re.fullmatch(r"Run 1: one half fails at severity 0\.4\d? of the ranges, .*", table.title)
+    assert [row["scenes"] for row in table.rows] == [12, 13, 12, 12, 11]
+    assert [str(row["fail"]).split("%")[0] for row in table.rows] == ["0", "0", "100", "100", "100"]
