@@ -38,8 +38,8 @@ RECIPES = files(ROOT / "docs" / "python.md")
 PYTHON = re.findall(r"```python\n(.*?)```", text("docs/python.md"), re.DOTALL)
 
 
-def test_readme_has_at_most_200_lines():
-    assert len(README.splitlines()) <= 200
+def test_readme_has_at_most_150_lines():
+    assert len(README.splitlines()) <= 150
 
 
 @pytest.mark.parametrize("name", sorted({name.split()[0] for name in COMMANDS}))
