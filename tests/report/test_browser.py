@@ -141,7 +141,7 @@ def test_a_dot_opens_its_card(page: "sync.Page"):
 def test_method_is_folded_up_until_it_is_asked_for(page: "sync.Page"):
     assert not page.get_by_text("stages reached").is_visible()
     page.get_by_role("link", name="Method").click()
-    assert page.get_by_text("stages reached").is_visible()
+    page.get_by_text("stages reached").wait_for(state="visible")
 
 
 @pytest.mark.parametrize("width", [420, 1400])

@@ -11,7 +11,6 @@ from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
-from vlafuzz.common.text import percent
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
@@ -21,6 +20,7 @@ from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.tables import cause_table
 from vlafuzz.search.probability import Probability
+from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
@@ -192,7 +192,7 @@ def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     assert tilted.step[1].endswith("--minimal --out corpus")
 
 
-def test_the_range_and_the_share_of_a_card_are_those_of_the_same_scenes(tmp_path: Path):
+def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path):
     rng = np.random.default_rng(0)
     scenes = [only("light", 1), *(SPACE.sample(rng) for _ in range(80))]
     with Store.open(tmp_path / "a.db", "write") as opened:
@@ -205,9 +205,11 @@ def test_the_range_and_the_share_of_a_card_are_those_of_the_same_scenes(tmp_path
         (card,), (plot,) = view_of_store(opened).causes, view_of_store(opened).plots
     ((axis, _, (band,)),) = card.strips
     assert (axis.quantity, band.quantity) == ("light.intensity", "light.intensity")
-    inside = [scene for scene, failed, drawn in plot.scenes if drawn and failed and band.holds(scene.light.intensity)]
-    assert 0 < len(inside) < 80
-    assert card.numbers[0][0] == percent(len(inside) / 80)
+    rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(scene.light.intensity)]
+    assert all(rolled)
+    inside = np.mean([band.holds(SPACE.sample(rng).light.intensity) for _ in range(1500)])
+    assert 0.2 < inside < 0.5
+    assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.05
 
 
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):
@@ -217,3 +219,16 @@ def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_fou
     store.keep_causes(1, Attribution(()))
     says = listed(store).sentences[0]
     assert says.startswith("no cause was found; 2 of 3 nominal scenes fail, mostly at grasp, and nothing")
+
+
+def test_a_run_at_all_severities_says_where_one_half_fails(tmp_path: Path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        opened.begin(replace(MANIFEST, strategy="severity"))
+        rng = np.random.default_rng(0)
+        for proposal in range(60):
+            outcome = failed() if severity_of(proposal) > 0.4 else passed()
+            opened.add(1, ended(SPACE.sample(rng), outcome, proposal))
+        (table,) = (table for table in view_of_store(opened).tables if "severity" in table.title)
+    assert re.fullmatch(r"Run 1: one half fails at severity 0\.4\d? of the ranges, .*", table.title)
+    assert [row["scenes"] for row in table.rows] == [12, 13, 12, 12, 11]
+    assert [str(row["fail"]).split("%")[0] for row in table.rows] == ["0", "0", "100", "100", "100"]

@@ -16,7 +16,6 @@ from rich.table import Table
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
-from vlafuzz.campaign.severity import half_of_run, in_words
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
@@ -31,6 +30,7 @@ from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.effects import effects_of
+from vlafuzz.report.severity import half_of_run, in_words
 from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import NAME as SEVERITY

@@ -101,7 +101,8 @@ def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Dead
     """The configuration with the severity at which about one half fails, and the run that found it out."""
     from vlafuzz.campaign.config import BUDGET
     from vlafuzz.campaign.config import plan as plan_of
-    from vlafuzz.campaign.severity import half_of_run, probing, settled
+    from vlafuzz.campaign.severity import probing, settled
+    from vlafuzz.report.severity import half_of_run
     from vlafuzz.store.store import Store
 
     budget = config.budget or BUDGET

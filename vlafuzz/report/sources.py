@@ -15,6 +15,7 @@ from vlafuzz.report.cards import card_of, sentence
 from vlafuzz.report.counts import Standing, rollouts_of, standings_of
 from vlafuzz.report.effects import draws, effects_of
 from vlafuzz.report.plots import Plot, plot_of
+from vlafuzz.report.severity import severity_tables
 from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
@@ -51,7 +52,13 @@ def view_of_store(store: Store) -> View:
     )
     effects = (effects_of(store, group[0], spaces.of(group[0].manifest)) for group in groups)
     several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
-    tables = (*several, *map(cause_table, listing.causes), *(one.table for one in effects if one and one.found))
+    severity = severity_tables(store, runs)
+    tables = (
+        *several,
+        *severity,
+        *map(cause_table, listing.causes),
+        *(one.table for one in effects if one and one.found),
+    )
     return View(
         title=listing.title,
         source=str(store.path),
