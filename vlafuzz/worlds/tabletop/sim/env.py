@@ -23,6 +23,7 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend, use_shaders
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
+from vlafuzz.worlds.tabletop.sim.studio import Studio
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
@@ -62,6 +63,7 @@ class TabletopEnv(BaseEnv):
     Args:
         control_hz: control steps per second, a divisor of 100; ignored if the rig fixes its rate.
         robot: the name of a rig.
+        shown: the camera whose pictures are for people, with shadows: see ``Studio``.
 
     Raises:
         PrerequisiteError: a robot's files are missing, or a renderer for the cameras.
@@ -77,7 +79,10 @@ class TabletopEnv(BaseEnv):
         cameras: Sequence[CameraRequest] = (),
         control_hz: int = 5,
         robot: str = PANDA.robot,
+        shown: str | None = None,
     ) -> None:
+        self._shown = shown
+        self._studio: Studio | None = None
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue
@@ -110,6 +115,11 @@ class TabletopEnv(BaseEnv):
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
             self._aim()
+            if self._studio is None and self._shown is not None:
+                device = self.world.scene.render_system.device
+                self._studio = Studio(device, {self._shown: self._render_camera(self._shown)})
+            if self._studio is not None:
+                self._studio.begin(self.world.scene, self.light)
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = StateMonitor(self.task, self.models, start)
@@ -128,10 +138,14 @@ class TabletopEnv(BaseEnv):
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
-        self.world.scene.update_render()
-        taking, request = self._render_camera(camera), self._requests[camera]
-        taking.take_picture()
-        image: NDArray[np.uint8] = taking.get_picture("Color")[..., :3]
+        request = self._requests[camera]
+        if self._studio is not None and camera == self._shown:
+            image = self._studio.picture(camera)
+        else:
+            self.world.scene.update_render()
+            taking = self._render_camera(camera)
+            taking.take_picture()
+            image = taking.get_picture("Color")[..., :3]
         size = (request.width, request.height)
         if image.shape[1::-1] != size:  # a view that is not square is rendered whole, then squeezed to the request
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)

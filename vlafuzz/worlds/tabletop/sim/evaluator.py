@@ -109,7 +109,8 @@ class ManiSkillEvaluator(SceneEvaluator):
         if self._env is not None and self._env.rig.robot != scene.robot:
             self.renew()
         if self._env is None:
-            self._env = TabletopEnv(self._task.name, self._catalogue, cameras, spec.action.hz, scene.robot)
+            shown = self.recorded.name if self.recorded else None
+            self._env = TabletopEnv(self._task.name, self._catalogue, cameras, spec.action.hz, scene.robot, shown)
         return TabletopEpisode(self._env, spec, scene, seed, self._conditions)
 
     def renew(self) -> None:

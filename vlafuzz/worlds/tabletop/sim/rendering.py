@@ -29,6 +29,9 @@ _LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
 # What is opaque needs no background behind it: the same pictures, 6 % sooner.
 _COLOUR = "vec4 color = texture(samplerColorRaw, inUV);"
 _OPAQUE = f"{_COLOUR}\n  if (color.a == 1) {{ outColor = color; return; }}"
+# Reinhard's curve (2002) for light up to 4 times white, so that light × 6 is bright and not a white sheet.
+_CLIPPED = "outColorRaw = vec4(clamp("
+_CURVED = f"color *= 1.3;\n  color *= (1 + color / 16) / (1 + color);\n  {_CLIPPED}"
 _FORMATS = {"Color": "r8g8b8a8unorm", "ColorRaw": "r8g8b8a8unorm"}
 
 
@@ -44,6 +47,12 @@ def render_backend() -> str:
     """ManiSkill's name of the rendering device."""
     os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
     return "sapien_cuda" if rendering_device().is_cuda() else "sapien_cpu"
+
+
+def full_shaders() -> None:
+    """Use shaders with a tone curve for all cameras that are added from now on."""
+    use_shaders()
+    sapien.render.set_camera_shader_dir(str(_shader_pack(full=True)))
 
 
 def use_shaders() -> ShaderConfig:
@@ -65,11 +74,11 @@ def _config(pack: Path) -> ShaderConfig:
 
 
 @cache
-def _shader_pack() -> Path:
-    """SAPIEN's fastest shader pack without needless work, in the user's cache."""
+def _shader_pack(*, full: bool = False) -> Path:
+    """SAPIEN's fastest shader pack without needless work, in the user's cache; ``full`` with a tone curve."""
     source = Path(sapien.__file__).parent / "vulkan_shader"
     shaders = {
-        f"{name}/{file.name}": _quick(file.read_text(encoding="utf-8"))
+        f"{name}/{file.name}": _quick(file.read_text(encoding="utf-8")).replace(_CLIPPED, _CURVED if full else _CLIPPED)
         for name in ("minimal", "common")
         for file in sorted((source / name).iterdir())
     }
@@ -95,9 +104,9 @@ def _fill(shaders: dict[str, str], folder: Path) -> None:
 
 
 class SceneLights:
-    """Ambient and directional lights. Their entities move with the others into each new PhysX scene."""
+    """Ambient and directional lights, of which the first may cast shadows, 1 m around the origin. Their entities move with the others into each new PhysX scene."""
 
-    def __init__(self, scene: sapien.Scene, nominal: Lights) -> None:
+    def __init__(self, scene: sapien.Scene, nominal: Lights, *, shadows: bool = False) -> None:
         self._nominal = nominal
         self._lights: list[sapien.render.RenderDirectionalLightComponent] = []
         for direction, intensity in nominal.directional:
@@ -108,6 +117,11 @@ class SceneLights:
             entity.name = "light"
             entity.add_component(light)
             entity.pose = _looking_along(direction)
+            if shadows and not self._lights:  # SAPIEN reads this when the light is added
+                light.enable_shadow()
+                light.shadow_map_size, light.shadow_half_size = 1024, 1.0
+                light.shadow_near, light.shadow_far = 0.1, 6.0
+                entity.pose = sapien.Pose(-2 * np.array(direction), entity.pose.q)
             scene.add_entity(entity)
             self._lights.append(light)
 
