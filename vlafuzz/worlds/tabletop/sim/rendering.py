@@ -104,7 +104,10 @@ def _fill(shaders: dict[str, str], folder: Path) -> None:
 
 
 class SceneLights:
-    """Ambient and directional lights, of which the first may cast shadows, 1 m around the origin. Their entities move with the others into each new PhysX scene."""
+    """Ambient and directional lights, of which the first may cast shadows, 1 m around the origin.
+
+    Their entities move with the others into each new PhysX scene.
+    """
 
     def __init__(self, scene: sapien.Scene, nominal: Lights, *, shadows: bool = False) -> None:
         self._nominal = nominal
