@@ -21,6 +21,7 @@ class Cart(gymnasium.Env):
     """A cart on a floor has to reach a mark. ``reset`` takes values by name in its options; else it has its own."""
 
     metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 10}
+    render_mode = "rgb_array"
     observation_space = spaces.Box(-np.inf, np.inf, (3,), np.float64)
     action_space = spaces.Box(-1, 1, (1,), np.float32)
     own: ClassVar[dict[str, Any]] = {"mass": 2.0, "mark": 1.5, "slope": 0.0, "floor": "wood"}

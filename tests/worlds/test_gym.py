@@ -121,6 +121,21 @@ def test_observations_may_be_nested_and_pictures_in_them_are_no_numbers():
     assert World().observe(now).shape == (5,)
 
 
+def test_an_environment_that_was_made_without_pictures_is_not_asked_for_one():
+    class Blind(Cart):
+        render_mode = None
+
+        def render(self):
+            raise RuntimeError("render_mode is not set")
+
+    class World(Carts):
+        env = Blind
+
+    world = World()
+    assert world.picture(world.reset(dict(space(world).nominal().values), 0)) is None
+    assert Carts().picture(Carts().reset(dict(space(Carts()).nominal().values), 0)).shape == (24, 48, 3)
+
+
 def test_a_space_of_actions_that_is_no_array_is_refused():
     class Odd(Cart):
         action_space = spaces.Dict({"push": spaces.Discrete(2)})

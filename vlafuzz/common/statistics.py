@@ -37,12 +37,12 @@ class Share:
 
     @classmethod
     def of_counts(cls, count: int, of: int) -> Self:
-        """Of independent cases: Wilson's interval."""
+        """Make the share of independent cases, with Wilson's interval."""
         return cls(count, of, *wilson(count, of))
 
     @classmethod
     def grouped(cls, cases: Sequence[tuple[Hashable, bool]]) -> Self:
-        """Of cases with their group; those of one group may be alike.
+        """Make the share of cases, each with its group; those of one group may be alike.
 
         The interval is Wilson's for the effective number of cases, reduced further when there are few groups: Korn,
         Graubard 1998; Franco, Little, Louis, Slud 2019 <https://pmc.ncbi.nlm.nih.gov/articles/PMC6690503>. With one

@@ -17,7 +17,7 @@ from vlafuzz.common.text import plural
 from vlafuzz.doctor import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 
-# What follows where a package of the simulator cannot be imported.
+# Each package of the simulator, and what does not work if it cannot be imported.
 PACKAGES = {
     "mani_skill": "no scene can be simulated",
     "sapien": "no scene can be simulated",

@@ -28,7 +28,7 @@ UNSOLVED = "the expert does not solve it"
 
 
 class Solution(NamedTuple):
-    """What the expert did in its ``attempt``-th attempt: actions ``(steps, n)`` as the policy writes them."""
+    """The attempt of this number solved the scene with these actions: ``(steps, n)`` as the policy writes them."""
 
     attempt: int
     actions: Actions

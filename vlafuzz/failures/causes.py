@@ -70,7 +70,7 @@ class ListedCause:
 
     @classmethod
     def of_failure(cls, of: DescribedFailure) -> ListedCause:
-        """A certified failure by itself, as of a corpus."""
+        """The cause that a failure shows by itself, as one of a corpus does."""
         return cls(
             title=of.title,
             conditions=tuple(f"{part.operator}: {part.range}" for part in of.deviations),
@@ -220,19 +220,12 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
             continue
         row = triaged.get(finding.scene)
         failure, types = described(store.path, finding, run.manifest, space, row), _target_types(space, cause, row)
-        one = ListedCause(
+        one = replace(
+            ListedCause.of_failure(failure),
             title=_title(space, cause, types, failure),
             conditions=_through(space, cause.mechanism, _conditions(space, cause, failure, row)),
-            lost_stage=failure.lost_stage,
             share=cause.share,
             failures=cause.failures,
-            bucket=failure.bucket,
-            signature=failure.signature,
-            rate=failure.rate,
-            witness=failure.witness.solver if failure.witness else None,
-            scene=failure.scene.digest,
-            found=failure.found,
-            detail=failure.detail,
             mechanism=cause.mechanism,
         )
         key = (one.signature, types) if one.bucket == "minimal" else number
@@ -310,7 +303,7 @@ def _conditions(space: Space, cause: FoundCause, failure: DescribedFailure, tria
 
 
 def _title(space: Space, cause: FoundCause, types: Sequence[str], failure: DescribedFailure | None = None) -> str:
-    """What it takes, as a sentence goes on."""
+    """Say what the cause takes, as a sentence that begins with "fails when" goes on."""
     if cause.mechanism is not None:
         quantity = space.quantities.get(cause.mechanism.quantity) or plain_quantity(cause.mechanism.quantity)
         return quantity.says(cause.mechanism.threshold, above=cause.mechanism.above)

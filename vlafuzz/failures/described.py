@@ -113,7 +113,7 @@ class DescribedFailure(Failure):
 
     @property
     def title(self) -> str:
-        """What it takes, in words; before triage the values that are farthest off."""
+        """Say in words what the failure takes; before triage, name the values that are farthest off."""
         parts = self.deviations
         if self.bucket != "minimal":
             parts = tuple(sorted(parts, key=lambda part: -part.severity))

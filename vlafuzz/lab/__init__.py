@@ -1,1 +1,1 @@
-"""What researchers run: comparisons of strategies, studies. Nothing imports it but its commands."""
+"""This room holds what researchers run: comparisons of strategies, and studies. Only its commands import it."""

@@ -101,13 +101,16 @@ class GymWorld(ValuesWorld[Now]):
         return 0.0
 
     def picture(self, state: Now) -> NDArray[np.uint8] | None:
-        """``(height, width, 3)``, by default what the environment renders."""
-        drawn = state.env.render()
+        """``(height, width, 3)``, by default what the environment renders if it was made with a ``render_mode``."""
+        drawn = state.env.render() if state.env.render_mode else None
         return None if drawn is None else np.asarray(drawn, dtype=np.uint8)
 
     def solve(self, now: Now) -> Any:
-        """The expert's next action, or several, one a row. Without it no failure is shown to be solvable."""
-        raise NotImplementedError
+        """The expert's next action, or several, one a row; a world that leaves it out has no expert.
+
+        Without one, no failure is shown to be solvable.
+        """
+        return None
 
     @classmethod
     def policy(cls, act: Any, *, name: str = "", deterministic: bool = True) -> Callable[[], GymPolicy]:
