@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
+from vlafuzz.model.task import Monitor
 from vlafuzz.worlds.libero.env import STILL, LiberoEnv
 from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.packages import versions
-from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.suites import PLACING, SETTLING, SUITES, find_task, find_tasks
 
 
@@ -64,7 +65,7 @@ def _rollout(env: LiberoEnv, number: int, *, frozen: bool) -> str:
     """The last stage that is reached within the suite's horizon."""
     env.reset(number)
     env.settle(SETTLING)
-    moment, monitor = Moment(env), monitor_of(env)
+    moment, monitor = Moment(env), Monitor(find_stages(env.task))
     actions: Iterable[NDArray[np.float64]] = repeat(STILL) if frozen else Expert(env).actions()
     for _, action in zip(range(env.task.horizon), actions, strict=False):
         env.step(action)

@@ -175,7 +175,6 @@ def _rollout(reached: tuple[str, ...]) -> Rollout:
     return Rollout(
         success_once=success,
         success_at_end=success,
-        published_success=success,
         reached=reached,
         progress=len(reached) / len(STAGES),
         trace=NOTHING,

@@ -73,7 +73,6 @@ def rollout(progress: float = 1.0, reached: tuple[str, ...] = STAGES, steps: int
     return Rollout(
         success_once=success,
         success_at_end=success,
-        published_success=success,
         reached=reached,
         progress=progress,
         trace=trace,

@@ -147,7 +147,6 @@ def _rollout(scene: Scene, progress: float, reached: Sequence[str], steps: int) 
     return Rollout(
         success_once=success,
         success_at_end=success,
-        published_success=success,
         reached=tuple(reached),
         progress=progress,
         trace=np.append(np.linspace(0, min(progress, 0.99), steps - 1), progress).astype(np.float32),

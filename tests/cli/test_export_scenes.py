@@ -117,10 +117,10 @@ def test_another_file_is_a_usage_error(tmp_path: Path, capsys):
     assert "not a scene file of VLATest" in capsys.readouterr().err
 
 
-def test_the_original_frame_leaves_nothing_out(tmp_path: Path, capsys):
+def test_the_robots_frame_leaves_nothing_out(tmp_path: Path, capsys):
     out = tmp_path / "scenes.jsonl"
     file = scene_file(tmp_path, "hammer", "opened_pepsi_can")
-    assert main(["export", str(file), "--out", str(out), "--frame", "original"]) == 0
+    assert main(["export", str(file), "--out", str(out), "--frame", "robot"]) == 0
     assert [(scene.robot, scene.targets[0].object) for scene in load_scenes(out)] == [
         ("google", "custom:hammer"),
         ("google", "custom:opened_pepsi_can"),

@@ -24,7 +24,6 @@ def folder(tmp_path: Path, monkeypatch) -> None:
     ("arguments", "says"),
     [
         ("run --policy frozen --scenes s.jsonl --vary light", "--vary light: the scenes of --scenes are run"),
-        ("lint --frame keep s.jsonl", "--frame keep: none of the files is one of VLATest"),
         ("report a.db --out a.html --limit 3 --no-videos", "--limit 3: with --no-videos there are none"),
     ],
 )

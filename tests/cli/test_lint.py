@@ -77,22 +77,10 @@ def test_what_rolls_away_fails_settling(tmp_path: Path, capsys):
     assert (row["valid"], row["settling"]) == (1, 1)
 
 
-def vlatest(folder: Path, apart: float) -> Path:
-    """A file of VLATest with one scene, of two objects."""
-    upright = [0.7071067811865476, 0.7071067811865475, 0.0, 0.0]
-    first = {"init_xy": [-0.3, 0.2], "orientation": upright}
-    other = {"init_xy": [-0.3 - apart, 0.2], "init_rot_quat": upright}
-    raw = {"model_id": "apple", "obj_init_options": first}
-    raw |= {"distractor_model_ids": ["orange"], "distractor_obj_init_options": {"orange": other}}
-    path = folder / "t-grasp.json"
-    path.write_text(json.dumps({"0": raw, "seed": 1, "num": 1}))
-    return path
-
-
-def test_vlatests_files_are_read_without_the_simulator(tmp_path: Path, capsys, monkeypatch):
-    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.world.settled", None)
-    (row,) = told(capsys, ["lint", "--json", str(vlatest(tmp_path, 0.04))], code=1)
-    assert (row["scenes"], row["geometry"]) == (1, 1)
+def test_a_file_of_vlatest_is_first_to_become_one_of_ours(tmp_path: Path, capsys):
+    (tmp_path / "t-grasp.json").write_text('{"seed": 1, "num": 0}')
+    said = typed(capsys, ["lint", str(tmp_path / "t-grasp.json")], code=2).err
+    assert f"`vlafuzz export {tmp_path / 't-grasp.json'} --out F.jsonl` reads" in " ".join(said.split())
 
 
 def test_objects_of_packs_that_were_not_given_are_said(tmp_path: Path, capsys):

@@ -208,7 +208,6 @@ def test_a_folder_is_no_store(folder: Path, store: str, capsys):
         (["--task", "pick_up"], "unknown task 'pick_up'"),
         (["--policy", "pinhol"], "unknown policy 'pinhol'"),
         (["--strategy", "radnom"], "unknown strategy 'radnom'"),
-        (["--config", "criteria=strickt"], "unknown criteria 'strickt'"),
         (["--vary", "lihgt"], "unknown operator 'lihgt'"),
         (["--operators", "no.yaml"], "no.yaml"),
         (["--scenes", "no.jsonl"], "no.jsonl"),

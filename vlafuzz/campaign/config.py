@@ -13,7 +13,7 @@ from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
-from vlafuzz.model.conditions import CRITERIA, check_choice, check_label
+from vlafuzz.model.conditions import check_choice, check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
 from vlafuzz.model.space import Operators, Space, Vector
@@ -185,7 +185,6 @@ def _check_numbers(config: RunConfig) -> None:
     check_number("batch", config.batch, 1, MOST)
     check_number("--seed", config.seed, 0, MOST)
     check_label("--label", config.label)
-    check_choice("criteria", config.criteria, CRITERIA)
 
 
 def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted: str) -> None:

@@ -77,9 +77,8 @@ def export(
     frame: Annotated[
         Frame | None,
         option(
-            "How VLATest's scenes become ours. fit: stretch their box onto ours; keep: keep distances; original: "
-            "change nothing, keep their robots and names; robot: the same, seen from the robot as ours are: can be "
-            "run.",
+            "How VLATest's scenes become ours. fit: stretch their box onto ours; robot: keep their robots, objects and "
+            "distances, for `vlafuzz run --pack`.",
             "fit",
         ),
     ] = None,
@@ -232,8 +231,8 @@ def _note_left_out(left_out: Mapping[str, int]) -> None:
 def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
     """Write the scenes of VLATest's files as one file of ours, in order.
 
-    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frames original and
-    robot none are.
+    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frame robot
+    none are.
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")

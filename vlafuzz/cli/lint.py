@@ -10,21 +10,12 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, PackFlag, opened, option
 from vlafuzz.cli.output import Bar, data, print_json, print_rows, stderr
-from vlafuzz.errors import UsageError, sentence
-from vlafuzz.model.scene_lines import Frame, is_document
+from vlafuzz.errors import sentence
 
 
 def lint(
-    files: Annotated[list[Path], typer.Argument(help="Files of scenes: JSON lines, or VLATest's.")],
-    static: Annotated[
-        bool | None,
-        option(
-            "Only what needs no simulator: semantics, geometry and visibility; or all.",
-            "all; for VLATest's files --static",
-            flag="--static/--settle",
-        ),
-    ] = None,
-    frame: Annotated[Frame | None, option("How VLATest's files are read: see `vlafuzz export --help`.", "fit")] = None,
+    files: Annotated[list[Path], typer.Argument(help="Files of scenes, JSON lines.")],
+    static: Annotated[bool, option("Only what needs no simulator: semantics, geometry and visibility.")] = False,
     pack: PackFlag = None,
     verbose: Annotated[bool, option("Say what is wrong in each line.", flag="--verbose -v")] = False,
     json: JsonFlag = False,
@@ -34,16 +25,13 @@ def lint(
     Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
     of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
     """
-    if frame and not any(map(is_document, files)):
-        raise UsageError(f"--frame {frame}: none of the files is one of VLATest", hint="leave it out")
     from vlafuzz.worlds.manipulation.operator_set import load_operators
     from vlafuzz.worlds.tabletop import lint as tabletop
 
     packs, judged = opened(pack), list[tabletop.FileVerdicts]()
     with Bar() as bar:
         for path in files:
-            quick = is_document(path) if static is None else static
-            judged.append(tabletop.lint(path, frame or "fit", packs, bar, settle=not quick))
+            judged.append(tabletop.lint(path, packs, bar, settle=not static))
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         problems_of = ([asdict(problem) for problem in file.problems] for file in judged)

@@ -142,8 +142,8 @@ class Conditions:
         source: digest of the user's own code that makes the policy; empty for others.
         seed: of the rollouts; the n-th repeat of a scene has seed + n.
         repeats: rollouts a scene.
-        criteria: ``strict``, or ``published`` for the weaker success of the reference's environments. stop_early:
-        whether a rollout ends at success instead of ten steps later.
+        criteria: ``strict``, or ``published`` of runs that are not rolled out any more. stop_early: whether a rollout
+        ends at success instead of ten steps later.
         world: values of the world's own settings by name; what is missing has its default.
         place: where it runs, as JSON, see ``conditions.place``; empty if unknown.
         simulator: name and version of what the scenes are run in.
@@ -161,7 +161,7 @@ class Conditions:
     label: str = condition(Role.POLICY, Origin.FLAG, default="", later=True)
     seed: int = condition(Role.SEED, Origin.FLAG, default=0)
     repeats: int = condition(Role.POLICY, Origin.FLAG, default=1)
-    criteria: str = condition(Role.SIMULATION, Origin.FLAG, default="strict")
+    criteria: str = condition(Role.SIMULATION, Origin.HERE, default="strict")
     stop_early: bool = condition(Role.SIMULATION, Origin.FLAG, default=False)
     world: Mapping[str, str | float | bool] = condition(Role.SIMULATION, Origin.FILE, factory=dict)
     catalogue_digest: str = condition(Role.SIMULATION, Origin.HERE, default="")

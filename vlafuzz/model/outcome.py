@@ -28,13 +28,11 @@ class Rollout:
         trace: ``(steps,)`` progress after each control step.
         actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians), gripper in
             [-1, 1] (1 open).
-        published_success: success by the published environments' weaker criteria.
         states_hash: of all body and joint states at every step. Equal trajectories have equal hashes.
     """
 
     success_once: bool
     success_at_end: bool
-    published_success: bool
     reached: tuple[str, ...]
     progress: float
     trace: NDArray[np.float32]

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -12,34 +11,9 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model.scene import Scene
 
 MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
-Frame = Literal["fit", "keep", "original", "robot"]  # how scenes of VLATest become ours
+Frame = Literal["fit", "robot"]  # how scenes of VLATest become ours
 _VERDICT = "verdict"
 _EXPECTED = "expected JSON lines with one scene per line"
-
-
-@dataclass(frozen=True)
-class SceneFile:
-    """The content of a file of scenes.
-
-    Attributes:
-        lines: by line number, or by the scene's number in a file of VLATest; the error of a broken line. left_out:
-        number of scenes with an object that has no counterpart in our catalogue.
-    """
-
-    path: Path
-    lines: tuple[tuple[int, Scene | SceneError], ...]
-    left_out: int = 0
-
-    def scenes(self) -> list[Scene]:
-        """All scenes; a SceneError if a line is broken, or there is no scene."""
-        scenes: list[Scene] = []
-        for _, scene in self.lines:
-            if isinstance(scene, SceneError):
-                raise scene
-            scenes.append(scene)
-        if not scenes:
-            raise SceneError(f"{self.path}: no scenes in it", hint=_EXPECTED)
-        return scenes
 
 
 def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, Scene | SceneError]]:
@@ -62,7 +36,14 @@ def read_scenes(path: Path, inside: Path | None = None) -> Iterator[tuple[int, S
 
 def load_scenes(path: Path | str, inside: Path | None = None) -> list[Scene]:
     """All scenes of a JSON-lines file; a SceneError if a line is broken, or there is no scene."""
-    return SceneFile(Path(path), tuple(read_scenes(Path(path), inside))).scenes()
+    scenes: list[Scene] = []
+    for _, scene in read_scenes(Path(path), inside):
+        if isinstance(scene, SceneError):
+            raise scene
+        scenes.append(scene)
+    if not scenes:
+        raise SceneError(f"{path}: no scenes in it", hint=_EXPECTED)
+    return scenes
 
 
 def _without_verdict(line: str) -> str:

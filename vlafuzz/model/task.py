@@ -31,13 +31,11 @@ class Task:
     Attributes:
         targets: number of objects that the instruction names.
         stages: in order; the last one is success, which implies the others.
-        published: the weaker success of the published environments, judged at a single step.
     """
 
     name: str
     targets: int
     stages: tuple[Stage, ...]
-    published: Callable[[Any], bool]
 
     @property
     def stage_names(self) -> tuple[str, ...]:
@@ -45,13 +43,12 @@ class Task:
 
 
 class Monitor:
-    """Tracks stages and progress of a rollout; see ``Task`` for the arguments."""
+    """Tracks stages, as of a ``Task``, and progress of a rollout."""
 
-    def __init__(self, stages: tuple[Stage, ...], published: Callable[[Any], bool]) -> None:
-        self._stages, self._published = stages, published
+    def __init__(self, stages: tuple[Stage, ...]) -> None:
+        self._stages = stages
         self._streaks = [0] * len(stages)
         self.reached: list[str] = []
-        self.published_success = self.published_now = False
         self._trace: list[float] = []
 
     def observe(self, situation: Any) -> None:
@@ -65,8 +62,6 @@ class Monitor:
                 break
             self.reached.append(stage.name)
         self._trace.append(self._progress(situation))
-        self.published_now = self._published(situation)
-        self.published_success = self.published_success or self.published_now
 
     @property
     def success_now(self) -> bool:

@@ -192,6 +192,8 @@ STEPS: dict[int, tuple[str, ...]] = {
     21: ("UPDATE triage SET bucket = 'flaky' WHERE bucket = 'edge'",),
     # What fails at nominal, too, is not shown to have a cause.
     22: ("UPDATE triage SET bucket = 'flaky', shrunk = NULL, signature = NULL WHERE bucket = 'base'",),
+    # Success as in VLATest's environments is not judged any more.
+    23: ("ALTER TABLE rollout DROP COLUMN published_success",),
 }
 
 

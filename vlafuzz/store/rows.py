@@ -24,7 +24,7 @@ from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Mani
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
 MOST_UNPACKED = MIB  # bytes of a trace, or of the actions of 37,000 steps
-_SUCCESSES = ("success_once", "success_at_end", "published_success")
+_SUCCESSES = ("success_once", "success_at_end")
 _CAUSES = TypeAdapter(Causes)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])

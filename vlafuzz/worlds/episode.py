@@ -22,12 +22,9 @@ class Episode(ABC):
         monitor: of its stages.
     """
 
-    def __init__(
-        self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor, stages: tuple[str, ...]
-    ) -> None:
-        self.scene, self.monitor, self._stages = scene, monitor, stages
+    def __init__(self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor) -> None:
+        self.scene, self.monitor = scene, monitor
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
-        self._published = conditions.criteria == "published"
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         self.actions: list[NDArray[np.float64]] = []
         self._last = self._horizon()
@@ -39,12 +36,12 @@ class Episode(ABC):
     @property
     def success(self) -> bool:
         """Whether the task has been solved at any time."""
-        return self.monitor.published_success if self._published else self.monitor.success_once
+        return self.monitor.success_once
 
     @property
     def success_now(self) -> bool:
         """Whether the task is solved after the last step."""
-        return self.monitor.published_now if self._published else self.monitor.success_now
+        return self.monitor.success_now
 
     @property
     def instruction(self) -> str:
@@ -74,13 +71,11 @@ class Episode(ABC):
 
     def rollout(self, seconds: float = 0.0) -> Rollout:
         """The result of a rollout that took so many seconds."""
-        monitor, names = self.monitor, self._stages
+        monitor = self.monitor
         return Rollout(
             success_once=self.success,
             success_at_end=self.success_now,
-            published_success=monitor.published_success,
-            reached=names if self.success else tuple(monitor.reached[: len(names) - 1]),
-            # 1 if only the other criteria are met
+            reached=tuple(monitor.reached),
             progress=1.0 if self.success else min(monitor.progress, 0.99),
             trace=monitor.trace,
             actions=np.array(self.actions, dtype=np.float32),

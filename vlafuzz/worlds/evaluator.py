@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.errors import PolicyError, PrerequisiteError
+from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Rejection, Rollout
 from vlafuzz.model.scene import Scene
@@ -112,6 +112,9 @@ class SceneEvaluator(ABC):
         recording: Recording | None = None,
         checked: bool = True,
     ) -> None:
+        if conditions.criteria != "strict":
+            problem = f"criteria {conditions.criteria}: success is no longer judged as in VLATest's environments"
+            raise UsageError(problem, hint="run the scenes anew")
         self._conditions, self._policy, self._stages = conditions, policy, stages
         self._checked, self._recording, self.seed = checked, recording, conditions.seed
 

@@ -112,8 +112,7 @@ class ValuesEpisode(Episode):
     ) -> None:
         self._world, self._state, self._cameras = world, world.reset(dict(scene.values), seed), cameras
         self._hash = hashlib.blake2b(digest_size=16)
-        monitor = Monitor(task.stages, task.published)
-        super().__init__(scene, seed, conditions, monitor, task.stage_names)
+        super().__init__(scene, seed, conditions, Monitor(task.stages))
 
     @property
     def hz(self) -> int:
@@ -282,7 +281,7 @@ class ValuesWorld(World, Generic[State]):
     def task(self, name: str) -> Task:
         if not self.has(name):
             raise UsageError(f"no task {name!r}", hint=suggestion(name, self.tasks))
-        return Task(name, 0, tuple(self.stages), self.stages[-1].holds)
+        return Task(name, 0, tuple(self.stages))
 
     def robot(self, name: str) -> Robot:
         return Robot(robot=ROBOT, control_hz=self.control_hz, seconds=-(-self.horizon // self.control_hz))

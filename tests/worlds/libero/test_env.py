@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 
 from vlafuzz.errors import SimulatorError, UsageError
+from vlafuzz.model.task import Monitor
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet
 from vlafuzz.worlds.libero.pictures import CAMERAS
-from vlafuzz.worlds.libero.stages import Moment, find_stages, monitor_of
+from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.suites import find_task, find_tasks, initial_states
 
 pytestmark = pytest.mark.libero
@@ -44,7 +45,7 @@ def test_states_observations_and_pictures_are_those_of_libero_bit_by_bit(bowls):
 
 def test_stages_follow_one_another_and_the_goal_implies_them(bowls):
     bowls.reset()
-    moment, monitor = Moment(bowls), monitor_of(bowls)
+    moment, monitor = Moment(bowls), Monitor(find_stages(bowls.task))
     monitor.observe(moment)
     assert monitor.reached == []
     put_bowl_on_plate(bowls)

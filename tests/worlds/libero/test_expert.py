@@ -15,6 +15,7 @@ from vlafuzz.exports.expert_runner import ExpertRunner
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Light
+from vlafuzz.model.task import Monitor
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
@@ -22,7 +23,7 @@ from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.grasps import find_grasps
 from vlafuzz.worlds.libero.space import nominal_scene
-from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.suites import SETTLING
 
 pytestmark = pytest.mark.libero
@@ -30,7 +31,7 @@ SCRIPTS = Path(__file__).parents[3] / "scripts"
 
 
 def rollout(env: LiberoEnv, actions) -> list[str]:
-    moment, monitor = Moment(env), monitor_of(env)
+    moment, monitor = Moment(env), Monitor(find_stages(env.task))
     for action in actions:
         assert np.abs(action).max() <= 1.0
         env.step(action)

@@ -15,6 +15,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
@@ -25,7 +26,7 @@ from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.fairness import Fairness
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
 from vlafuzz.worlds.libero.setting import VIEW, Setting
-from vlafuzz.worlds.libero.stages import Moment, monitor_of
+from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
@@ -50,8 +51,7 @@ class LiberoEpisode(Episode):
         self._substeps = HZ // spec.action.hz
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
         self._hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
-        stages = task_named(scene.task).stage_names
-        super().__init__(scene, seed, conditions, monitor_of(self._env), stages)
+        super().__init__(scene, seed, conditions, Monitor(find_stages(self._env.task)))
 
     @property
     def hz(self) -> int:

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.model.task import Monitor, Stage, Task
+from vlafuzz.model.task import Stage, Task
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import LiberoTask, find_task
 
@@ -51,12 +51,6 @@ class Moment:
         return float(np.mean(ways)) if ways else FAR
 
 
-def monitor_of(env: LiberoEnv) -> Monitor:
-    """A monitor of a rollout that begins now. It observes a ``Moment`` of the environment."""
-    stages = find_stages(env.task)
-    return Monitor(stages, stages[-1].holds)
-
-
 def find_stages(task: LiberoTask) -> tuple[Stage, ...]:
     """``reach``, ``grasp``, ``move`` and ``goal``; the first three numbered if several things are carried."""
     count = len(task.carried)
@@ -92,5 +86,4 @@ def task(name: str) -> Task:
         PrerequisiteError: LIBERO is not installed.
     """
     found = find_task(name)
-    stages = find_stages(found)
-    return Task(name, len(found.things), stages, stages[-1].holds)
+    return Task(name, len(found.things), find_stages(found))

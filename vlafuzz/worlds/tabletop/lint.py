@@ -1,4 +1,4 @@
-"""Verdicts on the scenes of a file, ours or VLATest's."""
+"""Verdicts on the scenes of a file."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from pathlib import Path
 
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene_lines import Frame
+from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue
-from vlafuzz.worlds.tabletop.vlatest import read_scene_file
 
 BROKEN = "broken"  # a line that is no scene
 # What is counted.
 MEANS = {
-    "left out": "not read: an object has no counterpart here",
     "valid": "fair",
     "semantic": "with an unknown object, rest pose or task",
     "geometry": "with objects off the table, in each other, or too close",
@@ -47,18 +45,22 @@ class FileVerdicts:
     problems: Sequence[Problem]
 
 
-def lint(path: Path, frame: Frame, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
+def lint(path: Path, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
     """Check all scenes of a file, with objects of the catalogue and of packs; with ``settle`` also simulated.
 
     Raises:
         SceneError: there are no scenes in it.
     """
     catalogue, usual = load_catalogue(packs=packs), load_operators()
-    source, problems = read_scene_file(path, catalogue, frame), list[Problem]()
-    if not (source.lines or source.left_out):
+    if is_document(path):
+        raise SceneError(
+            f"{path}: not JSON lines", hint=f"`vlafuzz export {path} --out F.jsonl` reads files of VLATest"
+        )
+    lines, problems = list(read_scenes(path)), list[Problem]()
+    if not lines:
         raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
-    for done, (number, scene) in enumerate(source.lines):
-        watch.progress(path.name, done, len(source.lines))
+    for done, (number, scene) in enumerate(lines):
+        watch.progress(path.name, done, len(lines))
         if isinstance(scene, SceneError):
             problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
             continue
@@ -70,6 +72,6 @@ def lint(path: Path, frame: Frame, packs: Sequence[Pack], watch: Watch, *, settl
         if rejection:
             problems.append(Problem(number, rejection.check, rejection.reason))
     failed = Counter(problem.check for problem in problems)
-    scenes = len(source.lines) - failed[BROKEN]
-    counts = {"scenes": scenes, "left out": source.left_out, "valid": scenes - sum(failed[check] for check in CHECKS)}
+    scenes = len(lines) - failed[BROKEN]
+    counts = {"scenes": scenes, "valid": scenes - sum(failed[check] for check in CHECKS)}
     return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)

@@ -1,6 +1,6 @@
 """The state of the tabletop, and the four tasks of VLATest (FSE 2025, section 4.1) that judge it; instructions.
 
-Success is as described in the paper. The weaker criteria of the published environments are here too, as ``published``.
+Success is as described in the paper.
 """
 
 import math
@@ -102,7 +102,7 @@ class StateMonitor(Monitor):
     """A monitor of a task on the tabletop, which observes states."""
 
     def __init__(self, task: TableTask, models: tuple[ObjectModel, ...], start: State) -> None:
-        super().__init__(task.stages, task.published)
+        super().__init__(task.stages)
         self._models, self._start = models, start
 
     def observe(self, situation: State) -> None:
@@ -181,27 +181,6 @@ def _nearing(s: Situation) -> float:
     return _toward(max(_gap(s.models, s.now) - NEAR, 0.0), max(_gap(s.models, s.start) - NEAR, 1e-3))
 
 
-def _published_move_near(s: Situation) -> bool:
-    if not _moved(s):
-        return False
-    drop = s.now.positions[:, 2] - s.start.positions[:, 2]
-    kept = np.all(drop[2:] > -0.02) and np.all(drop[:2] > -0.15)
-    distance = np.linalg.norm(s.now.positions[:, :2] - s.now.positions[A, :2], axis=1)
-    reach = sum(math.hypot(*_claimed(s, index)[:2]) for index in (A, B)) + NEAR
-    closest = np.all(distance[B] < distance[2:] + 0.01)
-    return bool(kept and distance[B] < reach and closest)
-
-
-def _claimed(s: Situation, index: int) -> Array:
-    """Half the side lengths of an object as in the published environments: rotated like a vector.
-
-    They are those stated by its pack, even if wrong, at the start of the rollout.
-    """
-    model = s.models[index]
-    sides = np.ptp(model.vertices, axis=0) if model.box is None else model.box
-    return np.asarray(s.start.rotations[index] @ sides / 2)
-
-
 # put a on b, put a into b
 
 
@@ -242,15 +221,6 @@ def _is_inside(s: Situation) -> bool:
     return bool(np.all(np.abs(local[:, :2]) <= half))
 
 
-def _published_put(s: Situation, slack: float) -> bool:
-    offset = s.now.positions[A] - s.now.positions[B]
-    if offset[2] <= 0:
-        return False
-    half_b = _claimed(s, B)
-    over = math.hypot(*offset[:2]) <= math.hypot(*half_b[:2]) + 0.003
-    return bool(over and offset[2] <= _claimed(s, A)[2] + half_b[2] + slack)
-
-
 PICK_UP = TableTask(
     "pick-up",
     1,
@@ -259,27 +229,17 @@ PICK_UP = TableTask(
         Stage("lift", _lifted, lambda s: _height(s) / LIFTED if s.now.held == A else 0.0),
         Stage("success", _lifted, lambda s: 0.0, 5),
     ),
-    lambda s: _height(s) > 0.01 and s.now.touches(A) <= {HAND, ARM},
 )
 MOVE_NEAR = TableTask(
     "move-near",
     2,
     (GRASP, Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED), Stage("success", _is_near, _nearing)),
-    _published_move_near,
 )
 PUT_ON = TableTask(
-    "put-on",
-    2,
-    (GRASP, Stage("move", _is_over, _bringing), Stage("success", _released_on, _lowering)),
-    lambda s: _published_put(s, slack=0.02),
-    onto="support",
+    "put-on", 2, (GRASP, Stage("move", _is_over, _bringing), Stage("success", _released_on, _lowering)), onto="support"
 )
 PUT_IN = TableTask(
-    "put-in",
-    2,
-    (GRASP, Stage("move", _is_over, _bringing), Stage("success", _is_inside, _lowering)),
-    lambda s: _published_put(s, slack=0.06),
-    onto="container",
+    "put-in", 2, (GRASP, Stage("move", _is_over, _bringing), Stage("success", _is_inside, _lowering)), onto="container"
 )
 TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
 

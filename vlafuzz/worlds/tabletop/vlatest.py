@@ -1,4 +1,4 @@
-"""Reads scene files of VLATest (FSE 2025) as scenes of ours, or as published: its coordinates, names, sizes, robots."""
+"""Reads scene files of VLATest (FSE 2025) as scenes of ours: on our table, or with its robots, objects and sizes."""
 
 import math
 import re
@@ -15,14 +15,13 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
-from vlafuzz.model.scene_lines import Frame, SceneFile, is_document, read_scenes
+from vlafuzz.model.scene_lines import Frame
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.rigs import Workspace, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 
-FRAME = "vlatest"  # Scene.frame: VLATest's world coordinates
 CUSTOM, YCB = "custom:", "ycb:"  # prefixes of names, as in packs: YCB and VLATest's own catalogue share some names
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
 
@@ -138,13 +137,11 @@ class Imported:
 
     Attributes:
         read: number of scenes in the file.
-        numbers: of the imported scenes in the file.
         missing: names without a counterpart of ours, with the number of scenes that have them.
     """
 
     path: Path
     read: int
-    numbers: tuple[int, ...]
     scenes: tuple[Scene, ...]
     missing: dict[str, int]
 
@@ -154,21 +151,13 @@ class Imported:
         return self.read - len(self.scenes)
 
 
-def read_scene_file(path: Path, catalogue: Catalogue, frame: Frame) -> SceneFile:
-    """Read a file of scenes, ours or VLATest's; for ``frame`` see ``read_vlatest``."""
-    if not is_document(path):
-        return SceneFile(path, tuple(read_scenes(path)))
-    imported = read_vlatest(path, catalogue, frame=frame)
-    return SceneFile(path, tuple(zip(imported.numbers, imported.scenes, strict=True)), imported.left_out)
-
-
 def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> Imported:
     """Read a scene file of VLATest.
 
     Args:
-        frame: ``fit`` stretches VLATest's sampling box onto ours, ``keep`` moves it to the middle of ours; ``original``
-            changes nothing, and ``robot`` only expresses positions from the robot's base, as our rigs do. The last two
-            leave no scene out: names need not be in the catalogue.
+        frame: ``fit`` stretches VLATest's sampling box onto ours; ``robot`` keeps robots, objects, sizes and distances,
+            and only expresses positions from the robot's base, as our rigs do. It leaves no scene out: names need not
+            be in the catalogue.
 
     Raises:
         SceneError: not a scene file of VLATest; the message names file and key.
@@ -177,26 +166,22 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
     ycb = path.name.startswith("ycb_")  # only the file's name tells which catalogue the names are from
     known = table.objects | (table.ycb if ycb else {})
     missing: Counter[str] = Counter()
-    scenes: dict[int, Scene] = {}
+    scenes: list[Scene] = []
     for key, entry in entries.items():
         task = _task(path, entry)
-        if frame in ("original", "robot"):
-            original = _original_scene(entry, task, ycb=ycb)
-            scenes[int(key)] = _in_robot_frame(original, table.original.bases[task]) if frame == "robot" else original
+        if frame == "robot":
+            scenes.append(_original_scene(entry, task, ycb=ycb))
             continue
         models = {thing.model for thing in entry.things}
         absent = {model for model in models if model not in known or known[model].name not in catalogue}
         missing.update(absent)
         if not absent:
-            placed = [
-                _placement(f"{path}: {key}", entry.things[i], known, task, stretched=frame == "fit")
-                for i in entry.order
-            ]
+            placed = [_placement(f"{path}: {key}", entry.things[i], known, task) for i in entry.order]
             targets = tuple(placed[: TASKS[task].targets])
             spoken = [catalogue[target.object].spoken for target in targets]
             instruction = say(load_wordings()[task][0], spoken)
-            scenes[int(key)] = Scene(task, targets, instruction, confounders=tuple(placed[len(targets) :]))
-    return Imported(path, len(entries), tuple(scenes), tuple(scenes.values()), dict(missing.most_common()))
+            scenes.append(Scene(task, targets, instruction, confounders=tuple(placed[len(targets) :])))
+    return Imported(path, len(entries), tuple(scenes), dict(missing.most_common()))
 
 
 def _read_entries(path: Path) -> dict[str, _Entry]:
@@ -247,8 +232,8 @@ def _task(path: Path, entry: _Entry) -> str:
     return by_receptacle or (named if named and TASKS[named].targets == 2 else "move-near")
 
 
-def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task: str, *, stretched: bool) -> Placement:
-    """The counterpart of an object; its frame is turned by half a turn, then stretched or moved onto our box."""
+def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task: str) -> Placement:
+    """The counterpart of an object; its frame is turned by half a turn, then stretched onto our box."""
     counterpart, table = known[thing.model], vlatest_table()
     w, i, j, z = thing.quaternion
     level = math.hypot(i, j) < 1e-3
@@ -265,27 +250,24 @@ def _placement(where: str, thing: _Thing, known: Mapping[str, Counterpart], task
     for at, (near, far), span in zip(
         thing.xy, (table.frames[task].x, table.frames[task].y), (ours.x, ours.y), strict=True
     ):
-        stretch = (span.high - span.low) / (far - near) if stretched else 1.0
+        stretch = (span.high - span.low) / (far - near)
         place.append(round((span.low + span.high) / 2 - (at - (near + far) / 2) * stretch, 6))
     x, y = place
     return Placement(counterpart.name, pose.rest, x, y, round(wrapped, 4))
 
 
 def _original_scene(entry: _Entry, task: str, *, ycb: bool) -> Scene:
-    """A scene in VLATest's frame, with objects from YCB or not; receptacles of the put tasks never are."""
+    """A scene from the robot's base: every distance and angle to it stays. Receptacles of put tasks are not YCB's."""
     table, original, order = vlatest_table(), vlatest_table().original, entry.order
+    robot, in_order = original.robots[task], order == tuple(range(len(order)))
     placed = []
     for index, thing in enumerate(entry.things):
         of_ycb = ycb and thing.model not in table.places
         small = task in original.small_tasks and (of_ycb or thing.model in original.small)
-        placement = Placement(
-            (YCB if of_ycb else CUSTOM) + thing.model,
-            "",
-            *thing.xy,
-            quaternion=thing.quaternion,
-            scale=original.small_scale if small else 1.0,
-        )
-        in_order = order == tuple(range(len(order)))
+        name = (YCB if of_ycb else CUSTOM) + thing.model
+        x, y, quaternion = _from_base(thing, original.bases[task], rig(robot).base)
+        scale = original.small_scale if small else 1.0
+        placement = Placement(name, "", x, y, quaternion=quaternion, scale=scale)
         placed.append(placement if in_order else replace(placement, listed=index))
     targets, others = order[: len(entry.targets)], order[len(entry.targets) :]
     spoken = [_spoken(entry.things[index].model, original) for index in targets]
@@ -294,8 +276,7 @@ def _original_scene(entry: _Entry, task: str, *, ycb: bool) -> Scene:
         tuple(placed[index] for index in targets),
         say(load_wordings()[task][0], spoken),
         confounders=tuple(placed[index] for index in others),
-        robot=original.robots[task],
-        frame=FRAME,
+        robot=robot,
     )
 
 
@@ -305,20 +286,12 @@ def _spoken(model: str, original: Original) -> str:
     return original.spoken.get(model) or " ".join(words)
 
 
-def _in_robot_frame(scene: Scene, base: Base) -> Scene:
-    """An original scene in the frame of our rig: every distance and angle to the robot stays."""
-    ours, turn = rig(scene.robot).base, math.radians(-base.yaw)
-
-    def moved(placement: Placement) -> Placement:
-        x, y = placement.x - base.x, placement.y - base.y
-        w, i, j, k = placement.quaternion or (1.0, 0.0, 0.0, 0.0)
-        cos, sin = math.cos(turn / 2), math.sin(turn / 2)
-        return replace(
-            placement,
-            x=ours[0] + x * math.cos(turn) - y * math.sin(turn),
-            y=ours[1] + x * math.sin(turn) + y * math.cos(turn),
-            quaternion=(cos * w - sin * k, cos * i - sin * j, cos * j + sin * i, cos * k + sin * w),
-        )
-
-    targets, confounders = (tuple(map(moved, group)) for group in (scene.targets, scene.confounders))
-    return replace(scene, targets=targets, confounders=confounders, frame="")
+def _from_base(thing: _Thing, base: Base, ours: Sequence[float]) -> tuple[float, float, Quaternion]:
+    """Where an object is and how it is turned, in the frame of our rig, whose base is at ``ours``."""
+    turn = math.radians(-base.yaw)
+    x, y = thing.xy[0] - base.x, thing.xy[1] - base.y
+    w, i, j, k = thing.quaternion
+    cos, sin = math.cos(turn / 2), math.sin(turn / 2)
+    quaternion = (cos * w - sin * k, cos * i - sin * j, cos * j + sin * i, cos * k + sin * w)
+    level = ours[0] + x * math.cos(turn) - y * math.sin(turn), ours[1] + x * math.sin(turn) + y * math.cos(turn)
+    return *level, quaternion

@@ -111,27 +111,6 @@ def test_who_lets_go_after_success_has_succeeded_once_but_not_at_the_end():
     assert (outcome.rollouts[0].success_once, outcome.rollouts[0].success_at_end) == (True, False)
 
 
-def test_a_success_that_the_published_criteria_do_not_see_fails_at_the_last_stage(monkeypatch):
-    monkeypatch.setitem(TASKS, "pick-up", replace(TASKS["pick-up"], published=lambda _: False))
-    (outcome,) = evaluate(Expert(), NOMINAL, criteria="published")
-    assert (outcome.verdict, outcome.lost_stage) == (Verdict.FAILED, "success")
-    assert outcome.progress < 1
-    assert outcome.rollouts[0].steps == 80  # the strict success does not end it
-
-
-def test_who_lets_go_too_early_passes_by_the_published_criteria_only_which_end_the_rollout():
-    def outcome(**conditions):
-        return evaluate(lets_go_at(is_lifted, times=3), NOMINAL, **conditions)[0]
-
-    strict, *published = (outcome(criteria="strict"), *(outcome(criteria="published", stop_early=s) for s in (0, 1)))
-    assert (strict.verdict, strict.lost_stage, strict.rollouts[0].steps) == (Verdict.FAILED, "success", 80)
-    assert strict.rollouts[0].published_success
-    assert [each.verdict for each in published] == [Verdict.PASSED] * 2
-    usual, early = (each.rollouts[0] for each in published)
-    assert usual.steps == early.steps + 10 < 30
-    assert (usual.success_at_end, early.success_at_end) == (False, True)  # the object falls meanwhile
-
-
 def test_repeats_have_seeds_of_their_own_and_are_repeatable():
     (outcome,) = evaluate(Random(), NOMINAL, repeats=3, seed=5)
     hashes = [rollout.states_hash for rollout in outcome.rollouts]
@@ -275,10 +254,16 @@ def test_an_option_that_was_not_applied_is_an_error(expert_on, monkeypatch):
     assert "pose of pepsi_can: asked for" in outcome.detail
 
 
-def test_conditions_under_which_objects_were_dropped_are_refused():
-    dropped = Conditions(task="pick-up", world={"placement": "published"})
-    with pytest.raises(UsageError, match="placement published: objects are no longer dropped"):
-        WORLD.evaluator(dropped, Frozen(), None, recording=None, checked=True)
+@pytest.mark.parametrize(
+    ("former", "says"),
+    [
+        ({"world": {"placement": "published"}}, "placement published: objects are no longer dropped"),
+        ({"criteria": "published"}, "criteria published: success is no longer judged"),
+    ],
+)
+def test_conditions_of_former_versions_are_refused(former, says):
+    with pytest.raises(UsageError, match=says):
+        WORLD.evaluator(Conditions(task="pick-up", **former), Frozen(), None, recording=None, checked=True)
 
 
 def test_an_interruption_passes():

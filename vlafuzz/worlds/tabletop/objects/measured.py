@@ -93,7 +93,6 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         container=cavity if poses[0].name == "upright" else None,
         density=spec.density,
         fit=fit,
-        box=turn @ spec.sides if spec.sides else None,
     )
 
 

@@ -107,7 +107,6 @@ class ObjectModel:
     container: Container | None
     density: float  # of the parts
     fit: Fit | None = None  # for objects of packs, the transform of the mesh at its nominal size
-    box: Array | None = None  # (3,) sides stated by the pack, rotated by ``fit``, signs included
 
     def turned(self, quaternion: Sequence[float]) -> Array:
         """The object frame's rotation ``(3, 3)`` given a raw quaternion of the mesh."""
@@ -151,5 +150,4 @@ def _scaled(model: ObjectModel, scale: float) -> ObjectModel:
         stable_poses=poses,
         container=cavity and Container(*(length * scale for length in astuple(cavity))),
         mass=model.mass * scale**3,
-        box=None if model.box is None else model.box * scale,
     )

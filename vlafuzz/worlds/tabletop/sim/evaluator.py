@@ -36,7 +36,7 @@ class TabletopEpisode(Episode):
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
         env.check(scene)
-        super().__init__(scene, seed, conditions, env.monitor, env.task.stage_names)
+        super().__init__(scene, seed, conditions, env.monitor)
 
     @property
     def hz(self) -> int:
