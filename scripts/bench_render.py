@@ -38,6 +38,7 @@ from unittest.mock import patch
 
 import numpy as np
 import torch
+from mani_skill.agents.robots.panda import Panda
 from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
 from numpy.typing import NDArray
 
@@ -113,7 +114,7 @@ def _render_as_stock(pack: str) -> None:
 
     for module in (env_module, world):
         patch.object(module, "use_shaders", use_stock).start()
-    patch.object(robots, "light_robot", lambda urdf: urdf).start()
+    patch.object(robots.MetricPanda, "urdf_path", Panda.urdf_path).start()
 
 
 def shoot(variant: str, scene: Scene, size: int, moves: int) -> list[Shot]:

@@ -1,7 +1,7 @@
 """Policies of lerobot: messages without it; with it, tiny policies against lerobot's own evaluation.
 
 lerobot 0.4.4 wants another torch than ours, so it is not among our packages; name the Python of an environment in which
-it is. python -m venv there; there/bin/pip install torch==2.13.0 pydantic scipy trimesh pyyaml fast-simplification
+it is. python -m venv there; there/bin/pip install torch==2.13.0 pydantic scipy trimesh pyyaml
 einops draccus==0.10.0 'huggingface-hub<0.36' 'datasets<5' 'diffusers<0.36' accelerate gymnasium 'transformers<5'
 'av<16' jsonlines 'deepdiff<9' 'opencv-python-headless<4.13' termcolor imageio num2words 'packaging<26' pyserial;
 there/bin/pip install --no-deps lerobot==0.4.4 torchvision==0.28.0; VLAFUZZ_LEROBOT=there/bin/python scripts/test -m

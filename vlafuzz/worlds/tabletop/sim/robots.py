@@ -7,7 +7,6 @@ ManiSkill's own bridge agent.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,7 +23,6 @@ from vlafuzz.common import assets
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.objects.references import check_references
 from vlafuzz.worlds.tabletop.sim.arm import Gripper, MetricArm, Pace
-from vlafuzz.worlds.tabletop.sim.meshes import light_robot
 
 CONTROL_MODE = "metric_ee"
 
@@ -91,9 +89,10 @@ class _Metric(BaseAgent):
 
 @register_agent()
 class MetricPanda(_Metric, Panda):
-    """ManiSkill's Panda."""
+    """ManiSkill's Panda, whose visual meshes are simplified: ``scripts/make_panda.py``."""
 
     uid = "vlafuzz_panda"
+    urdf_path = str(assets.operators_dir() / "robots" / "panda" / "panda_v2.urdf")
     tcp_name = "panda_hand_tcp"
     fingers = (("panda_leftfinger",), ("panda_rightfinger",))
     wrist = "panda_hand"
@@ -103,12 +102,6 @@ class MetricPanda(_Metric, Panda):
     )
     # Closed is below zero, so that the gripper also presses on thin objects.
     gripper = Gripper(closed=-0.01, open=0.04, width=lambda qpos: float(qpos[-1] + qpos[-2]))
-
-    def _load_articulation(self, initial_pose: Any = None) -> None:
-        """With simplified visual meshes if the scene can render."""
-        if self.scene.can_render():
-            self.urdf_path = str(light_robot(Path(Panda.urdf_path)))
-        super()._load_articulation(initial_pose)
 
 
 class _FromPack(_Metric):
