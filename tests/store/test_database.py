@@ -236,6 +236,7 @@ def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, 
         raw.execute("ALTER TABLE run DROP COLUMN world")
         raw.execute("ALTER TABLE triage DROP COLUMN witness_width")
         raw.execute("ALTER TABLE cause DROP COLUMN mechanism")
+        raw.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         raw.execute("PRAGMA user_version = 17")
         assert shape_of(raw) == shape_at(17)
     with Store.open(path, mode) as store:

@@ -100,6 +100,7 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
     path = store(tmp_path / "a.db", MINIMAL)
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE triage SET bucket = 'base'")
+        connection.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         connection.execute("PRAGMA user_version = 21")
     (got,) = read(path)
     assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)

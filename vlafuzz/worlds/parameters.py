@@ -8,8 +8,6 @@ A file says the same as ``Parameter``, with names as keys::
     heading: {kind: angle, nominal: 0, unit: °}
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import math

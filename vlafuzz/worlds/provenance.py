@@ -3,8 +3,6 @@
 A place's arithmetic and renderer decide last bits, which decide some outcomes.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import platform

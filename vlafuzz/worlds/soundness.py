@@ -6,6 +6,7 @@ import math
 import random
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from multiprocessing import get_context
@@ -127,16 +128,13 @@ class _Exam:
 
     def repeats(self) -> Finding:
         """Whether a reset forgets all that was before."""
-        world, usual, far = self._opened(), self._new(), self._far()
-        begun = self._rollout(world, self.nominal_values, steps=0)
-        again = self._rollout(world, self.nominal_values, steps=0)
-        self._rollout(world, self.nominal_values)
-        after = self._rollout(world, self.nominal_values)
-        other = self._opened()
-        away, *late = (self._rollout(other, far) for _ in range(3))
-        back = self._rollout(other, self.nominal_values)
-        world.close()
-        other.close()
+        usual, far = self._new(), self._far()
+        with closing(self._opened()) as world:
+            begun, again = (self._rollout(world, self.nominal_values, steps=0) for _ in range(2))
+            _, after = (self._rollout(world, self.nominal_values) for _ in range(2))
+        with closing(self._opened()) as world:
+            away, *late = (self._rollout(world, far) for _ in range(3))
+            back = self._rollout(world, self.nominal_values)
         if again.differs(begun) is not None:
             follows = "the seed is ignored: hand it to every generator at every reset"
             return Finding("repeats", "a second reset with the same seed begins differently", "refuse", follows)
@@ -181,7 +179,8 @@ class _Exam:
             elif any(same[:1] + same[-1:]):
                 alike.append(_end(one, [value for value, _ in traces], same))
         if idle:
-            found = f"{', '.join(idle)}: no effect in {self._length()}, nor in a picture"
+            expert = " and in the expert's rollout" if self.world.expert() else ""
+            found = f"{', '.join(idle)}: no effect in {STEPS} steps of random actions{expert}, nor in a picture"
             return Finding("effects", found, "warn", "look at how it is applied, or leave it out")
         if alike:
             return Finding("effects", "; ".join(alike), "warn", "narrow the range to what is applied, or mend apply")
@@ -189,27 +188,24 @@ class _Exam:
 
     def nominal(self) -> Finding:
         """Whether the nominal scene is the simulator's own start."""
-        world = self._opened()
-        try:
+        with closing(self._opened()) as world:
             state = world.own_start(SEED)
             if state is None:
                 return Finding("nominal", "the world has no start of its own to compare with")
             own = self._trace(world, state, STEPS)
-        finally:
-            world.close()
         step = self._new().differs(own)
         if step is None:
             return Finding("nominal", "the nominal scene is the environment's own")
-        names = [one for one in self.world.parameters if one.name in own.applied]
-        wrong = [one for one in names if not _equal(self.nominal_values[one.name], own.applied[one.name])]
-        said = [
-            f"{_named(one)} is {_said(one, own.applied[one.name])}, not {_said(one, self.nominal_values[one.name])}"
-            for one in wrong
+        pairs = [
+            (one, own.applied[one.name], self.nominal_values[one.name])
+            for one in self.world.parameters
+            if one.name in own.applied
         ]
+        said = [f"{_named(one)} is {_said(one, a)}, not {_said(one, b)}" for one, a, b in pairs if not _equal(b, a)]
         where = "from its reset on" if step == 0 else f"after step {step}"
-        found = f"the nominal scene differs from the environment's own {where}"
+        found = f"the nominal scene differs from the environment's own {where}{': ' * bool(said)}{', '.join(said)}"
         follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
-        return Finding("nominal", ": ".join([found, *[", ".join(said)][: bool(said)]]), "warn", follows)
+        return Finding("nominal", found, "warn", follows)
 
     def start(self) -> Finding:
         """Whether a scene is solved before anything is done."""
@@ -259,11 +255,8 @@ class _Exam:
 
     def _new(self) -> Trace:
         """A nominal rollout in a new simulator."""
-        world = self._opened()
-        try:
+        with closing(self._opened()) as world:
             return self._rollout(world, self.nominal_values)
-        finally:
-            world.close()
 
     def _rollout(self, world: ValuesWorld[Any], values: Values, steps: int = STEPS) -> Trace:
         return self._trace(world, world.reset(dict(values), SEED), steps)
@@ -285,12 +278,11 @@ class _Exam:
     def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
         """Rollouts with a value all over its range, the others nominal."""
         if one.name not in self._tried:
-            world, self._tried[one.name] = self._opened(), []
-            for value in _spread(one):
-                values = self.nominal_values | {one.name: value}
-                if self.world.unfair(values) is None:
-                    self._tried[one.name].append((value, self._rollout(world, values)))
-            world.close()
+            with closing(self._opened()) as world:
+                scenes = [(value, self.nominal_values | {one.name: value}) for value in _spread(one)]
+                self._tried[one.name] = [
+                    (value, self._rollout(world, values)) for value, values in scenes if world.unfair(values) is None
+                ]
         return self._tried[one.name]
 
     def _differ(self, one: Parameter, pair: tuple[tuple[Value, Trace], tuple[Value, Trace]]) -> bool:
@@ -334,10 +326,6 @@ class _Exam:
             np.random.seed(SEED)  # noqa: NPY002 - the very generator that a world must not use
             traces.append(self._new())
         return GLOBAL if traces[0].differs(traces[1]) is None else otherwise
-
-    def _length(self) -> str:
-        expert = " and in the expert's rollout" if self.world.expert() else ""
-        return f"{STEPS} steps of random actions{expert}"
 
 
 def in_another_process(exam: _Exam, reference: str) -> Finding:
@@ -392,11 +380,9 @@ def _mistake(value: Value, has: Value) -> str:
 
 def _end(one: Parameter, values: list[Value], same: list[bool]) -> str:
     """Which end of a range acts as one value."""
-    if same[-1]:
-        first = len(same) - next((i for i, one_same in enumerate(reversed(same)) if not one_same), len(same))
-        return f"{_named(one)}: clipped, {_said(one, values[first])} to {_said(one, values[-1])} act alike"
-    last = next((i for i, one_same in enumerate(same) if not one_same), len(same))
-    return f"{_named(one)}: clipped, {_said(one, values[0])} to {_said(one, values[last])} act alike"
+    first = len(same) - [*reversed(same), False].index(False) if same[-1] else 0
+    last = len(same) if same[-1] else [*same, False].index(False)
+    return f"{_named(one)}: clipped, {_said(one, values[first])} to {_said(one, values[last])} act alike"
 
 
 def _named(one: Parameter) -> str:

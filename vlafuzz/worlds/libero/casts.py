@@ -1,7 +1,5 @@
 """Which things a scene of a task has, instead of and beside those of the suite. No simulator."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from functools import cache, cached_property

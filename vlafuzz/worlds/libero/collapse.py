@@ -5,8 +5,6 @@ The error is a quadric (Garland and Heckbert, 1998) in a space of position, text
 several normals or texture coordinates, collapse along themselves, and never open.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 

@@ -5,8 +5,6 @@ step itself. Nothing of the first two is used but positions and velocities, so M
 controller between them, give the same states.
 """
 
-from __future__ import annotations
-
 from copy import copy
 from typing import Any
 

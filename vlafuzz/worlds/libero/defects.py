@@ -4,8 +4,6 @@ What a task says of its start, by the problem's predicates and by where the inst
 settling steps, when things have come down: LIBERO's own predicates need contact.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple

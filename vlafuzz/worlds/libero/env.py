@@ -4,8 +4,6 @@ Everything is LIBERO's own but what costs time: a state is restored instead of b
 step takes no detours (``control.py``). States are those of LIBERO bit for bit.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from typing import Any

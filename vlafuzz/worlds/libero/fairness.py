@@ -1,7 +1,5 @@
 """Whether a scene of LIBERO is fair: it has no defect that the suite's own initial state does not have."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, lru_cache, partial

@@ -3,8 +3,6 @@
 The hand's frame: x is the way in which the fingers close, z points down.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

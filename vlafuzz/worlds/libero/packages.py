@@ -1,7 +1,5 @@
 """The packages that LIBERO needs: whether they are there, in which versions, and how they are imported."""
 
-from __future__ import annotations
-
 import contextlib
 import ctypes
 import io

@@ -1,7 +1,5 @@
 """Pictures of LIBERO's two cameras, and which OpenGL draws them."""
 
-from __future__ import annotations
-
 import ctypes
 import mmap
 import subprocess

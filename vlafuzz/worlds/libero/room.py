@@ -1,7 +1,5 @@
 """Where the things of a task have room and are in reach: known before anything is simulated."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property

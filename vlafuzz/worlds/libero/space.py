@@ -1,7 +1,5 @@
 """The scenes of LIBERO: the suites' own initial states, and what the operators make of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache

@@ -1,7 +1,5 @@
 """Stages of a task of LIBERO: for each thing to be carried reach, grasp and move; then the task's goal."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import cache
 

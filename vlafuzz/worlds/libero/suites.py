@@ -1,7 +1,5 @@
 """Suites and tasks of LIBERO as data: names, instructions, goals and nominal initial states. No simulator."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What worlds share whose scenes are things on a table, seen by a camera under lamps: composer, space, world."""
 
-from __future__ import annotations
-
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence

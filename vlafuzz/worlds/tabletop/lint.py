@@ -1,7 +1,5 @@
 """Verdicts on the scenes of a file."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

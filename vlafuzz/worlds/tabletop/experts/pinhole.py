@@ -1,7 +1,5 @@
 """Pinhole: the expert's controller behind a calibrated camera. It is fast: it needs physics, no renderer."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import cv2
