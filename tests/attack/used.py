@@ -24,7 +24,7 @@ PLACES = ("campaign.launch", "campaign.replay", "rollouts.scene_runner")
 RUN = {
     "task": "pick-up", "strategy": "random", "vary": ["light", "camera-position"], "batch": 2, "repeats": 1,
     "time": "1m", "label": "a", "operators": "tabletop", "robot": "panda",
-    "stop-early": True, "pack": ["mine"], "scenes": "a.jsonl", "pool": "b.jsonl",
+    "stop-early": True, "pack": ["mine"], "scenes": "a.jsonl",
 }  # fmt: skip
 
 

@@ -129,7 +129,7 @@ def test_an_edited_profile_is_another_policy(server: str, folder: Path):
 
 def test_a_comparison_of_a_model_that_is_not_named_begins_anew_and_says_so(server: str, capsys):
     def compared(policy: str, store: str) -> int:
-        flags = ("--strategies", "random,feedback", "--repeats", "1", "--budget", "10", "--seed", "1")
+        flags = ("--strategies", "random,nsga2", "--repeats", "1", "--budget", "10", "--seed", "1")
         where = ("--triage-rollouts", "0", "--store", store)
         return main(["compare", "--policy", policy, *flags, *where])
 

@@ -91,7 +91,7 @@ def test_a_guided_run_tells_its_failures_from_the_failure_probability(capsys):
     assert shown.count("failure probability") == 1
     assert re.search(r"\d+ of \d+ random scenes failed\b", shown)  # counts: one figure, one interval
     assert "failure share" not in shown
-    shown = typed(capsys, [*RUN, "--strategy", "surrogate", "--budget", "10"]).out
+    shown = typed(capsys, [*RUN, "--strategy", "nsga2", "--budget", "10"]).out
     assert "guided scenes" in shown
     assert "failure probability" not in shown
 

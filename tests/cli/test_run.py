@@ -1,5 +1,6 @@
 import json
 import re
+import sqlite3
 from pathlib import Path
 
 import pytest
@@ -152,11 +153,10 @@ def test_a_run_whose_policy_goes_away_says_how_to_go_on(monkeypatch, capsys):
     assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
 
 
-@pytest.mark.parametrize("flag", ["--scenes=", "--config=pool="])
-def test_a_run_of_given_scenes_finds_them_again(folder: Path, flag: str, monkeypatch, capsys):
+def test_a_run_of_given_scenes_finds_them_again(folder: Path, monkeypatch, capsys):
     lights = [2.0**power for power in range(-4, 5)]
     write_scenes(folder / "given.jsonl", [scene(light, y=0.05 * y) for light in lights for y in range(-2, 3)])
-    given = ["run", *IDLE, "--store", "a.db", f"{flag}given.jsonl"]
+    given = ["run", *IDLE, "--store", "a.db", "--scenes", "given.jsonl"]
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert main(given) == 3
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
@@ -169,6 +169,17 @@ def test_a_run_of_given_scenes_finds_them_again(folder: Path, flag: str, monkeyp
     (folder / "moved.jsonl").rename(folder / "given.jsonl")
     summary = told(capsys, ["run", "--resume", "--trust", "--store", "a.db", "--json"])
     assert summary["rollouts"] == 45
+
+
+def test_a_run_that_an_earlier_version_chose_from_a_file_is_not_resumed(folder: Path, monkeypatch, capsys):
+    write_scenes(folder / "given.jsonl", [scene(y=0.01 * number) for number in range(30)])
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    assert main(["run", *IDLE, "--store", "a.db", "--scenes", "given.jsonl"]) == 3
+    with sqlite3.connect(folder / "a.db") as database:
+        database.execute("UPDATE run SET scene_file = json_set(scene_file, '$.flag', 'pool'), strategy = 'nsga2'")
+    capsys.readouterr()
+    said = typed(capsys, ["run", "--resume", "--trust", "--store", "a.db"], code=2).err
+    assert "run 1 chose from the scenes of" in said
 
 
 def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(folder: Path, monkeypatch, capsys):

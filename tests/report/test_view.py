@@ -55,7 +55,7 @@ def test_a_page_of_triaged_scenes_has_no_next_step_but_those_of_its_cards(triage
 
 def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
-        opened.begin(replace(MANIFEST, strategy="surrogate"))
+        opened.begin(replace(MANIFEST, strategy="nsga2"))
         opened.add(1, ended(SPACE.nominal()))
     (head,) = view(tmp_path / "a.db").heads
     assert head.rate is None

@@ -3,11 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.search.worlds import sampled, space
-from vlafuzz.errors import UsageError
+from tests.search.worlds import space
 from vlafuzz.model.genes import Gene, Grid
-from vlafuzz.search.pool import Selection
-from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.search.severity import Severity, half_of, severity_of
 
 SPACE = space()
@@ -66,9 +63,3 @@ def test_a_narrowed_category_is_drawn_less_often():
 def test_a_space_that_is_as_wide_as_written_is_the_same():
     assert SPACE.narrowed(1.0).operators.digest == SPACE.operators.digest
     assert SPACE.narrowed(0.5).operators.digest != SPACE.operators.digest
-
-
-def test_the_scenes_of_a_file_have_no_severity():
-    selection = Selection(STRATEGIES["severity"], SPACE, sampled(3), 0, 3)
-    with pytest.raises(UsageError, match="no ranges"):
-        selection.ask(1)

@@ -25,7 +25,7 @@ from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_at
 from vlafuzz.rollouts.setup import here
 from vlafuzz.search.base import POOL, Strategy, batch_of
-from vlafuzz.search.pool import InOrder, Pool, Selection
+from vlafuzz.search.pool import InOrder, Pool
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import default_task, provenance, world_of
@@ -33,8 +33,7 @@ from vlafuzz.worlds.base import Wanted
 
 BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
-# Identifies most planted faults; with a pool, most failures: scripts/bench_strategies.py
-STRATEGY, STRATEGY_OF_POOL = "causes", "surrogate"
+STRATEGY = "causes"  # identifies most planted faults: scripts/bench_strategies.py
 MOST = 2**63 - 1  # the largest integer of SQLite
 
 
@@ -77,11 +76,7 @@ def plan(
     wanted = Wanted(task=task.name, robot=named.robot, operators=config.operators, vary=config.vary, packs=config.packs)
     space = space or world.space(wanted, operators).narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
-    strategy: Strategy = InOrder(len(scenes))
-    if factory and scenes:
-        strategy = Selection(factory, space, scenes, config.seed, budget // config.repeats)
-    elif factory:
-        strategy = factory(space, config.seed, budget // config.repeats)
+    strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))
     triage_place = place
     if place.kind == "processes":  # no batch bounds the workers of triage
@@ -121,7 +116,7 @@ class Filled(NamedTuple):
 def filled(config: RunConfig) -> Filled:
     """Look up what a configuration names.
 
-    Task and robot are by default those of the scenes of a file, which has a strategy of its own if all of them are run.
+    Task and robot are by default those of the scenes of a file, which has a strategy of its own.
     """
     scenes = _read_scene_file(config)
     wanted = config.task or (scenes[0].task if scenes else default_task())
@@ -133,11 +128,11 @@ def filled(config: RunConfig) -> Filled:
         hint = suggestion(robot, world.robots)
         raise UsageError(f"--robot {robot}: not for {wanted}", hint=hint)
     _check_scenes(config, scenes, "robot", robot)
-    strategy = config.strategy or (STRATEGY_OF_POOL if config.pool else STRATEGY)
+    strategy = config.strategy or STRATEGY
     if config.scenes:
         if config.strategy not in (None, POOL):
             problem = f"--scenes: strategy {config.strategy!r} makes its own scenes"
-            raise UsageError(problem, hint="--config pool=FILE lets it choose from the file")
+            raise UsageError(problem, hint="leave one of the two out")
         strategy = POOL
     policy = config.policy or world.default_policy(robot)
     store = config.store or default_store(task.name, policy, config.seed)
@@ -163,10 +158,8 @@ def default_store(task: str, policy: str, seed: int) -> Path:
 
 
 def _read_scene_file(config: RunConfig) -> list[Scene]:
-    """The scenes of a file, to run or to choose from; none where neither file is named."""
-    if config.scenes and config.pool:
-        raise UsageError("--scenes and pool: both name a file of scenes", hint="leave one of the two out")
-    path = config.scenes or config.pool
+    """The scenes of the file, if one is named."""
+    path = config.scenes
     if path and path.is_file() and is_document(path):
         hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
         raise UsageError(f"{path}: not JSON lines", hint=hint)
@@ -193,7 +186,7 @@ def _check_scenes(config: RunConfig, scenes: Sequence[Scene], what: str, wanted:
         if (found := getattr(scene, what)) != wanted:
             problem = f"scene {number} is of {what} {found!r}, not {wanted!r}"
             hint = f"a run has one {what}: split the file, or leave out --{what}"
-            raise SceneError(f"{config.scenes or config.pool}: {problem}", hint)
+            raise SceneError(f"{config.scenes}: {problem}", hint)
 
 
 def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[Scene], *, workers: bool) -> Manifest:
@@ -202,10 +195,9 @@ def _manifest(config: RunConfig, space: Space, policy: Policy, scenes: Sequence[
     found = dict(space.conditions)
     found["world"] = dict(found.get("world", {})) | _settings(config, space.task.name)
     scene_file = ""
-    if path := config.scenes or config.pool:
+    if config.scenes:
         digest = hashlib.blake2b("\n".join(scene.digest for scene in scenes).encode(), digest_size=8).hexdigest()
-        flag = "scenes" if config.scenes else "pool"
-        scene_file = json.dumps({"flag": flag, "file": str(path.resolve()), "digest": digest})
+        scene_file = json.dumps({"flag": "scenes", "file": str(config.scenes.resolve()), "digest": digest})
     return Manifest(
         **flags | {"task": space.task.name, "robot": space.robot},
         **here(str(config.policy), policy, space, workers=workers) | found,

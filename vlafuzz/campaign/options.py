@@ -98,9 +98,7 @@ class RunConfig:
         "Which model the policy is: stored outcomes answer only under the same label.",
         "behind a server none, so that none answer",
     )
-    strategy: str | None = _option(
-        SCENES, "--strategy", "What proposes scenes, or python:pkg.mod:factory.", "causes; with a pool surrogate"
-    )
+    strategy: str | None = _option(SCENES, "--strategy", "What proposes scenes, or python:pkg.mod:factory.", "causes")
     budget: int | None = _option(LONG, "--budget", "Policy rollouts, for each task.", "100; of a file once each scene")
     seed: int = _option(SCENES, "--seed", "The same seed gives the same scenes.", "0", default=0)
     operators: str | None = _option(
@@ -118,7 +116,6 @@ class RunConfig:
         kind=str,
     )
     scenes: Path | None = _option(WHAT, "--scenes", "Run every scene of this file once.")
-    pool: Path | None = _option(WHAT, "", "The strategy chooses from the scenes of this file.")
     packs: tuple[Any, ...] = _option(
         WHAT,
         "--pack",

@@ -17,7 +17,7 @@ from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.provenance import elsewhere
 
-_ANEW = ("scenes", "pool", "workers", "executor")  # not stored: every command says them anew
+_ANEW = ("scenes", "workers", "executor")  # not stored: every command says them anew
 
 
 def resume(flags: Mapping[str, Any]) -> Plan:
@@ -37,14 +37,17 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}
     file = _scene_file(run.manifest)
+    if file.get("flag") == "pool":
+        problem = f"run {run.id} chose from the scenes of {file['file']}, which this version does not"
+        raise StoreError(f"{path}: {problem}", hint=f"use the version that began it, or {AFRESH}")
     if file and not named.scenes:
-        anew[file["flag"]] = Path(file["file"])
+        anew["scenes"] = Path(file["file"])
     space = world_of(run.manifest.task).stored_space(path, run.manifest)
     planned = plan(RunConfig(**stored, **anew, store=path), space=space)
     now = _scene_file(planned.manifest)
-    if file and (file["flag"], file["digest"]) != (now.get("flag"), now.get("digest")):
+    if file and file["digest"] != now.get("digest"):
         problem = f"run {run.id} had other scenes than {now.get('file', 'there are now')} holds"
-        raise StoreError(f"{path}: {problem}", hint=f"give --{file['flag']} {file['file']} as it was then")
+        raise StoreError(f"{path}: {problem}", hint=f"give --scenes {file['file']} as it was then")
     check_version(path, run, planned.manifest)
     return replace(planned, manifest=run.manifest, resume=run.id, done=done)
 

@@ -10,7 +10,6 @@ import numpy as np
 from vlafuzz.common.plugins import is_reference, load_factory, users_code
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
-from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
 
@@ -37,15 +36,6 @@ STRATEGIES: dict[str, Factory] = {
     "nsga2": _later(
         "vlafuzz.search.nsga2:Nsga2",
         "Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002.",
-    ),
-    "feedback": Feedback,
-    "map-elites": _later(
-        "vlafuzz.search.map_elites:MapElites",
-        "Varies the best scene of every niche: lost stage, farthest operator, target's place. A baseline.",
-    ),
-    "surrogate": _later(
-        "vlafuzz.search.surrogate:Surrogate",
-        "Rolls out what a forest predicts to fail in cells that have no failure yet; else random.",
     ),
     "severity": _later(
         "vlafuzz.search.severity:Severity",

@@ -37,12 +37,6 @@ class Variation:
         bare = self._number(self._levels(genome)) == 0
         return [name for name in self._units if not (bare and name in self._of_confounders)]
 
-    def mutate_some(self, genome: Genome, again: float, rng: np.random.Generator) -> Genome:
-        """The genome with one operator changed, and each time with the chance ``again`` one more."""
-        operators = self.operators(genome)
-        count = min(int(rng.geometric(1 - again)), len(operators))
-        return self.mutate(genome, rng.choice(operators, count, replace=False).tolist(), rng)
-
     def mutate(self, genome: Genome, operators: Collection[str], rng: np.random.Generator) -> Genome:
         """The genome with some genes of one unit of each of these operators changed."""
         levels = self._levels(genome)
@@ -58,29 +52,20 @@ class Variation:
         return self._genome(levels)
 
     def cross(self, mother: Genome, father: Genome, rng: np.random.Generator) -> Genome:
-        """A child with each unit taken from either parent, and confounders from both."""
-        first, second = self._levels(mother), self._levels(father)
+        """A child with each unit taken from either parent, and as many confounders as one of them, each a whole one."""
+        first, second = parents = self._levels(mother), self._levels(father)
         child = first.copy()
         for name, units in self._units.items():
             for unit in () if name in self._of_confounders else units:
                 if rng.random() < 0.5:
                     child[unit] = second[unit]
-        return self._genome(self._gathered(child, first, second, rng))
-
-    def splice(self, genome: Genome, donor: Genome, rng: np.random.Generator) -> Genome:
-        """The genome with some confounders replaced by the donor's."""
-        levels = self._levels(genome)
-        return self._genome(self._gathered(levels.copy(), levels, self._levels(donor), rng))
-
-    def _gathered(self, child: Levels, mother: Levels, father: Levels, rng: np.random.Generator) -> Levels:
-        """The child with as many confounders as one of the parents, each taken whole from either."""
-        count = self._number((mother, father)[rng.integers(2)])
+        count = self._number(parents[rng.integers(2)])
         for number, slot in enumerate(self._around[:count]):
-            having = [parent for parent in (mother, father) if self._number(parent) > number]
+            having = [parent for parent in parents if self._number(parent) > number]
             child[slot] = having[rng.integers(len(having))][slot]
         if self._count is not None:
             child[self._count] = self._genes[self._count].grid.snap(count)
-        return child
+        return self._genome(child)
 
     def _change(self, levels: Levels, index: int, rng: np.random.Generator) -> None:
         gene, size = self._genes[index], int(self._sizes[index])
