@@ -1,59 +1,75 @@
 #!/usr/bin/env python3
-"""The charts of docs/results.md, from the figures in its tables."""
+"""The charts of docs/results.md, from the figures in scripts/evidence.yaml."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import matplotlib as mpl
+import yaml
+
+from vlafuzz.common.statistics import wilson
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
 
-OUT = Path(__file__).parent.parent / "docs" / "pictures"
-WORLDS = ("dense", "middling", "sparse", "very sparse")
-# Planted faults at 300 rollouts (seeds 30-59): ratio of `causes` to random, with its 95 % interval.
-ATTRIBUTION = ((1.05, 0.96, 1.14), (1.22, 1.11, 1.33), (1.32, 1.15, 1.51), (1.9, 1.5, 2.4))
-TRIAGE = ((5.1, 3.8, 6.8), (8.4, 6.0, 11.7), (11, 6.8, 18), (14, 7.8, 27))
-# Rows of lists that are true, percent, by the rate of failures by chance.
-TRUE_ROWS = ((0, 93, 86, 97), (10, 97, 89, 99), (20, 100, 91, 100), (40, 92, 74, 98))
+HERE = Path(__file__).parent
+OUT = HERE.parent / "docs" / "pictures"
+Row = tuple[float, float, float]  # a figure with the ends of its 95 % interval
 
 
-def faults() -> None:
+def faults(worlds: dict[str, dict[str, Row]]) -> None:
+    """How many times as many planted faults `causes` identifies, by how rare failures are."""
     figure, axes = plt.subplots(figsize=(7, 3))
-    for offset, rows, label in (
-        (0.12, ATTRIBUTION, "random, same attribution"),
-        (-0.12, TRIAGE, "random, then triage"),
-    ):
-        places = [len(WORLDS) - index + offset for index in range(len(WORLDS))]
-        middle = [row[0] for row in rows]
-        spread = [[row[0] - row[1] for row in rows], [row[2] - row[0] for row in rows]]
-        axes.errorbar(middle, places, xerr=spread, fmt="o", capsize=3, label=f"compared with {label}")
+    for offset, kind, label in ((-0.12, "attribution", "random, same attribution"), (0.12, "triage", "random, triage")):
+        places = [index + offset for index in range(len(worlds))]
+        draw(axes, places, [rows[kind] for rows in worlds.values()], f"compared with {label}")
     axes.axvline(1, color="grey", linewidth=1)
-    axes.set(
-        xscale="log", xlabel="planted faults identified by the strategy causes: times as many", yticks=[4, 3, 2, 1]
-    )
+    axes.set(xscale="log", xlabel="planted faults identified by the strategy causes: times as many")
     axes.set_xticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
-    axes.set_yticklabels([f"{world} worlds" for world in WORLDS])
+    label_rows(axes, [f"{world} worlds" for world in worlds])
     axes.legend(fontsize=8, loc="lower center", bbox_to_anchor=(0.5, 1), ncols=2)
     figure.tight_layout()
     figure.savefig(OUT / "evidence-faults.png", dpi=110)
 
 
-def true_rows() -> None:
-    figure, axes = plt.subplots(figsize=(7, 2.2))
-    rates, middle, low, high = zip(*TRUE_ROWS, strict=True)
+def holds(figures: dict[str, list[float]]) -> None:
+    """What share of vlafuzz's statements holds, in percent."""
+    rows = [percent(values) for values in figures.values()]
+    figure, axes = plt.subplots(figsize=(8, 4))
+    draw(axes, list(range(len(rows))), rows, "")
+    axes.axvline(95, color="grey", linewidth=1)
+    axes.set(xlim=(70, 101), xlabel="holds, % (95 % interval; the line is at 95 %)")
+    label_rows(axes, list(figures))
+    figure.tight_layout()
+    figure.savefig(OUT / "evidence-holds.png", dpi=110)
+
+
+def percent(values: list[float]) -> Row:
+    if len(values) == 2:
+        low, high = wilson(*values)
+        return 100 * values[0] / values[1], 100 * low, 100 * high
+    middle, low, high = values
+    return middle, low, high
+
+
+def draw(axes: Axes, places: list[float], rows: list[Row], label: str) -> None:
+    middle, low, high = (list(column) for column in zip(*rows, strict=True))
     spread = [
         [m - one for m, one in zip(middle, low, strict=True)],
         [one - m for m, one in zip(middle, high, strict=True)],
     ]
-    axes.errorbar(middle, rates, xerr=spread, fmt="o", capsize=3)
-    axes.set(xlim=(50, 100), ylim=(-10, 50), xlabel="rows of the list that are true, %", yticks=rates)
-    axes.set_yticklabels([f"{rate} % fail by chance" for rate in rates])
-    figure.tight_layout()
-    figure.savefig(OUT / "evidence-chance.png", dpi=110)
+    axes.errorbar(middle, places, xerr=spread, fmt="o", capsize=3, label=label)
+
+
+def label_rows(axes: Axes, names: list[str]) -> None:
+    """One name a row, the first on top."""
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
 
 
 if __name__ == "__main__":
-    faults()
-    true_rows()
+    data = yaml.safe_load((HERE / "evidence.yaml").read_text(encoding="utf-8"))
+    faults(data["faults"])
+    holds(data["holds"])

@@ -34,7 +34,8 @@ README, COMMANDS_PAGE, SCENES = (text(name) for name in ("README.md", "docs/comm
 OWN_POLICY = files(ROOT / "docs" / "your-policy.md")["mine.py"]
 OWN_STRATEGY = files(ROOT / "docs" / "strategies.md")["climb.py"]
 STEPS = files(ROOT / "docs" / "gymnasium.md")["steps.py"]
-RECIPES = files(ROOT / "docs" / "python.md")
+SAMPLES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "samples").glob("*.py")}
+PANDAS = files(ROOT / "docs" / "python.md")["to_pandas.py"]
 PYTHON = re.findall(r"```python\n(.*?)```", text("docs/python.md"), re.DOTALL)
 
 
@@ -161,7 +162,7 @@ def test_a_recipe_logs_the_failure_rate_of_each_run(name, package, module, tmp_p
     store(tmp_path / "pinhole.db", triaged=0)
     monkeypatch.setitem(sys.modules, package, module)
     BOARDS.clear()
-    exec(RECIPES[name], {})
+    exec(SAMPLES[name], {})
     assert [board.logged for board in BOARDS] == [["failure rate of random scenes"] * 4] * 2
 
 
@@ -169,7 +170,7 @@ def test_the_recipe_of_pandas_prints_rates_by_model_and_light(tmp_path, monkeypa
     pytest.importorskip("pandas")
     monkeypatch.chdir(tmp_path)
     store(tmp_path / "pinhole.db", triaged=0)
-    exec(RECIPES["to_pandas.py"], {})
+    exec(PANDAS, {})
     assert "idle" in capsys.readouterr().out
 
 
@@ -178,7 +179,7 @@ def test_the_recipe_of_pandas_prints_rates_by_model_and_light(tmp_path, monkeypa
 def test_the_example_of_a_server_answers_a_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     example = {"__name__": "server"}
-    exec(files(ROOT / "docs" / "servers.md")["server.py"], example)
+    exec(SAMPLES["server.py"], example)
     server = ThreadingHTTPServer(("127.0.0.1", 0), example["Handler"])
     threading.Thread(target=server.serve_forever, daemon=True).start()
     policy = f"http://127.0.0.1:{server.server_port}/act?hz=5&deterministic=1"
@@ -194,11 +195,11 @@ def test_the_example_of_a_server_answers_a_run(tmp_path, monkeypatch, capsys):
 @pytest.mark.slow
 @pytest.mark.render
 @pytest.mark.parametrize("policy", ["mini", "python:network:make"])
-def test_networks_with_pictures_are_served_as_their_section_says(policy, tmp_path, monkeypatch, capsys):
+def test_networks_with_pictures_are_served_as_the_pages_say(policy, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
-    Path("network.py").write_text(files(ROOT / "docs" / "servers.md")["network.py"])
-    (shown,) = [line for line in text("docs/servers.md").splitlines() if "--label mini" in line]
+    Path("network.py").write_text(SAMPLES["network.py"])
+    (shown,) = [line for line in text("docs/served-model.md").splitlines() if line.startswith("$ vlafuzz run")]
     asked = dict(parse_qsl(urlsplit(shlex.split(shown)[4]).query))
     with serving(make_policy(policy), "vla-eval") as name:
         assert asked.items() <= dict(parse_qsl(urlsplit(name).query)).items()

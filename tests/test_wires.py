@@ -8,7 +8,7 @@ import pytest
 import zmq
 from scipy.spatial.transform import Rotation
 
-from tests.documentation import ROOT, files, text
+from tests.documentation import text
 from tests.policies.clients.served import black, seen, start
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.model import Model
@@ -88,7 +88,7 @@ def test_the_keys_of_a_request_are_those_of_its_row(kind, form):
 
 def test_the_sample_server_of_groot_answers_a_request():
     example = {"__name__": "groot"}
-    exec(files(ROOT / "docs" / "wires.md")["groot.py"], example)
+    exec(text("docs/samples/groot.py"), example)
     over = threading.Event()
     with zmq.Context() as context, context.socket(zmq.REP) as socket:
         port = socket.bind_to_random_port("tcp://127.0.0.1")
