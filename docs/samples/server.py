@@ -6,15 +6,18 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import numpy as np
 
+
 def act(image, instruction):  # (224, 224, 3) uint8 and a sentence; your model here
     brightness = image.mean() / 255
     return [0.0, 0.0, -0.03 * brightness, 0.0, 0.0, 0.0, 1.0]  # metres, radians, 1 opens and -1 closes
+
 
 def arrays(value):  # NumPy arrays as json-numpy writes them
     if "__numpy__" not in value:
         return value
     data = base64.b64decode(value["__numpy__"])
     return np.frombuffer(data, np.dtype(value["dtype"])).reshape(value["shape"])
+
 
 class Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
@@ -30,6 +33,7 @@ class Handler(BaseHTTPRequestHandler):
 
     def log_message(self, *_):
         pass
+
 
 if __name__ == "__main__":
     ThreadingHTTPServer(("0.0.0.0", 8000), Handler).serve_forever()
