@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The charts of docs/results.md, from the figures in scripts/evidence.yaml."""
+"""The charts of the pages on evidence, from the figures in scripts/evidence.yaml."""
 
 from __future__ import annotations
 
@@ -34,16 +34,16 @@ def faults(worlds: dict[str, dict[str, Row]]) -> None:
     figure.savefig(OUT / "evidence-faults.png", dpi=110)
 
 
-def holds(figures: dict[str, list[float]]) -> None:
-    """What share of vlafuzz's statements holds, in percent."""
+def shares(name: str, figures: dict[str, list[float]], told: str, ends: tuple[float, float]) -> None:
+    """Shares with their intervals, in percent, one below the other."""
     rows = [percent(values) for values in figures.values()]
-    figure, axes = plt.subplots(figsize=(8, 4))
+    figure, axes = plt.subplots(figsize=(8, 1 + 0.28 * len(rows)))
     draw(axes, list(range(len(rows))), rows, "")
-    axes.axvline(95, color="grey", linewidth=1)
-    axes.set(xlim=(70, 101), xlabel="holds, % (95 % interval; the line is at 95 %)")
+    axes.set(xlim=ends, xlabel=told)
+    axes.grid(axis="x", alpha=0.4)
     label_rows(axes, list(figures))
     figure.tight_layout()
-    figure.savefig(OUT / "evidence-holds.png", dpi=110)
+    figure.savefig(OUT / f"evidence-{name}.png", dpi=110)
 
 
 def percent(values: list[float]) -> Row:
@@ -72,4 +72,6 @@ def label_rows(axes: Axes, names: list[str]) -> None:
 if __name__ == "__main__":
     data = yaml.safe_load((HERE / "evidence.yaml").read_text(encoding="utf-8"))
     faults(data["faults"])
-    holds(data["holds"])
+    shares("holds", data["holds"], "statements that hold, % (95 % interval)", (70, 101))
+    shares("libero", data["libero"], "initial states with a defect, %", (-1, 101))
+    shares("real", data["real"], "episodes that fail in unchanged scenes, % (95 % interval)", (0, 7))
