@@ -121,7 +121,14 @@ class GymWorld(ValuesWorld[Now]):
                 that is one. A method ``reset(seed)`` is called where a rollout begins.
             deterministic: the same observations and seed always give the same actions.
         """
-        return lambda: GymPolicy(cls(), act, name or getattr(act, "__name__", "own"), deterministic=deterministic)
+        known = name or getattr(act, "__name__", "own")
+
+        def make() -> GymPolicy:
+            world, made = cls(), act() if isinstance(act, type) else act
+            answer, spec = getattr(made, "act", made), world._spec(known, state=True, deterministic=deterministic)
+            return GymPolicy(world, spec, lambda now: answer(now.observation), getattr(made, "reset", None))
+
+        return make
 
     # What follows is ``ValuesWorld``.
 
@@ -200,7 +207,9 @@ class GymWorld(ValuesWorld[Now]):
         return state.terminated or state.truncated
 
     def expert(self) -> TryingPolicy | None:
-        return GymExpert(self) if type(self).solve is not GymWorld.solve else None
+        if type(self).solve is GymWorld.solve:
+            return None
+        return GymPolicy(self, self._spec("expert", privileged=True, execute=None), self.solve)
 
     def some_action(self, rng: np.random.Generator) -> Array:
         self.space_of_actions.seed(int(rng.integers(2**31)))
@@ -220,6 +229,9 @@ class GymWorld(ValuesWorld[Now]):
         if self._env is not None:
             self._env.close()
             self._env = None
+
+    def _spec(self, name: str, **about: Any) -> PolicySpec:
+        return PolicySpec(name, action=ActionSpec(width=self.action_width), **about)
 
     @property
     def _name(self) -> str:
@@ -266,46 +278,30 @@ def _unfit(problem: str, hint: str) -> PolicyError:
 
 
 class GymPolicy:
-    """A function of an observation of the environment as a policy."""
+    """A policy of a world that acts by the ``Now`` of each observation, or the world's expert.
+
+    Args:
+        begin: is told the seed of each rollout.
+    """
 
     attempt = 0
 
-    def __init__(self, world: GymWorld, act: Any, name: str, *, deterministic: bool = True) -> None:
-        self._world, made = world, act() if isinstance(act, type) else act
-        self._made, self._act = made, getattr(made, "act", made)
-        action = ActionSpec(width=world.action_width)
-        self.spec = PolicySpec(name, action=action, state=True, deterministic=deterministic)
+    def __init__(
+        self, world: GymWorld, spec: PolicySpec, act: Callable[[Now], Any], begin: Callable[[int], Any] | None = None
+    ) -> None:
+        self.spec, self._world, self._act, self._begin = spec, world, act, begin
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for episode in episodes:
-            if callable(begin := getattr(self._made, "reset", None)):
-                begin(episode.seed)
+            if self._begin is not None:
+                self._begin(episode.seed)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [_chunk(self._world, self._act(seen.privileged.observation)) for seen in observations]
+        return [_chunk(self._world, self._act(seen.privileged)) for seen in observations]
 
     def close(self) -> None:
         """Close the environment by which the action space was read."""
         self._world.close()
-
-
-class GymExpert:
-    """The expert of a world: its ``solve``."""
-
-    attempt = 0
-
-    def __init__(self, world: GymWorld) -> None:
-        self._world, action = world, ActionSpec(width=world.action_width)
-        self.spec = PolicySpec("expert", action=action, privileged=True, execute=None)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Nothing is kept."""
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [_chunk(self._world, self._world.solve(seen.privileged)) for seen in observations]
-
-    def close(self) -> None:
-        """Nothing is kept."""
 
 
 def _chunk(world: GymWorld, answer: Any) -> ActionChunk:

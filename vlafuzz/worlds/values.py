@@ -34,7 +34,7 @@ from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, by_name, operators_of
+from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, operators_of
 
 if TYPE_CHECKING:
     from vlafuzz.worlds.recording import Recording
@@ -268,7 +268,7 @@ class ValuesWorld(World, Generic[State]):
     @cached_property
     def named(self) -> dict[str, Parameter]:
         """The parameters by name."""
-        return by_name(self.parameters)
+        return {one.name: one for one in self.parameters}
 
     def scene(self, task: str, values: Mapping[str, Value]) -> Scene:
         """The scene of a task with these values."""

@@ -18,8 +18,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
-from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
-from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv

@@ -23,8 +23,7 @@ from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
-from vlafuzz.worlds.tabletop.objects.packs import PackObject
-from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
+from vlafuzz.worlds.tabletop.objects.packs import MOST_BYTES, PackObject
 from vlafuzz.worlds.tabletop.objects.solids import (
     Solid,
     Stable,

@@ -17,13 +17,19 @@ from numpy.typing import NDArray
 from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
+from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend, use_shaders
+from vlafuzz.worlds.tabletop.sim.rendering import (
+    BackdropPainter,
+    SceneLights,
+    Studio,
+    add_table,
+    render_backend,
+    use_shaders,
+)
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.studio import Studio
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named

@@ -120,11 +120,6 @@ class World:
         return self._hash.hexdigest()
 
     @property
-    def refused(self) -> int:
-        """How many commands of this rollout were out of the robot's reach."""
-        return self._controller.refused
-
-    @property
     def poses(self) -> tuple[sapien.Pose, ...]:
         """Of the objects."""
         return tuple(body.entity_pose for body in self._bodies)
