@@ -314,7 +314,6 @@ def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
 
 
 def _leaves(observation: Any) -> Iterator[NDArray[Any]]:
-    """The arrays in an observation."""
     if isinstance(observation, Mapping):
         for part in observation.values():
             yield from _leaves(part)

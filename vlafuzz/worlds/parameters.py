@@ -153,8 +153,6 @@ def read_parameters(path: Path) -> tuple[Parameter, ...]:
 
 
 class _Entry(BaseModel):
-    """A parameter as a file has it."""
-
     model_config = ConfigDict(extra="forbid", frozen=True)
     range: tuple[Real, Real] | None = None
     nominal: Real | None = None

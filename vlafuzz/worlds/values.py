@@ -46,8 +46,6 @@ Array = NDArray[np.float64]
 
 
 class _Composer:
-    """Values, one per parameter, to scenes and back."""
-
     def __init__(self, world: ValuesWorld[Any], task: str) -> None:
         self._world, self._task = world, task
         self.genes = tuple(parameter.gene for parameter in world.parameters)

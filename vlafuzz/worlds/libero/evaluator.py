@@ -155,7 +155,6 @@ class LiberoEvaluator(SceneEvaluator):
 
 
 def _check_spec(spec: PolicySpec) -> None:
-    """Raise a UsageError for a policy that asks for what LIBERO does not have."""
     if spec.silhouettes or spec.calibrated:
         problem = f"policy {spec.name!r} works on the tabletop only"
         raise UsageError(problem, hint="LIBERO gives pictures and the robot's state")

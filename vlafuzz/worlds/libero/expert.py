@@ -156,7 +156,6 @@ class Expert:
         return np.array(self._env.data.site_xpos[self._site])
 
     def _shifted(self, aside: Array | tuple[float, float] = (0.0, 0.0), *, up: float = 0.0) -> Array:
-        """A place relative to the hand's own, metres."""
         return np.asarray(self._hand() + np.array([*aside, up]))
 
     def _turn(self, yaw: float) -> Array:

@@ -69,7 +69,6 @@ class LiberoComposer(TableComposer):
         super().__init__(layout, genes)
 
     def _placing(self, operator: Operator) -> Iterator[Gene]:
-        """The genes of the places or yaws of the suite's own things."""
         concerned, name = self._libero.concerned, operator.name
         bystanders = isinstance(operator, (BystanderPosition, BystanderOrientation))
         slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
@@ -147,7 +146,6 @@ def _check_names(operator: str, names: Iterable[str] | None, known: Collection[s
 
 @cache
 def _said(task: LiberoTask) -> tuple[str, ...]:
-    """The wordings of a task's instruction."""
     return tuple(wording.replace("{instruction}", task.instruction) for wording in WORDINGS)
 
 

@@ -77,8 +77,7 @@ class Libero(TableWorld):
         return LiberoSpace(operators, wanted.task, wanted.robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> LiberoSpace:
-        operators = stored_operators(source, conditions, vary)
-        return LiberoSpace(operators, conditions.task, conditions.robot)
+        return LiberoSpace(stored_operators(source, conditions, vary), conditions.task, conditions.robot)
 
     def evaluator(
         self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool

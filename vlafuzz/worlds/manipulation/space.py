@@ -120,7 +120,6 @@ class TableComposer(ABC):
 
 
 def _value(gene: Gene, part: Any) -> float:
-    """The value of a gene in a part of a scene."""
     shown = getattr(part, gene.path.rpartition(".")[2])
     return index_of(gene.options, shown) if gene.options else float(shown)
 
@@ -295,7 +294,6 @@ class TableSpace(Space):
         return {(CameraPosition.name, way): round(100 * far, 2) + 0.0 for way, far in ways.items()}
 
     def _targets(self, operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
-        """What differs of the targets that an operator is about."""
         slots = {gene.slot for gene in self.by_path.values() if gene.operator == operator}
         parts = []
         for number, (target, other) in enumerate(zip(targets, others, strict=False)):
@@ -369,7 +367,6 @@ def _distances(low: Values, high: Values) -> str:
 
 
 def _fields(part: object, other: object, names: Sequence[str]) -> str:
-    """The fields of a part of a scene that differ from another's."""
     differing = [name for name in names if getattr(part, name) != getattr(other, name)]
     return ", ".join(in_words(name, getattr(part, name)) for name in differing)
 

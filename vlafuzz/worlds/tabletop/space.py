@@ -114,7 +114,6 @@ class Composer(TableComposer):
 
 
 def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:
-    """The slots of a task's scenes, with the names allowed in each."""
     types, around = operators.get(TargetType), operators.get(ConfounderType)
     takes = tuple(name for name in catalogue.graspable() if _takes(hand, catalogue[name]))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
@@ -131,7 +130,6 @@ def _takes(hand: Hand, model: ObjectModel) -> bool:
 
 
 def _offering(task: TableTask, catalogue: Catalogue) -> tuple[str, ...]:
-    """The objects that a task can bring another one to."""
     if task.onto is None:
         return catalogue.graspable()
     models = [catalogue[name] for name in catalogue.names()]
@@ -229,7 +227,6 @@ class SearchSpace(TableSpace):
         return say(load_wordings()[scene.task][0], names)
 
     def _unseen(self, scene: Scene) -> str | None:
-        """Why a target cannot be seen, if that is checked."""
         visible = self.operators.visible
         return unseen(scene, self.catalogue, visible) if visible else None
 
@@ -342,7 +339,6 @@ class Attempt:
         return gene.grid.value(gene.grid.snap(float(self._rng.uniform(*span))))
 
     def _accepts(self, slot: str, name: str, values: Values) -> bool:
-        """Place an object where the values say, if there is room."""
         space, model = self._space, self._space.catalogue[name]
         placement = space.composer.placement(values, slot, name)
         here, nearest = (placement.x, placement.y), space.operators.min_distance

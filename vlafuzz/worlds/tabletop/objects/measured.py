@@ -149,7 +149,6 @@ def _volume(points: Array) -> float:
 
 
 def _turn(points: Array, *, tall_y: bool) -> Array:
-    """The rotation ``(3, 3)`` after which z is up."""
     x, y, z = np.ptp(points, axis=0)
     stands_along_y = tall_y and y > TALL * max(x, z) and max(x, z) < ROUND * min(x, z)
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if stands_along_y else np.eye(3)
@@ -221,7 +220,6 @@ def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path,
 
 
 def _embedded(visual: Path | None) -> list[Array]:
-    """The mean colours of the textures in a GLB."""
     if visual is None or visual.suffix != ".glb":
         return []
     data = _read(visual)

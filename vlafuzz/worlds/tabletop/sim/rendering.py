@@ -186,7 +186,6 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
 
 
 def _cover(entity: sapien.Entity, half: tuple[float, float, float], material: RenderMaterial) -> None:
-    """Make a box visible."""
     visual = sapien.render.RenderBodyComponent()
     visual.attach(sapien.render.RenderShapeBox(list(half), material))
     entity.add_component(visual)
