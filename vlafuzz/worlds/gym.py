@@ -256,25 +256,14 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
     size = prod(space.shape or ())
     if action.size == WIDTH + 1 == size + 1:
         action = action[:WIDTH]
-    if action.size != size:
-        raise _unfit(f"the action has {action.size} numbers, {space} takes {size}", "look at the action space")
-    shaped = action.astype(space.dtype).reshape(space.shape or ())
-    if isinstance(space, spaces.Box):
-        outside = (shaped < space.low) | (shaped > space.high)
-        if outside.any():
-            first = int(np.flatnonzero(outside)[0])
-            low, high = space.low.ravel()[first], space.high.ravel()[first]
-            problem = f"the action {_short(action)} does not fit: number {first} is not within {low:g} to {high:g}"
-            raise _unfit(problem, "clip it, or look at its unit")
-        return shaped
-    fitting = shaped if space.shape else shaped[()]
-    if (shaped.ravel() != action).any() or not space.contains(fitting):
-        raise _unfit(f"the action {_short(action)} does not fit {space}", "look at its range")
-    return fitting
-
-
-def _unfit(problem: str, hint: str) -> PolicyError:
-    return PolicyError(problem, hint, "bad_action")
+    if action.size == size:
+        shaped = action.astype(space.dtype).reshape(space.shape or ())
+        real = isinstance(space, spaces.Box)
+        fitting = shaped if real or space.shape else shaped[()]
+        if (real or (shaped.ravel() == action).all()) and space.contains(fitting):
+            return fitting
+    shown = np.array2string(action, precision=3, threshold=8)
+    raise PolicyError(f"the action {shown} does not fit {space}", "clip it, or look at its unit", "bad_action")
 
 
 class GymPolicy:
@@ -334,7 +323,3 @@ def _versions(names: Mapping[str, None]) -> Iterator[tuple[str, str]]:
             yield name, metadata.version(name)
         except metadata.PackageNotFoundError:
             raise PrerequisiteError(f"there is no package {name}", hint=f"pip install {name}") from None
-
-
-def _short(action: Array) -> str:
-    return np.array2string(action, precision=3, threshold=8)
