@@ -18,7 +18,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +35,7 @@ from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, operators_of
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import hashlib
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +28,7 @@ from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 Array = NDArray[np.float64]
 SIDE = 256  # pixels of a picture in LIBERO's evaluations

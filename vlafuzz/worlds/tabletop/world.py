@@ -1,10 +1,8 @@
 """The tabletop: VLATest's tasks on ManiSkill. It is the default, and its simulator is loaded last."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy, Wanted
@@ -25,6 +24,7 @@ from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_oper
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld, check_names
 from vlafuzz.worlds.provenance import versions
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -36,10 +36,6 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-
-if TYPE_CHECKING:
-    from vlafuzz.policies.clients.model import Interface
-    from vlafuzz.worlds.recording import Recording
 
 
 class Tabletop(TableWorld):
