@@ -168,15 +168,17 @@ class GymWorld(ValuesWorld[Now]):
 
     def reset(self, values: Mapping[str, Value], seed: int) -> Now:
         env = self._ready()
-        observation, info = self.start(env, values, seed)
-        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
+        return self._begun(env, self.start(env, values, seed), values, seed)
 
     def own_start(self, seed: int) -> Now | None:
         if not self.has_own_start:
             return None
         env = self._ready()
-        observation, info = env.reset(seed=seed)
-        return Now(env=env, task=self._name, values={}, seed=seed, observation=observation, info=info)
+        return self._begun(env, env.reset(seed=seed), {}, seed)
+
+    def _begun(self, env: Env, began: tuple[Any, Mapping[str, Any]], values: Mapping[str, Value], seed: int) -> Now:
+        observation, info = began
+        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
 
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)

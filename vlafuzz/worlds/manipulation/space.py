@@ -20,14 +20,7 @@ from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.manipulation.operator_set import (
-    MIN_DISTANCE,
-    VISIBLE,
-    OperatorSet,
-    load_operators,
-    operators_json,
-    visible_json,
-)
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.rigs import Rig, View, rig
 
 _STILL = 0.0005  # metres: half a step of the camera's distance
@@ -147,12 +140,7 @@ class TableSpace(Space):
 
     @property
     def conditions(self) -> dict[str, Any]:
-        operators = self.operators
-        return {
-            "world": {MIN_DISTANCE.name: operators.min_distance, VISIBLE.name: visible_json(operators.visible)},
-            "operators": operators_json(operators),
-            "operators_digest": operators.digest,
-        }
+        return self.operators.conditions
 
     def embed(self, scene: Scene) -> Vector:
         """See ``Space.embed``; the camera's position is a point in space."""
