@@ -42,7 +42,6 @@ from timed_rollouts import timed_rollouts
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.mini.policy import CAMERA, Mini
-from vlafuzz.policies.serving.serve import PROTOCOLS
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.forks import single_threaded
 from vlafuzz.rollouts.policies import make_policy
@@ -74,9 +73,9 @@ def begin(policy: Policy, episode: str) -> None:
 
 
 @contextmanager
-def server(protocol: str) -> Iterator[tuple[str, int]]:
+def server() -> Iterator[tuple[str, int]]:
     """A running server: its policy name, and its process id."""
-    command = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--protocol", protocol, "--port", "0"]
+    command = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--port", "0"]
     with single_threaded(), subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         try:
             assert running.stdout is not None
@@ -204,17 +203,16 @@ def main() -> None:
     raw = argparse.RawDescriptionHelpFormatter
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--clients", type=int, default=8)
-    parser.add_argument("--protocol", choices=list(PROTOCOLS), default="vla-eval")
     parser.add_argument("--rounds", type=int, default=12)
     parser.add_argument("--steps", type=int, default=15, help="answers per client and round; 0 to skip")
     parser.add_argument("--scenes", type=int, default=16, help="per round; 0 to skip the simulators")
     parser.add_argument("--seed", type=int, default=0, help="of the scenes")
     parser.add_argument("--json", type=Path, help="file to write the figures to")
     options = parser.parse_args()
-    report: dict[str, Any] = {"machine": machine(), "clients": options.clients, "protocol": options.protocol}
+    report: dict[str, Any] = {"machine": machine(), "clients": options.clients}
     print(", ".join(f"{name}: {value}" for name, value in report["machine"].items()))
-    print(f"{options.clients} clients, {options.protocol}; goal: at least {GOAL} times the rate in process")
-    with server(options.protocol) as (name, process):
+    print(f"{options.clients} clients; goal: at least {GOAL} times the rate in process")
+    with server() as (name, process):
         if options.steps:
             rates, spent = answers(options, name, process)
             report["answers"] = summary(rates)

@@ -83,7 +83,7 @@ def main() -> None:
     make = partial(make_evaluator, Conditions(task=TASK, world={"min_distance": operators.min_distance}), checked=False)
     rates: dict[str, list[float]] = {ALONE: [], TOGETHER: []}
     batches: dict[str, float] = {}
-    with serving(model, "vla-eval") as address, ExitStack() as stack:
+    with serving(model) as address, ExitStack() as stack:
         executors = {
             kind: stack.enter_context(closing(executor_at(Place(), make, make_policy(f"{address}&batch={batch}"))))
             for kind, batch in ((ALONE, 1), (TOGETHER, options.batch))

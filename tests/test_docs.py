@@ -201,7 +201,7 @@ def test_networks_with_pictures_are_served_as_the_pages_say(policy, tmp_path, mo
     Path("network.py").write_text(SAMPLES["network.py"])
     (shown,) = [line for line in text("docs/served-model.md").splitlines() if line.startswith("$ vlafuzz run")]
     asked = dict(parse_qsl(urlsplit(shlex.split(shown)[4]).query))
-    with serving(make_policy(policy), "vla-eval") as name:
+    with serving(make_policy(policy)) as name:
         assert asked.items() <= dict(parse_qsl(urlsplit(name).query)).items()
         run = ["run", "--policy", name, "--label", "a", "--budget", "2", "--no-certify", "--unchecked"]
         verdicts = told(capsys, [*run, "--store", "a.db", "--json"])["verdicts"]

@@ -24,7 +24,7 @@ FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12"
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[str]:
-    with serving(Drifting(), "http") as name:
+    with serving(Drifting()) as name:
         yield name
 
 
@@ -117,10 +117,8 @@ def test_conventions_that_nobody_declares_are_said_one_by_one(server: str, capsy
 def test_an_edited_profile_is_another_policy(server: str, folder: Path):
     profile = folder / "mine.yaml"
 
-    def key(chunk: int) -> str:
-        profile.write_text(
-            f"about: a\nsource: b\noptions: {{chunk: {chunk}}}\nprotocols: {{http: {{}}}}\n", encoding="utf-8"
-        )
+    def key(sticky: int) -> str:
+        profile.write_text(f"about: a\nsource: b\noptions: {{sticky: {sticky}}}\nprotocols: {{vla-eval: {{}}}}\n")
         named = f"{server}&profile={profile}&version=1"
         return plan(RunConfig(policy=named)).manifest.key()
 

@@ -1,7 +1,5 @@
 """The contract of every policy."""
 
-from contextlib import ExitStack
-
 import numpy as np
 import pytest
 
@@ -13,7 +11,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.servers import SERVERS, client
 from vlafuzz.policies.harness import check_chunks
-from vlafuzz.policies.serving.serve import PROTOCOLS, serving
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
@@ -31,16 +29,14 @@ POLICIES = (*world_of("pick-up").policies, *CONTROLS)
 
 
 REMOTE = "random behind vla-eval"
-SERVED = {f"random behind our own {protocol}": protocol for protocol in PROTOCOLS}
+SERVED = "random behind our own server"
 
 
 @pytest.fixture(scope="module")
-def servers() -> dict[str, str]:
-    """The names of policies behind our own servers."""
-    with ExitStack() as stack:
-        yield {
-            policy: stack.enter_context(serving(make_policy("random"), protocol)) for policy, protocol in SERVED.items()
-        }
+def own_server() -> str:
+    """The name of a policy behind our own server."""
+    with serving(make_policy("random")) as name:
+        yield name
 
 
 @pytest.fixture(scope="module")
@@ -57,8 +53,8 @@ def server() -> str:
 def name(request: pytest.FixtureRequest) -> str:
     """The name as given on the command line."""
     param = request.param
-    if param in SERVED:
-        return request.getfixturevalue("servers")[param]
+    if param is SERVED:
+        return request.getfixturevalue("own_server")
     return f"{request.getfixturevalue('server')}?deterministic=1" if param is REMOTE else param
 
 
@@ -103,7 +99,7 @@ def actions(policy: Policy, observations: list[Observation]) -> list[list]:
     return [chunk.actions.tolist() for chunk in policy.act(observations)]
 
 
-@pytest.mark.parametrize("name", [*POLICIES, REMOTE, *SERVED], indirect=True)
+@pytest.mark.parametrize("name", [*POLICIES, REMOTE, SERVED], indirect=True)
 class TestPolicy:
     def test_its_spec_says_who_it_is_and_fits_the_simulator(self, policy: Policy, name: str):
         spec = policy.spec

@@ -15,24 +15,19 @@ from vlafuzz.errors import check_number
 
 def serve(
     policy: Annotated[str, typer.Argument(help="The policy: `vlafuzz list policies` lists them.")],
-    protocol: Annotated[str, option("vla-eval, openpi or http (OpenVLA's /act).")] = "vla-eval",
     port: Annotated[int, option("Where to listen; 0 for any port that is free.")] = 8000,
     host: Annotated[str, option("Address to listen at; 0.0.0.0 for all.")] = "127.0.0.1",
 ) -> None:
     """Serve a policy until interrupted; prints the name under which vlafuzz finds it.
 
-    The name says what the numbers of its actions mean, so that a run need not guess. Simultaneous requests of several
-    clients are batched into one call of the policy, up to its max_batch.
+    It speaks vla-eval's protocol. The name says what the numbers of its actions mean, so that a run need not guess.
+    Simultaneous requests of several clients are batched into one call of the policy, up to its max_batch.
     """
     from vlafuzz.policies.serving.serve import says_of, serving
     from vlafuzz.rollouts.policies import make_policy
 
     check_number("--port", port, 0, 65535)
-    with (
-        closing(make_policy(policy)) as served,
-        serving(served, protocol, host, port) as name,
-        suppress(KeyboardInterrupt),
-    ):
+    with closing(make_policy(policy)) as served, serving(served, host, port) as name, suppress(KeyboardInterrupt):
         data().write(f"{name}\n")
         data().flush()
         run = shlex.join(["vlafuzz", "run", "--policy", name])

@@ -1,13 +1,22 @@
 """Batching policy: one policy for many callers, whose simultaneous requests it answers in one call."""
 
+import faulthandler
+import itertools
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from threading import Condition
 from typing import cast
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import PartlyAnsweredError, blamed_on, check_chunks, finish
+
+# Seconds that requests wait for the next one: less than a simulator needs for a step and an image, and only
+# while there are rollouts without a pending request.
+WAIT = 0.005
+PATIENCE = 0.05  # share of the time of the last answer that requests wait, if that is longer
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +129,86 @@ class BatchingPolicy:
 
     def _finish(self, names: Sequence[str]) -> None:
         finish(self._policy, [self._live.pop(name) for name in names if name in self._live])
+
+
+@dataclass(eq=False)
+class _Pending:
+    caller: int
+    request: Request
+    answer: Answer | None = None
+
+
+class ServedPolicy:
+    """One policy for many connections, each with a thread; it has no thread of its own.
+
+    The first caller, while nobody else is being served, gathers the requests of the others until none has come for
+    ``wait`` seconds (longer if the policy is slow), has all of them answered, and distributes the answers. Requests
+    that arrive meanwhile are gathered by the next caller.
+
+    Args:
+        longest: seconds for an answer before the whole process ends, as one that hangs; None for no limit.
+    """
+
+    def __init__(self, policy: Policy, wait: float = WAIT, longest: float | None = None) -> None:
+        self.spec, self._longest, self._numbers = policy.spec, longest, itertools.count()
+        self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
+        self._changed, self._busy, self._took = Condition(), False, 0.0
+        self._pending: list[_Pending] = []
+        self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
+
+    def newcomer(self) -> int:
+        """The number of a new caller."""
+        return next(self._numbers)
+
+    def leave(self, caller: int) -> None:
+        """End all rollouts of a caller that is gone."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._busy)
+            self._live.discard(caller)
+            self._batching.leave(caller)
+
+    def ask(self, caller: int, request: Request) -> Sequence[ActionChunk]:
+        """One chunk per observation; blocks until they are there, and raises what the policy raised."""
+        mine = _Pending(caller, request)
+        with self._changed:
+            self._pending.append(mine)
+            (self._live.add if request.begin or request.act else self._live.discard)(caller)
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: mine.answer is not None or not self._busy)
+            if mine.answer is None:
+                self._busy = True
+                # A client that sends many observations needs longer for all of them than ``wait``.
+                while not self._complete() and self._changed.wait(max(self._wait, PATIENCE * self._took)):
+                    pass  # another request has come
+        if mine.answer is None:
+            self._answer_all()
+        assert mine.answer is not None
+        if isinstance(mine.answer, PolicyError):
+            raise mine.answer
+        return mine.answer
+
+    def _complete(self) -> bool:
+        """Whether there is no reason to wait for further requests."""
+        acting = sum(bool(pending.request.act) for pending in self._pending)
+        return not acting or acting >= min(self._most, len(self._live))
+
+    def _answer_all(self) -> None:
+        with self._changed:
+            batch, self._pending = self._pending, []
+        answers: Sequence[Answer] = [PolicyError("the policy gave no answer")] * len(batch)
+        began = time.monotonic()
+        if self._longest is not None:
+            faulthandler.dump_traceback_later(self._longest, exit=True)
+        try:
+            answers = self._batching.answer([(pending.caller, pending.request) for pending in batch])
+        finally:  # whatever the policy raises, no caller may wait forever
+            if self._longest is not None:
+                faulthandler.cancel_dump_traceback_later()
+            with self._changed:
+                for pending, answer in zip(batch, answers, strict=True):
+                    pending.answer = answer
+                self._busy, self._took = False, time.monotonic() - began
+                self._changed.notify_all()
 
 
 def _own(caller: int, episode: str) -> str:

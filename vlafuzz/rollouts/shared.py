@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import faulthandler
 import os
 import shutil
 import signal
@@ -13,14 +12,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from multiprocessing import AuthenticationError, connection, get_context
-from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from threading import Lock, Thread
 from typing import Any
 
 from vlafuzz.errors import PolicyError, UsageError, VlafuzzError
 from vlafuzz.policies.base import ActionChunk, Policy, PolicySpec
-from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
+from vlafuzz.policies.batching import Answer, Request, ServedPolicy, StandIn
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.processes import cause_of_death
@@ -184,62 +182,36 @@ def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any,
         except Exception as error:
             parent.send(UsageError(f"the policy cannot be made: {type(error).__name__}: {error}"))
             return
-        inbox: SimpleQueue[_Letter | None] = SimpleQueue()
-        for target, source in ((_accept, listener), (_end_with, parent)):
-            Thread(target=target, args=(source, inbox), daemon=True).start()
+        Thread(target=_accept, args=(listener, ServedPolicy(policy, longest=longest)), daemon=True).start()
         parent.send((listener.address, policy.spec))
-        _work(policy, inbox, longest)
+        with suppress(EOFError, OSError):
+            parent.recv()
         release(policy)
     if isinstance(address, str):  # the parent does the same, unless it was killed
         shutil.rmtree(os.path.dirname(address), ignore_errors=True)
 
 
-_Letter = tuple[int, Any, Request | None]  # caller, its connection, and the request; None: the caller is gone
-
-
-def _work(policy: Policy, inbox: SimpleQueue[_Letter | None], longest: float) -> None:
-    """Answer all requests that have arrived together; those that arrive meanwhile are next."""
-    batching = BatchingPolicy(policy)
-    while True:
-        letters = [inbox.get()]
-        while not inbox.empty():
-            letters.append(inbox.get())
-        if None in letters:
-            return
-        pending = [(caller, pipe, request) for caller, pipe, request in filter(None, letters) if request]
-        faulthandler.dump_traceback_later(longest, exit=True)
-        answers = batching.answer([(caller, request) for caller, _, request in pending])
-        faulthandler.cancel_dump_traceback_later()
-        for (_, pipe, _), answer in zip(pending, answers, strict=True):
-            with suppress(OSError):  # the caller may be gone by now
-                pipe.send(answer)
-        for caller, _, request in filter(None, letters):
-            if request is None:
-                batching.leave(caller)
-
-
-def _accept(listener: connection.Listener, inbox: SimpleQueue[_Letter | None]) -> None:
-    number = 0
+def _accept(listener: connection.Listener, served: ServedPolicy) -> None:
     while True:
         try:
             pipe = listener.accept()
         except (OSError, EOFError, AuthenticationError):  # the connection broke, or is not a worker's
             continue
-        number += 1
-        Thread(target=_read, args=(number, pipe, inbox), daemon=True).start()
+        Thread(target=_talk, args=(served, pipe), daemon=True).start()
 
 
-def _read(number: int, pipe: Any, inbox: SimpleQueue[_Letter | None]) -> None:
+def _talk(served: ServedPolicy, pipe: Any) -> None:
+    """Answer the requests of a worker until it is gone."""
+    caller = served.newcomer()
     with suppress(EOFError, OSError):
         while True:
-            inbox.put((number, pipe, pipe.recv()))
-    inbox.put((number, pipe, None))
-
-
-def _end_with(parent: Any, inbox: SimpleQueue[_Letter | None]) -> None:
-    with suppress(EOFError, OSError):
-        parent.recv()
-    inbox.put(None)
+            request: Request = pipe.recv()
+            try:
+                answer: Answer = list(served.ask(caller, request))
+            except PolicyError as error:
+                answer = error
+            pipe.send(answer)
+    served.leave(caller)
 
 
 def _own_address() -> str:

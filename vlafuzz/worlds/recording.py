@@ -1,16 +1,21 @@
 """Images of rollouts: recordings with captions or without, and their encoding."""
 
+from __future__ import annotations
+
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import cv2
+import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
-from vlafuzz.worlds.episode import Episode
+
+if TYPE_CHECKING:
+    from vlafuzz.worlds.episode import Episode
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
@@ -126,7 +131,8 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 def to_mp4(frames: list[Picture], fps: int) -> bytes:
     """H.264 video, small enough for dozens of them in a page."""
-    return _encoded(
+    video = imageio.imwrite(
+        "<bytes>",
         np.stack(frames + [frames[-1]] * _HELD_FRAMES),
         extension=".mp4",
         fps=fps,
@@ -135,21 +141,16 @@ def to_mp4(frames: list[Picture], fps: int) -> bytes:
         macro_block_size=4,  # frames are 300 pixels wide where a robot's camera is 4:3 or 5:4
         output_params=["-crf", "24", "-preset", "slow", "-movflags", "+faststart"],
     )
-
-
-def _encoded(picture: NDArray[np.uint8], **options: Any) -> bytes:
-    import imageio.v3 as imageio  # here, since most of what records writes no file
-
-    return bytes(imageio.imwrite("<bytes>", picture, **options))
+    return bytes(video)
 
 
 def to_png(picture: Picture) -> bytes:
-    return _encoded(picture, extension=".png")
+    return bytes(imageio.imwrite("<bytes>", picture, extension=".png"))
 
 
 def to_jpeg(picture: Picture) -> bytes:
     """JPEG of a few kilobytes."""
-    return _encoded(picture, extension=".jpg", quality=85)
+    return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))
 
 
 def _captioned(picture: Picture, *lines: str) -> Picture:

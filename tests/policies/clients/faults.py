@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, parts, served
 from tests.policies.clients.served import websocket
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.policies.clients.wire import ROLLOUT
+from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 
 HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
 
@@ -69,12 +69,8 @@ def relayed(name: str, faults: Faults) -> Iterator[str]:
     target, _, query = address.partition("?")
 
     def session(client: Any) -> None:
-        header = client.request.headers.get(ROLLOUT)
-        headers = {ROLLOUT: header} if header else {}
         with suppress(OSError, ConnectionClosed), ExitStack() as stack:
-            server = stack.enter_context(
-                connect(target, compression=None, max_size=None, additional_headers=headers, close_timeout=1)
-            )
+            server = stack.enter_context(connect(target, compression=None, max_size=None, close_timeout=1))
             threading.Thread(target=forward, args=(client, server), daemon=True).start()
             for frame in server:
                 fault = faults.next()
@@ -94,6 +90,22 @@ def relayed(name: str, faults: Faults) -> Iterator[str]:
             yield f"{protocol}:ws://127.0.0.1:{port}?{query}"
         finally:
             faults.over.set()
+
+
+@contextmanager
+def openpi() -> Iterator[str]:
+    """The name of a server of openpi's protocol with ``Drifting`` behind it."""
+
+    def session(connection: Any) -> None:
+        with suppress(ConnectionClosed):
+            connection.send(pack_openpi({}))
+            for frame in connection:
+                seen = unpack_openpi(frame)
+                moves = Drifting().moves(seen["prompt"], seen["observation/state"])
+                connection.send(pack_openpi({"actions": moves}))
+
+    with websocket(session) as port:
+        yield f"openpi:ws://127.0.0.1:{port}?camera=0&state=1"
 
 
 @contextmanager

@@ -5,16 +5,11 @@ environment in which it is: python -m venv there; there/bin/pip install openpi-c
 json-numpy==2.1.1 msgpack-numpy==0.4.8; VLAFUZZ_OTHERS=there/bin/python scripts/test -m slow
 """
 
-import json
 import os
 import subprocess
 from pathlib import Path
 
 import pytest
-
-from tests.policies.clients.served import seen, start
-from vlafuzz.policies.controls import Random
-from vlafuzz.policies.serving.serve import serving
 
 OTHERS = os.environ.get("VLAFUZZ_OTHERS")
 GOLDEN = Path(__file__).parent / "golden"
@@ -45,21 +40,6 @@ out.joinpath("act_reply.txt").write_text(json_numpy.dumps(move))
 out.joinpath("act_reply_chunk.txt").write_text(json_numpy.dumps(list(np.linspace(-1, 1, 14).reshape(2, 7))))
 out.joinpath("act_reply_encoded.txt").write_text(json.dumps(json_numpy.dumps(move)))
 """
-DRIVE = """
-import json, sys
-import numpy as np
-from openpi_client.action_chunk_broker import ActionChunkBroker
-from openpi_client.websocket_client_policy import WebsocketClientPolicy
-client = WebsocketClientPolicy(sys.argv[1])
-assert client.get_server_metadata()["policy"] == "random"
-broker = ActionChunkBroker(client, action_horizon=1)
-seen = {"observation/image": np.zeros((224, 224, 3), np.uint8), "prompt": "pick up apple"}
-print(json.dumps([broker.infer(seen)["actions"].tolist() for _ in range(5)]))
-try:
-    client.infer({"no": "prompt"})
-except RuntimeError as error:
-    print(json.dumps(str(error)))
-"""
 
 
 def others(script: str, *arguments: object) -> str:
@@ -74,13 +54,3 @@ def test_the_golden_frames_are_what_they_write_today(tmp_path):
     others(MADE, tmp_path)
     files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     assert files == {path.name: path.read_bytes() for path in GOLDEN.iterdir()}
-
-
-def test_openpis_own_client_drives_our_server():
-    with serving(Random(), "openpi") as name:
-        printed = others(DRIVE, name.removeprefix("openpi:").partition("?")[0]).splitlines()
-    alone = Random()
-    alone.reset([start("alone", 0)])
-    expected = [alone.act([seen("alone")])[0].actions[0].tolist() for _ in range(5)]
-    assert json.loads(printed[0]) == expected
-    assert "no 'prompt' in the observation, but ['no']" in json.loads(printed[1])

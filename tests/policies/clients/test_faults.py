@@ -5,12 +5,11 @@ from contextlib import ExitStack, contextmanager
 import pytest
 
 from tests.policies.clients import served
-from tests.policies.clients.faults import Drifting, Faults, groot, relayed
+from tests.policies.clients.faults import Drifting, Faults, groot, openpi, relayed
 from tests.search.worlds import sampled
 from tests.worlds.tabletop.sim.scenes import CATALOGUE
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
@@ -30,7 +29,7 @@ def faulty(protocol: str, faults: Faults):
         if protocol == "vla-eval":  # the real server
             name = f"{stack.enter_context(served.serving(Drifting()))}?camera=0&state=1"
         else:
-            name = stack.enter_context(serving(Drifting(), protocol))
+            name = stack.enter_context(openpi())
         yield stack.enter_context(relayed(name, faults))
 
 

@@ -1,4 +1,4 @@
-"""The openpi client: its frames, and servers that misbehave. Whole rollouts are in test_serving."""
+"""The openpi client: its frames, whole rollouts, and servers that misbehave."""
 
 import threading
 from collections.abc import Iterator
@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.policies.clients.faults import Drifting, openpi
 from tests.policies.clients.served import CLOSE, HANG, STATE, asked, check_failure, failure, websocket
+from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.errors import PrerequisiteError
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.rollouts.policies import make_policy
 
@@ -29,7 +32,7 @@ def scripted(*replies: Any, metadata: Any = None) -> Iterator[tuple[str, list]]:
     def session(connection: Any) -> None:
         connection.send(pack_openpi({}) if metadata is None else metadata)
         for frame in connection:
-            requests.append((unpack_openpi(frame), connection.request.headers.get("Vlafuzz-Rollout")))
+            requests.append(unpack_openpi(frame))
             reply = left.pop(0)
             if reply is CLOSE:
                 return
@@ -64,22 +67,26 @@ class TestFrames:
         assert reply["policy_timing"]["infer_ms"].dtype == np.float32
 
 
-def request(query: str) -> tuple[dict, str]:
-    """The request with an observation, and its header."""
+def request(query: str) -> dict:
+    """The request with an observation."""
     with scripted({"actions": STILL}) as (name, requests):
         asked(name + query)
     return requests[0]
 
 
 def test_an_observation_has_the_models_keys():
-    message, header = request("?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2")
+    message = request("?camera=48x32&wrist=1&state=eef_pos3_axisangle3_gripper2")
     assert list(message) == list(OBSERVATION)
     assert message["observation/image"].shape == (32, 48, 3)
     assert message["observation/state"][:6].tolist() == STATE[:6].tolist()
     assert message["prompt"] == "pick up apple"
-    assert header == '{"episode": "one", "task": "pick-up", "seed": 0, "asked": 0}'
-    other, _ = request("?camera=32&image_key=cam&instruction_key=task")
+    other = request("?camera=32&image_key=cam&instruction_key=task")
     assert list(other) == ["cam", "task"]
+
+
+def test_whole_rollouts_are_those_in_process_action_for_action():
+    with openpi() as name:
+        check_same_as_in_process(name, Drifting, Verdict.FAILED)
 
 
 class TestWrongAnswers:

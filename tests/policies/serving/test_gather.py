@@ -12,9 +12,8 @@ import pytest
 from tests.policies.clients.served import Attentive, seen, start
 from tests.rollouts.models import Counter
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
-from vlafuzz.policies.batching import Request
-from vlafuzz.policies.serving.serve import PROTOCOLS, serving
-from vlafuzz.policies.serving.sessions import ServedPolicy
+from vlafuzz.policies.batching import Request, ServedPolicy
+from vlafuzz.policies.serving.serve import serving
 from vlafuzz.rollouts.policies import make_policy
 
 CLIENTS, STEPS = 8, 4
@@ -55,14 +54,13 @@ def rolling(policy: Counter, callers: int, wait: float = LONG) -> ServedPolicy:
 
 
 @pytest.mark.usefixtures("opened")
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_clients_that_ask_at_the_same_time_get_the_answers_that_each_gets_alone(protocol):
+def test_clients_that_ask_at_the_same_time_get_the_answers_that_each_gets_alone():
     def rollout(policy, number: int) -> list[list[list[float]]]:
         policy.reset([start("it", number)])
         return [policy.act([seen("it", step)])[0].actions.tolist() for step in range(STEPS)]
 
     served = Slow(max_batch=CLIENTS)
-    with serving(served, protocol) as name:
+    with serving(served) as name:
         clients = [make_policy(name) for _ in range(CLIENTS)]
         there = at_once(lambda number: rollout(clients[number], number))
         for client in clients:

@@ -3,13 +3,9 @@
 import io
 import json
 import signal
-import socket
-import struct
 import subprocess
 import sys
-import threading
 from contextlib import closing
-from http.client import HTTPConnection
 from urllib.parse import urlsplit
 from urllib.request import urlopen
 
@@ -21,27 +17,20 @@ from vla_eval.connection import Connection
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.policies.clients.served import STATE, Attentive, asked, failure, seen, start
+from tests.policies.clients.served import STATE, Attentive, asked, failure
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
-from vlafuzz.errors import PolicyError, UsageError
+from vlafuzz.errors import UsageError
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
-from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
-from vlafuzz.policies.clients.openvla import decode, encode
+from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.policies.serving import serve
-from vlafuzz.policies.serving.serve import PROTOCOLS, says_of, serving
+from vlafuzz.policies.serving.serve import says_of, serving
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
-
-
-@pytest.fixture(params=PROTOCOLS)
-def protocol(request) -> str:
-    return request.param
 
 
 CONVENTIONS = ActionSpec(
@@ -64,8 +53,8 @@ SERVED = {
 @pytest.mark.parametrize(
     "served", [pytest.param(name, marks=pytest.mark.render if name == "pictures" else ()) for name in SERVED]
 )
-def test_whole_rollouts_are_those_in_process_action_for_action(served, protocol):
-    with serving(SERVED[served](), protocol) as name:
+def test_whole_rollouts_are_those_in_process_action_for_action(served):
+    with serving(SERVED[served]()) as name:
         check_same_as_in_process(name, SERVED[served], Verdict.FAILED)
 
 
@@ -108,17 +97,6 @@ def echo() -> Echo:
 class TestOthersClients:
     """Messages of clients that are not ours, with pictures of their own size."""
 
-    def test_one_of_openpi_says_nothing_of_a_rollout(self, echo):
-        message = {"observation/image": picture(9), "observation/state": STATE, "prompt": "up"}
-        with serving(echo, "openpi") as name, connect(url(name)) as line:
-            assert unpack_openpi(line.recv())["policy"] == "echo"
-            for step in range(2):
-                line.send(pack_openpi(message))
-                (action,) = unpack_openpi(line.recv())["actions"]
-                assert action.tolist() == [9.0, *STATE[1:6].tolist(), step]
-        assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 0)]
-        assert echo.ended == echo.begun
-
     def test_vla_evals_own(self, echo):
         async def drive() -> list[list[float]]:
             async with Connection(url(name)) as line:
@@ -128,18 +106,10 @@ class TestOthersClients:
                 await line.end_episode({"metrics": {}})
                 return [reply["actions"].tolist() for reply in replies]
 
-        with serving(echo, "vla-eval") as name:
+        with serving(echo) as name:
             assert anyio.run(drive) == [[9.0, *STATE[1:6].tolist(), step] for step in range(2)]
         assert [(begun.instruction, begun.seed) for begun in echo.begun] == [("up", 3)]
         assert echo.ended == echo.begun
-
-    @pytest.mark.parametrize("image", ["image", "full_image"])
-    def test_one_of_act(self, echo, image):
-        message = encode({image: picture(9), "state": STATE, "instruction": "up"})
-        with serving(echo, "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
-            for body in (message, encode({"encoded": message.decode()})):
-                line.request("POST", "/act", body)
-                assert decode(line.getresponse().read())[0] == 9.0
 
     @pytest.mark.parametrize("kind", ["PNG", "JPEG"])
     def test_one_of_vla_eval_compresses_its_pictures(self, echo, kind):
@@ -147,14 +117,13 @@ class TestOthersClients:
         Image.fromarray(picture(9)).save(packed, kind)
         shown = {"__image__": True, "format": kind.lower(), "data": packed.getvalue()}
         message = {"images": {"front": shown}, "states": STATE, "task_description": "up"}
-        with serving(echo, "vla-eval") as name, connect(url(name)) as line:
+        with serving(echo) as name, connect(url(name)) as line:
             line.send(pack_vla_eval("observation", message, 4))
             kind, payload, number = unpack_vla_eval(line.recv())
         assert (kind, number, payload["actions"][0]) == ("action", 4, 9.0)
 
-    @pytest.mark.parametrize(("protocol", "path"), [("vla-eval", "health"), ("openpi", "healthz")])
-    def test_they_may_ask_whether_it_is_up(self, protocol, path):
-        with serving(Frozen(), protocol) as name, urlopen(url(name).replace("ws", "http") + f"/{path}") as up:
+    def test_they_may_ask_whether_it_is_up(self):
+        with serving(Frozen()) as name, urlopen(url(name).replace("ws", "http") + "/health") as up:
             assert up.status == 200
 
 
@@ -164,60 +133,41 @@ class TestErrors:
     @pytest.mark.parametrize(
         ("query", "says"),
         [
-            ("&camera=0", "no 'observation/image'|0 pictures|no 'image' in the observation"),
+            ("&camera=0", "0 pictures, expected front 64x48"),
             ("&state=eef_pos3_axisangle3_gripper2", "proprioception of shape (8,), expected 7 numbers"),
         ],
     )
-    def test_an_observation_that_does_not_fit(self, protocol, query, says, echo):
-        with serving(echo, protocol) as name:
+    def test_an_observation_that_does_not_fit(self, query, says, echo):
+        with serving(echo) as name:
             options = dict(part.split("=") for part in f"{name.partition('?')[2]}{query}".split("&"))
             query = "&".join(f"{key}={value}" for key, value in options.items())
             error = failure(f"{name.partition('?')[0]}?{query}")
         assert error.cause == "remote"
-        assert any(part in error.message for part in says.split("|")), error.message
+        assert says in error.message
 
-    def test_a_policy_that_breaks(self, protocol):
+    def test_a_policy_that_breaks(self):
         policy, fine = Frozen(), Frozen().act
         policy.act = lambda _: 1 / 0
-        with serving(policy, protocol) as name:
+        with serving(policy) as name:
             error = failure(name)
             assert (error.cause, "ZeroDivisionError: division by zero" in error.message) == ("remote", True)
             policy.act = fine
             assert asked(name) == [[0, 0, 0, 0, 0, 0, 1]]
 
-    @pytest.mark.parametrize("protocol", ["vla-eval", "openpi"])
-    def test_what_is_no_message_ends_the_connection_and_the_server_stays(self, protocol):
-        with serving(Frozen(), protocol) as name, connect(url(name)) as socket:
+    def test_what_is_no_message_ends_the_connection_and_the_server_stays(self):
+        with serving(Frozen()) as name, connect(url(name)) as socket:
             socket.send(b"\xc1")
             with pytest.raises(ConnectionClosed):
                 list(iter(socket.recv, None))
             assert len(asked(name)) == 1
 
-    @pytest.mark.parametrize("body", [b"{", b"3", b'{"image": {"__numpy__": "AA==", "dtype": "|O", "shape": []}}'])
-    def test_what_is_no_observation_is_refused_and_the_server_stays(self, body):
-        with serving(Frozen(), "http") as name, closing(HTTPConnection(urlsplit(name).netloc)) as line:
-            line.request("POST", "/act", body)
-            reply = line.getresponse()
-            assert (reply.status, list(decode(reply.read()))) == (400, ["error"])
-            assert len(asked(name)) == 1
-
-    def test_a_rollout_is_not_gone_on_with_on_another_connection(self):
-        with serving(Random(), "http") as name:
-            client = make_policy(name)
-            client.reset([start("one")])
-            client.act([seen("one")])
-            session = client._live["one"]
-            session.connection.close()
-            with pytest.raises(PolicyError, match="1 observations of this rollout came on a connection"):
-                client.act([seen("one")])
-
     def test_a_policy_that_no_client_can_ask(self):
         with pytest.raises(UsageError, match="expert cannot be served: it wants the simulator's state"):
-            serving(Expert(), "http").__enter__()
+            serving(Expert()).__enter__()
 
-    def test_a_port_that_is_taken(self, protocol):
-        with serving(Frozen(), "http") as name:
-            again = serving(Frozen(), protocol, port=urlsplit(name).port)
+    def test_a_port_that_is_taken(self):
+        with serving(Frozen()) as name:
+            again = serving(Frozen(), port=urlsplit(url(name)).port)
             with pytest.raises(UsageError, match="Address already in use") as caught:
                 again.__enter__()
         assert caught.value.hint == "--port 0 takes any that is free"
@@ -229,13 +179,13 @@ class TestAddress:
     @pytest.mark.parametrize(
         "action", [ActionSpec(), ActionSpec(rotation="euler_xyz", gripper="close_01", position_scale=0.05, hz=10)]
     )
-    def test_nothing_is_guessed(self, protocol, action):
-        with serving(Attentive(action=action), protocol) as name, closing(make_policy(name)) as client:
+    def test_nothing_is_guessed(self, action):
+        with serving(Attentive(action=action)) as name, closing(make_policy(name)) as client:
             assert guesses(name, client.spec) == {}
             assert client.spec.action == action
 
     def test_what_the_server_declares_is_not_repeated(self):
-        with serving(Frozen(), "vla-eval") as name:
+        with serving(Frozen()) as name:
             assert "rotation=" not in name
             assert "gripper=" not in name
 
@@ -252,7 +202,6 @@ class TestCommand:
     @pytest.mark.parametrize(
         ("arguments", "says"),
         [
-            (["random", "--protocol", "opnpi"], "unknown protocol 'opnpi'\nhint: did you mean 'openpi'?"),
             (["randm"], "unknown policy 'randm'"),
             (["random", "--port", "70000"], "--port: expected at most 65535, got 70000"),
             (["expert"], "expert cannot be served"),
@@ -263,7 +212,7 @@ class TestCommand:
         assert says in capsys.readouterr().err
 
     def test_it_prints_the_name_under_which_a_run_finds_it_and_ends_when_interrupted(self, tmp_path, capsys):
-        command = [sys.executable, "-m", "vlafuzz", "serve", "random", "--protocol", "http", "--port", "0"]
+        command = [sys.executable, "-m", "vlafuzz", "serve", "random", "--port", "0"]
         store = str(tmp_path / "a.db")
         options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
         # What is started in the background of a shell ignores Ctrl-C, and so do its children.
@@ -280,21 +229,3 @@ class TestCommand:
         assert (server.returncode, stderr.splitlines()[0]) == (0, "serving random; Ctrl-C ends it")
         assert "one observation at a time, and the first action of each chunk is executed" in stderr
         assert stderr.endswith(f"`vlafuzz run --policy '{name}'`\n")  # quoted, because of ? and &
-
-
-def connected(name: str) -> socket.socket:
-    parts = urlsplit(name)
-    return socket.create_connection((parts.hostname, parts.port), 5)
-
-
-def test_a_client_that_resets_its_connection_leaves_no_traceback(echo, capfd, monkeypatch):
-    over = threading.Semaphore(0)
-    close = serve._Server.shutdown_request
-    monkeypatch.setattr(serve._Server, "shutdown_request", lambda *given: (close(*given), over.release()))
-    with serving(echo, "http") as name:
-        for sent in (b"", b"POST /act HTTP/1.1\r\nContent-Length: 99\r\n\r\n"):
-            with connected(name) as client:
-                client.sendall(sent)
-                client.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # a reset
-            assert over.acquire(timeout=5)
-    assert capfd.readouterr().err == ""

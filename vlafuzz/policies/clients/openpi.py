@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
@@ -27,18 +27,15 @@ class OpenPiOptions(ProfiledOptions):
 
 
 class OpenPi(Sessions):
-    """A model behind openpi's policy server; it declares nothing, so name a profile.
-
-    Every live rollout has its own connection, identified by a header that only our own server reads.
-    """
+    """A model behind openpi's policy server; it declares nothing, so name a profile."""
 
     form: ClassVar[str] = "openpi:ws://host:port"
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
     options: ClassVar[type[CommonOptions]] = OpenPiOptions
     server, start_it, packages = "openpi", "uv run scripts/serve_policy.py …", ("msgpack", "websockets")
 
-    def _connect(self, start: EpisodeStart | None) -> WebSocketConnection:
-        return WebSocketConnection(self._url, self._options.timeout, wire.rollout_header(start) if start else {})
+    def _connect(self) -> WebSocketConnection:
+        return WebSocketConnection(self._url, self._options.timeout)
 
     def _greet(self, session: Session) -> None:
         self._next(session, {})  # the server's metadata, which is arbitrary

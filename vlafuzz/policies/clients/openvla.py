@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.reading import array_of
-from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.options import CommonOptions, ProfiledOptions
 from vlafuzz.policies.clients.sessions import Session, Sessions
@@ -35,26 +35,20 @@ class ActOptions(ProfiledOptions):
 
 
 class OpenVla(Sessions):
-    """A model behind OpenVLA's or OpenVLA-OFT's /act, for instance with ?profile=bridge.
-
-    Every live rollout has its own connection, identified by a header that only our own server reads.
-    """
+    """A model behind OpenVLA's or OpenVLA-OFT's /act, for instance with ?profile=bridge."""
 
     form: ClassVar[str] = "http://host:port/act"
     schemes: ClassVar[Sequence[str]] = ("http", "https")
     options: ClassVar[type[CommonOptions]] = ActOptions
     server, start_it = "/act", "python vla-scripts/deploy.py …"
 
-    def _connect(self, start: EpisodeStart | None) -> HttpConnection:
+    def _connect(self) -> HttpConnection:
         return HttpConnection(self._url, self._options.timeout)
 
     def _send(self, session: Session, seen: Observation) -> None:
-        assert session.start is not None, "a rollout has begun"
         options: ActOptions = self._options
         message = self._model.message(seen) | ({"unnorm_key": options.unnorm_key} if options.unnorm_key else {})
-        headers = wire.rollout_header(session.start, session.sent)
-        session.connection.post(request(message, twice=options.encoded), headers)
-        session.sent += 1
+        session.connection.post(request(message, twice=options.encoded))
 
     def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
         return self._actions(*session.connection.reply(wait))

@@ -51,8 +51,8 @@ class Sessions(ABC):
         self.spec = self._model.spec
 
     @abstractmethod
-    def _connect(self, start: EpisodeStart | None) -> Any:
-        """A connection for a rollout, or for none."""
+    def _connect(self) -> Any:
+        """A connection."""
 
     def _greet(self, session: Session) -> Any:  # noqa: B027
         """Exchange greetings; what the server says of itself."""
@@ -111,7 +111,7 @@ class Sessions(ABC):
         self.finish([session.start for session in self._live.values() if session.start])
 
     def _open(self, start: EpisodeStart | None = None) -> Session:
-        session = Session(self._connect(start), start)
+        session = Session(self._connect(), start)
         with wire.closed_on_error(session.connection):
             session.greeting = self._greet(session)
         return session

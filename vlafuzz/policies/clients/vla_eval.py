@@ -179,7 +179,7 @@ class VlaEval(Sessions):
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
     server, start_it, packages = "vla-eval", "vla-eval serve --config …", ("msgpack", "websockets")
 
-    def _connect(self, start: EpisodeStart | None) -> WebSocketConnection:
+    def _connect(self) -> WebSocketConnection:
         return WebSocketConnection(self._url, self._options.timeout)
 
     def _greet(self, session: Session) -> Hello:

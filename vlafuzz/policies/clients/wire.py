@@ -3,7 +3,6 @@
 Replies are untrusted. Every failure is a PolicyError with its cause.
 """
 
-import json
 import logging
 import select
 import socket
@@ -22,13 +21,10 @@ from pydantic import ValidationError
 from vlafuzz.common.reading import KINDS, first_problem
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
-from vlafuzz.policies.base import EpisodeStart
 
 MOST_VALUES = 1 << 16  # in the lists and maps of a message, where a byte may become 80; arrays are one each
 PAUSES = (0.5, 1.0)  # seconds before the second and the third attempt
 UNANSWERED: tuple[Cause, ...] = ("connect", "timeout")
-# Identifies the rollout of a connection, where the protocol cannot; only our own servers read it.
-ROLLOUT = "Vlafuzz-Rollout"
 LOG = logging.getLogger(__name__)  # one line per retry
 MAX_BYTES = 4 << 20  # of a reply; a hundred actions take 3 kB
 OPENING = 10.0  # seconds for a connection to open
@@ -98,12 +94,6 @@ def check_repeatable(error: PolicyError, pause: float, causes: Collection[str]) 
     LOG.warning("%s; again in %g s", error, pause)
 
 
-def rollout_header(start: EpisodeStart, sent: int = 0) -> dict[str, str]:
-    """What our own server must know to answer exactly as in process. ``sent``: observations sent before."""
-    rollout = {"episode": start.episode, "task": start.task, "seed": start.seed, "asked": sent}
-    return {ROLLOUT: json.dumps(rollout)}
-
-
 def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
     """The ``actions`` of a reply, see ``numbers``; ValueError when there are none."""
     if "actions" not in reply:
@@ -165,13 +155,13 @@ class HttpConnection:
             self._line.connect()
         self.close = self._line.close
 
-    def post(self, body: bytes, headers: Mapping[str, str]) -> None:
+    def post(self, body: bytes) -> None:
         with _blamed(self.url, self._timeout):
             if self._line.sock is None or _closed(self._line.sock):
                 self._line.close()
                 self._line.connect()
             self._line.sock.settimeout(self._timeout)
-            self._line.request("POST", self._path, body, {"Content-Type": "application/json", **headers})
+            self._line.request("POST", self._path, body, {"Content-Type": "application/json"})
 
     def reply(self, wait: float) -> tuple[int, bytes]:
         """Status and body of the response, of which something has to come within ``wait`` seconds, and then all."""
@@ -199,7 +189,7 @@ def _closed(sock: socket.socket) -> bool:
 class WebSocketConnection:
     """A WebSocket."""
 
-    def __init__(self, url: str, timeout: float, headers: Mapping[str, str] | None = None) -> None:
+    def __init__(self, url: str, timeout: float) -> None:
         from websockets.sync import client
 
         self.url, self._timeout = url, timeout
@@ -213,7 +203,6 @@ class WebSocketConnection:
                     compression=None,
                     max_size=MAX_BYTES,
                     logger=_SOCKETS,
-                    additional_headers=headers,
                     ping_interval=None,  # a computing model may hold the server's interpreter lock for long
                 )
             )

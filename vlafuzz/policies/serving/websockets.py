@@ -1,8 +1,8 @@
-"""WebSocket servers for vla-eval's and openpi's protocols."""
+"""A WebSocket server of vla-eval's protocol."""
 
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from typing import Any
@@ -13,23 +13,21 @@ from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
 from vlafuzz.common.reading import array_of, decoded
+from vlafuzz.policies.batching import ServedPolicy
 from vlafuzz.policies.clients.conventions import OWN
-from vlafuzz.policies.clients.msgpack_wire import pack_openpi, pack_vla_eval, unpack_openpi, unpack_vla_eval
-from vlafuzz.policies.clients.openpi import OpenPiOptions
+from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.vla_eval import PICTURE, PROTOCOL_VERSION, declared_actions
-from vlafuzz.policies.clients.wire import ROLLOUT, short
-from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession, RolloutHeader, ServedPolicy
+from vlafuzz.policies.clients.wire import short
+from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession
 
 INTERNAL_ERROR = 1011  # close code of WebSockets
-HEALTH = {"/health": '{"status":"ok"}\n', "/healthz": "OK\n", "/config": "{}\n"}  # of vla-eval and openpi
+HEALTH = {"/health": '{"status":"ok"}\n', "/config": "{}\n"}  # of vla-eval
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
 
 
 @contextmanager
-def listening(
-    talk: Callable[[ServedPolicy, ServerConnection], None], served: ServedPolicy, address: str, port: int
-) -> Iterator[int]:
+def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
     """Answer connections within the block, with a thread for each; yields the port."""
     live: set[ServerConnection] = set()
 
@@ -37,7 +35,7 @@ def listening(
         live.add(connection)
         try:
             with suppress(ConnectionClosed):
-                talk(served, connection)
+                _talk(served, connection)
         finally:
             live.discard(connection)
 
@@ -67,29 +65,9 @@ def listening(
         thread.join()
 
 
-def talk_openpi(served: ServedPolicy, connection: ServerConnection) -> None:
-    """Greet the client, then answer every observation. An error is sent as text and ends the connection."""
-    connection.send(pack_openpi({"server": f"vlafuzz {__version__}", "policy": served.spec.name}))
-    session: ClientSession | None = None
-    try:
-        session = served.session(connection.request.headers.get(ROLLOUT) if connection.request else None)
-        for frame in connection:
-            if isinstance(frame, str):
-                raise ValueError("text, expected a message in msgpack")
-            connection.send(pack_openpi({"actions": session.act_on(unpack_openpi(frame), OpenPiOptions())}))
-    except ConnectionClosed:
-        raise
-    except Exception as error:  # the client gets the policy's error, and the server keeps running
-        connection.send(f"{type(error).__name__}: {short(error)}")
-        connection.close(INTERNAL_ERROR)
-    finally:
-        if session:
-            session.end()
-
-
-def talk_vla_eval(served: ServedPolicy, connection: ServerConnection) -> None:
+def _talk(served: ServedPolicy, connection: ServerConnection) -> None:
     """Reply to every greeting and observation. An error is sent as a message, and the session goes on."""
-    session = served.session()
+    session = ClientSession(served)
     try:
         for frame in connection:
             kind, payload, number = unpack_vla_eval(frame)
@@ -123,7 +101,7 @@ def _reply(
             "observation_spec": {name: {"name": name, "dims": dims, "format": kind} for name, dims, kind in observed},
         }
     if kind == "episode_start":
-        session.expect(RolloutHeader.model_validate(payload.get("task", {})))
+        session.begin(payload.get("task", {}))
     elif kind == "episode_end":
         session.end()
     elif kind == "observation":
