@@ -51,8 +51,8 @@ def command(
 ) -> None:
     """Say what was found: in the terminal, or with --out as one HTML page that needs no other file.
 
-    Causes come first, the strongest first: those for which most random scenes fail. What hardly differs from a failure
-    that is listed, or only adds operators to it, is counted with it.
+    Causes come first, the strongest first: those for which most random scenes fail. Failures with one minimal scene are
+    listed as one.
 
     With --follow the page, by default STORE.html, has no videos. The store is read, never written.
     """
@@ -100,8 +100,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
         return
     listed = found.failures
     shown = listed[: limit or None]
-    failures = sum(len(one.found) + len(one.alike) for one in listed)
-    apart = f", {failures - len(listed)} of them like another" if len(listed) < failures else ""
+    failures = sum(len(one.found) for one in listed)
+    apart = f", {failures - len(listed)} of them with the minimal scene of another" if len(listed) < failures else ""
     mixed = len({(run.model, run.task) for run in found.runs}) > 1
     title = f"{plural(failures, 'failure')}{apart}, the strongest causes first: {found.title}"
     print_list([_lines(one, mixed=mixed) for one in shown], title=title)
@@ -131,7 +131,6 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
         f"fails at: {one.lost_stage}",
         f"{one.bucket}: {one.detail}",
         f"{len(one.found)} failures" if len(one.found) > 1 else "",
-        f"{len(one.alike)} more alike" if one.alike else "",
         one.scene.digest[:12],
     )
     return [*(values or [one.title]), " · ".join(filter(None, parts))]

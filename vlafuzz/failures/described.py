@@ -79,7 +79,6 @@ class DescribedFailure(Failure):
     Attributes:
         scene: the minimal one if there is one, else the one that was found to fail.
         found: digests of the scenes that were found to fail and are left with this one.
-        alike: digests of others that this one stands for: near-duplicates, and failures that only add operators to it.
         run: that found the first of them; ``number``: its number in the store, None in a corpus.
         bucket: one of ``BUCKETS``.
         reference: the passing scene that it is compared with; None for the nominal one.
@@ -92,7 +91,6 @@ class DescribedFailure(Failure):
 
     scene: Scene
     found: tuple[str, ...]
-    alike: tuple[str, ...] = ()
     run: Manifest
     number: int | None = None
     bucket: str

@@ -1,27 +1,21 @@
-"""Lists of failures: those of causes first, and those that look like another one counted with it."""
+"""Lists of failures: those of causes first, and those with one minimal scene as one."""
 
 import pathlib
 import shlex
-from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
-
-import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
-from vlafuzz.failures.described import BUCKETS, DescribedFailure, Deviation, Spaces, described, described_case, title_of
+from vlafuzz.failures.described import BUCKETS, DescribedFailure, Spaces, described, described_case, title_of
 from vlafuzz.failures.triage.pipeline import hours
-from vlafuzz.model.space import Space
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
-
-NEAR = 0.1  # distance of embeddings: a scene of which every gene is nudged by 2 % of its range is nearer
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +75,7 @@ def failures_of(store: Store, run: int | None = None) -> Iterator[DescribedFailu
 
 
 def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run]) -> tuple[DescribedFailure, ...]:
-    """The failures of causes, in the order of their lists, then the others; alike ones are one."""
+    """The failures of causes, in the order of their lists, then the others; those with one minimal scene are one."""
     policy = {run.id: run.manifest.key() for run in runs}
     found = [(digest, policy[one.run]) for one in lists for cause in one.causes for digest in cause.found]
     ranks = {key: rank for rank, key in reversed(list(enumerate(found)))}
@@ -89,8 +83,8 @@ def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run])
     for one in failures_of(store):
         key = (one.scene.digest, one.run.key(), one.bucket)
         merged[key] = replace(merged[key], found=merged[key].found + one.found) if key in merged else one
-    distinct = _alike_as_one(_in_order(merged.values()), Spaces(store.path), ranks)
-    return tuple(sorted(distinct, key=lambda one: min(ranks.get((name, one.run.key()), inf) for name in one.found)))
+    in_order = _in_order(merged.values())
+    return tuple(sorted(in_order, key=lambda one: min(ranks.get((name, one.run.key()), inf) for name in one.found)))
 
 
 def _in_order(failures: Iterable[DescribedFailure]) -> tuple[DescribedFailure, ...]:
@@ -103,48 +97,6 @@ def _in_order(failures: Iterable[DescribedFailure]) -> tuple[DescribedFailure, .
         return ranks.index(one.bucket), -counts[one.signature], one.signature or ""
 
     return tuple(sorted(failures, key=rank))
-
-
-def _alike_as_one(
-    failures: Sequence[DescribedFailure], spaces: Spaces, causes: Collection[tuple[str, str]]
-) -> list[DescribedFailure]:
-    """One for scenes that hardly differ, and one for a failure and those that only add operators to it.
-
-    Triaged failures and those that show a cause stay apart. Scenes of different search spaces, such as those of two
-    tasks, are never alike.
-
-    Args:
-        causes: keys of the failures that show one.
-    """
-    observed = [one for one in failures if one.bucket == "observed"]
-    shown = defaultdict[tuple[Space, str, str], list[_Shown]](list)
-    alike = dict[DescribedFailure, list[str]]()
-    for failure in sorted(observed, key=lambda one: (one.key not in causes, len(one.deviations))):
-        space = spaces.of(failure.run)
-        here = shown[space, failure.run.key(), failure.lost_stage]
-        one = _Shown(failure, frozenset(failure.deviations), space.embed(failure.scene))
-        other = None if failure.key in causes else next((other for other in here if other.shows(one)), None)
-        if other is None:
-            here.append(one)
-            alike[failure] = []
-        else:
-            alike[other.failure].append(failure.scene.digest)
-    return [
-        replace(one, alike=tuple(alike.get(one, ()))) for one in failures if one in alike or one.bucket != "observed"
-    ]
-
-
-@dataclass(frozen=True)
-class _Shown:
-    failure: DescribedFailure
-    deviations: frozenset[Deviation]
-    point: NDArray[np.float64]
-
-    def shows(self, other: "_Shown") -> bool:
-        """Whether it stands for another failure, too."""
-        if self.failure.operators == other.failure.operators:
-            return bool(np.linalg.norm(self.point - other.point) <= NEAR)
-        return bool(self.deviations) and self.deviations < other.deviations
 
 
 def _todo(store: Store, causes: Sequence[CauseList], runs: Sequence[Manifest]) -> tuple[tuple[str, str], ...]:
