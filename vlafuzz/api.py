@@ -14,7 +14,7 @@ For example::
 """
 
 import copy
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -29,10 +29,9 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
 from vlafuzz.failures.causes import CauseList, all_causes
-from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.diff import Difference
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies, diff_policies
+from vlafuzz.failures.corpus.policies import compare_policies, diff_policies
 from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
@@ -202,17 +201,6 @@ def diff(
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
-
-
-def bisect(corpus: Path | str, checkpoints: Sequence[str], baseline: str | None = None, **options: Any) -> Bisection:
-    """Find out which of several policies, in the order of their training, broke first.
-
-    Args:
-        baseline: what the corpus recorded, unless one is named.
-        options: ``alpha``, ``error``, ``comparisons`` and ``watch`` of ``bisect_checkpoints``.
-    """
-    folder = Path(corpus)
-    return bisect_checkpoints(folder, read_corpus(folder), checkpoints, baseline, **options)
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

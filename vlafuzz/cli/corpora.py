@@ -1,4 +1,4 @@
-"""``vlafuzz regress``, ``vlafuzz diff`` and ``vlafuzz bisect``: policies compared in scenes of a corpus or store."""
+"""``vlafuzz regress`` and ``vlafuzz diff``: policies compared in scenes of a corpus or store."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import typer
 from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, label_option, option, option_of
 from vlafuzz.cli.output import Bar, print_json, print_lines, print_rows
 from vlafuzz.common.deadline import deadline
-from vlafuzz.common.text import percent
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
 
 CorpusFlag = Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")]
@@ -149,75 +148,3 @@ def diff(
     else:
         print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
         print_lines(result.verdict)
-
-
-def bisect(
-    corpus: CorpusFlag,
-    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="checkpoint")] = None,
-    checkpoints: Annotated[
-        list[str] | None, typer.Option(help="Checkpoints in the order of their training: A B C …", metavar="A B C …")
-    ] = None,
-    policy: Annotated[
-        str, typer.Option(help="How a checkpoint {} is named as a policy: lerobot:{}.", metavar="NAME")
-    ] = "{}",
-    baseline: BaselineFlag = None,
-    alpha: AlphaFlag = 0.05,
-    error: Annotated[float, option("Probability up to which something else may have happened.")] = 0.05,
-    comparisons: Annotated[int | None, option("Most comparisons.", "log2 of the checkpoints, and 2")] = None,
-    time: TimeFlag = None,
-    trust: TrustFlag = False,
-    json: JsonFlag = False,
-) -> None:
-    """Find out which checkpoint broke a policy: exit code 1 if one did.
-
-    First the last checkpoint is compared with the baseline in the controls of a corpus, as `vlafuzz regress` does. If
-    it is worse, a binary search that expects noise compares few of the others, each until it is clear whether it is
-    broken, and then whether all of the loss came in one step.
-    """
-    from vlafuzz.failures.corpus.bisect import check_checkpoints
-
-    names = [*(checkpoints or ()), *(more or ())]
-    check_checkpoints(names)
-    check_probability("--alpha", alpha)
-    check_probability("--error", error)
-    check_number("--comparisons", comparisons, 1)
-    if "{}" not in policy:
-        hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
-        raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
-    names = [policy.replace("{}", name) for name in names]
-    _check_policies(*names, baseline)
-    until = deadline("--time", time)
-    from vlafuzz.failures.corpus.folder import read_corpus
-    from vlafuzz.failures.corpus.policies import bisect_checkpoints
-    from vlafuzz.failures.corpus.tables import bisection_document
-
-    exported = read_corpus(corpus)
-    with Bar() as bar:
-        result = bisect_checkpoints(
-            corpus,
-            exported,
-            names,
-            baseline,
-            alpha=alpha,
-            error=error,
-            comparisons=comparisons,
-            deadline=until,
-            watch=bar,
-        )
-    if json:
-        print_json(bisection_document(result, exported))
-    else:
-        rows = [
-            {
-                "checkpoint": step.checkpoint,
-                "controls": step.of,
-                "baseline passes": step.baseline_passed,
-                "checkpoint passes": step.passed,
-                "broken": percent(step.broken),
-            }
-            for step in result.steps
-        ]
-        print_rows(rows, title=f"comparisons with {result.baseline}")
-        print_lines(f"{'' if result.in_time else '--time is over: '}{result.verdict}")
-    if result.alarm:
-        raise typer.Exit(1)

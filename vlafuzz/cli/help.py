@@ -28,10 +28,6 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "vlafuzz replay failing.jsonl 3f2a --policy expert --picture solved.png",
     ),
     "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read new.csv --against old.csv --markdown"),
-    "bisect": (
-        "vlafuzz bisect my-corpus --policy lerobot:{} --checkpoints out/010000 out/020000 out/030000",
-        "vlafuzz bisect my-corpus --checkpoints http://gpu:8001/act http://gpu:8002/act http://gpu:8003/act",
-    ),
 }
 
 

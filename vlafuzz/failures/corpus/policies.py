@@ -1,7 +1,7 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -10,8 +10,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.failures.corpus import bisect, diff, regress
-from vlafuzz.failures.corpus.bisect import Bisection
+from vlafuzz.failures.corpus import diff, regress
 from vlafuzz.failures.corpus.controls import suggest_ranges
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import Difference, Known
@@ -125,53 +124,6 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
         if own is None:
             check_trusted(model.policy)
     return one, other
-
-
-def bisect_checkpoints(
-    folder: Path,
-    corpus: Corpus,
-    checkpoints: Sequence[str],
-    baseline: str | None = None,
-    *,
-    alpha: float = 0.05,
-    error: float = 0.05,
-    comparisons: int | None = None,
-    deadline: Deadline | None = None,
-    watch: Watch = SILENT,
-) -> Bisection:
-    """Find out which of several policies, in the order of their training, broke; see ``bisect.bisect``.
-
-    Without a ``baseline``, it is the recorded outcomes of the corpus's own policy. Only one checkpoint is open at a
-    time.
-    """
-    bisect.check_checkpoints(checkpoints)
-    controls = [probe for probe in _probes(folder, corpus) if probe.group == "control"]
-    for checkpoint in checkpoints:
-        _check_baseline(baseline, Model(checkpoint))
-    most = comparisons or bisect.most_comparisons(len(checkpoints))
-    _check_power(folder, corpus, controls, baseline, alpha, watch)
-    watch.note(f"{len(checkpoints)} checkpoints: at most {most} comparisons of at most {len(controls)} rollouts each")
-
-    @contextmanager
-    def opened(name: str) -> Iterator[Side]:
-        # The last one is opened first; the others' notes are the same.
-        noting = watch if name == checkpoints[-1] else SILENT
-        with closing(_rerun(folder, corpus, Model(name), noting)) as side:
-            yield side
-
-    with ExitStack() as stack:
-        old = _baseline(folder, corpus, baseline, stack, watch)
-        return bisect.bisect(
-            controls,
-            checkpoints,
-            opened,
-            old,
-            alpha=alpha,
-            error=error,
-            comparisons=most,
-            deadline=deadline,
-            watch=watch,
-        )
 
 
 def _check_baseline(name: str | None, model: Model) -> None:

@@ -159,8 +159,6 @@ def compare(
     deadline: Deadline | None = None,
     watch: Watch = SILENT,
     doing: str = "rollouts",
-    before: int = 0,
-    most: int | None = None,
 ) -> Comparison:
     """Roll out both in every control once, then some times in each of the other scenes, round by round.
 
@@ -171,7 +169,7 @@ def compare(
         max_rollouts: of the policy; None for all of these.
         whole: do not stop at an alarm.
         deadline: after which no rollout is begun.
-        doing: for ``watch``, which is told after every pair; ``before`` it were so many, of ``most`` in all.
+        doing: for ``watch``, which is told after every pair.
     """
     order = _order(probes, repeats)[:max_rollouts]
     controls = sum(probes[index].group == "control" for index, _ in order)
@@ -191,7 +189,7 @@ def compare(
             test.see(worse=pair.worse)
         test.whole = done >= controls
         counts = f", {test.worse} worse, {test.better} better" if controls else ""
-        watch.progress(doing + counts, before + done, most or len(order))
+        watch.progress(doing + counts, done, len(order))
         if (test.alarm and not whole) or (done >= PATIENCE and not judged):
             stopped = "worse" if test.alarm else "unjudged"
             break

@@ -69,19 +69,3 @@ class Rerun:
     def close(self) -> None:
         for runner in self._runners.values():
             runner.close()
-
-
-class Remembered:
-    """A side that is asked once for every rollout; those that broke are tried again."""
-
-    def __init__(self, side: Side) -> None:
-        self.name, self._side, self._known = side.name, side, dict[Asked, Outcome]()
-
-    def answers(self, asked: Sequence[Asked]) -> Iterator[Outcome]:
-        """The known outcomes, or those of rollouts."""
-        rolled = self._side.answers([one for one in asked if one not in self._known])
-        for one in asked:
-            outcome = self._known.get(one) or next(rolled)
-            if outcome.judged:
-                self._known[one] = outcome
-            yield outcome

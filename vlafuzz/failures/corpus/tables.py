@@ -9,7 +9,6 @@ from xml.etree import ElementTree as Xml
 
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import Row, markdown_table, markdown_text, points
-from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import ORDER, Difference
 from vlafuzz.failures.corpus.pairs import GROUPS, Change, Compared, Group
@@ -146,23 +145,6 @@ def difference_document(result: Difference) -> dict[str, Any]:
     counts = {standing: len(result.of(standing)) for standing in ORDER}
     names = {"first": result.first, "second": result.second, "verdict": result.verdict}
     return {**names, "counts": counts, **tests, "causes": [asdict(change) for change in result.causes]}
-
-
-def bisection_document(result: Bisection, corpus: Corpus) -> dict[str, Any]:
-    """The JSON of ``bisect --json``."""
-    names = ("baseline", "alarm", "named", "certain", "error", "verdict", "rollouts")
-    return {
-        "corpus": corpus.name,
-        "p_value": result.last.p_value,
-        "alpha": result.last.alpha,
-        **{name: getattr(result, name) for name in names},
-        "probabilities": dict(zip(result.checkpoints, result.probabilities, strict=True)) if result.alarm else {},
-        "shape": result.shape,
-        "shapes": result.belief.shapes if result.alarm else {},
-        "in_time": result.in_time,
-        "likely": [result.checkpoints[index] for index in result.likely],
-        "comparisons": [asdict(step) for step in result.steps],
-    }
 
 
 def write_junit(comparison: Comparison, path: Path) -> None:
