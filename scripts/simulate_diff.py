@@ -20,7 +20,7 @@ from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.diff import Known, diff
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.sides import Asked
+from vlafuzz.failures.corpus.regress import Asked
 from vlafuzz.model.outcome import Outcome, Verdict
 
 FRESH = 20_000  # smaller seeds were used while the test was made

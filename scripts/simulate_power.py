@@ -27,8 +27,7 @@ from vlafuzz.failures.corpus import controls
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.regress import compare
-from vlafuzz.failures.corpus.sides import Recorded, Rerun
+from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene

@@ -36,7 +36,7 @@ from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
-from vlafuzz.failures.triage.summary import TriageSummary, summarise
+from vlafuzz.failures.triage.pipeline import TriageSummary, summarise
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.search.base import looks_for_causes

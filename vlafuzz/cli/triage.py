@@ -21,8 +21,7 @@ from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 if TYPE_CHECKING:
     from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.failures.triage.pipeline import Progress
-    from vlafuzz.failures.triage.summary import TriageSummary
+    from vlafuzz.failures.triage.pipeline import Progress, TriageSummary
     from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.store.store import Store
 
@@ -57,8 +56,7 @@ def command(
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.failures.causes import all_causes
     from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
-    from vlafuzz.failures.triage.pipeline import hours, triage, usual_workers
-    from vlafuzz.failures.triage.summary import summarise
+    from vlafuzz.failures.triage.pipeline import hours, summarise, triage, usual_workers
     from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.failures.triage.directions import direction
+from vlafuzz.failures.triage.path import direction
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene

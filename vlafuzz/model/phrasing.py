@@ -13,7 +13,7 @@ def signature(task: str, lost: str, operators: Iterable[str]) -> str:
     """Identifies a cause, readably: ``pick-up|grasp|camera-orientation:+yaw+light:dark``.
 
     Args:
-        operators: each with the direction in which it deviates, see ``triage.directions``.
+        operators: each with the direction in which it deviates, see ``triage.path``.
     """
     return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
 

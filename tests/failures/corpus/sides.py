@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.doubles import failed, passed, scene
 from vlafuzz.failures.corpus.pairs import Group, Probe
-from vlafuzz.failures.corpus.sides import Asked
+from vlafuzz.failures.corpus.regress import Asked
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.failures.corpus.sides import Planned, flaky, probes
-from vlafuzz.failures.corpus.regress import Comparison, compare
-from vlafuzz.failures.corpus.sides import Recorded
+from vlafuzz.failures.corpus.regress import Comparison, Recorded, compare
 from vlafuzz.model.outcome import Verdict
 
 RECORDED = Recorded("old as recorded")

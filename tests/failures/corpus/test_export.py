@@ -13,9 +13,8 @@ from tests.failures.triage.runners import PlantedRunner
 from tests.failures.triage.test_pipeline import DARK, TILTED, scenes
 from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.failures.corpus.check import FLAKY, UNSOLVED
 from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
-from vlafuzz.failures.corpus.export import export
+from vlafuzz.failures.corpus.export import FLAKY, UNSOLVED, export
 from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.outcome import Outcome

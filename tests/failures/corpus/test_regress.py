@@ -12,8 +12,7 @@ from tests.failures.corpus.sides import Planned, RuleRunner, flaky, probes
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import probes as probes_of
-from vlafuzz.failures.corpus.regress import REPEATS, compare
-from vlafuzz.failures.corpus.sides import Recorded, Rerun
+from vlafuzz.failures.corpus.regress import REPEATS, Recorded, Rerun, compare
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.worlds.manipulation.jitter import jittered
 

@@ -7,8 +7,7 @@ import pytest
 
 from tests.failures.corpus.sides import flaky, probes
 from vlafuzz.common.statistics import binomial
-from vlafuzz.failures.corpus.regress import compare
-from vlafuzz.failures.corpus.sides import Recorded
+from vlafuzz.failures.corpus.regress import Recorded, compare
 from vlafuzz.failures.corpus.sign_test import SignTest, alarm_probability, log_wealth, power_of, sign_p
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from tests.failures.corpus.sides import Planned, probes
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.corpus.regress import compare
-from vlafuzz.failures.corpus.sides import Recorded
+from vlafuzz.failures.corpus.regress import Recorded, compare
 from vlafuzz.failures.corpus.tables import write_junit
 from vlafuzz.model.outcome import Outcome, Verdict
 

@@ -5,8 +5,8 @@ import pytest
 from tests.failures.triage.planted import CONDITIONS, EDGES, SPACE, STAGES, Condition, Planted
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import Shrunk
-from vlafuzz.failures.triage.directions import directed
 from vlafuzz.failures.triage.oracle import Oracle
+from vlafuzz.failures.triage.path import directed
 from vlafuzz.model.evidence import Causes, Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import describe

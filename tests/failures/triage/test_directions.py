@@ -3,7 +3,7 @@ from dataclasses import replace
 import pytest
 
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
-from vlafuzz.failures.triage.directions import directed
+from vlafuzz.failures.triage.path import directed
 from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
 
 NOMINAL = SPACE.nominal()

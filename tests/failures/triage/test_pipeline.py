@@ -9,8 +9,7 @@ from tests.doubles import failed, passed, rollout
 from tests.failures.triage.planted import SPACE
 from tests.failures.triage.runners import PlantedRunner
 from tests.failures.triage.triaging import DARK, TILTED, fill, scenes, triaged
-from vlafuzz.failures.triage.pipeline import triage
-from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.failures.triage.pipeline import summarise, triage
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene import Scene

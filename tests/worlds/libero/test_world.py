@@ -11,7 +11,7 @@ from PIL import Image
 from tests.doubles import Idle
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
-from vlafuzz.failures.triage.directions import directed
+from vlafuzz.failures.triage.path import directed
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.outcome import Verdict

@@ -16,8 +16,7 @@ from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
-from vlafuzz.failures.corpus.regress import REPEATS, Comparison, compare
-from vlafuzz.failures.corpus.sides import Side
+from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Side, compare
 from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.conditions import Model
 from vlafuzz.model.phrasing import titled

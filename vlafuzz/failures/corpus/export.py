@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count, groupby
@@ -11,22 +12,30 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.failures.corpus.check import check
-from vlafuzz.failures.corpus.controls import CONTROLS, record, suggest_ranges
+from vlafuzz.failures.corpus.controls import CONTROLS, EXPORT, record, suggest_ranges
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.failures.triage.pipeline import SOON, pace
-from vlafuzz.failures.triage.summary import summarise
+from vlafuzz.failures.triage.oracle import Answer
+from vlafuzz.failures.triage.path import nominal
+from vlafuzz.failures.triage.pipeline import SOON, pace, summarise
+from vlafuzz.failures.triage.triager import repeat
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
+from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Run, Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import provenance
 
 PER_CASE = 20  # rollouts in a minimal scene and its counterparts, about
+# Why a finding is left out.
 SAME = "its scene is that of another finding"
+UNJUDGED = "the policy or the simulator broke"
+FLAKY = "it no longer fails"
+LATER = "it fails at a later stage than it did"
+UNSOLVED = "its witness no longer solves it"
 
 
 def export(
@@ -79,7 +88,7 @@ def export(
                 renderer = checker.renderer
                 ((_, recorded),) = crew.each(partial(record, checker, manifest.seed, watch=watch), [controls])
                 _check_power(checker.space, recorded, watch)
-            one = partial(check, run=numbers.index(number), runner=checker)
+            one = partial(_check, run=numbers.index(number), runner=checker)
             for index, result in crew.each(one, findings):
                 results[index] = result
                 checked(next(done))
@@ -101,6 +110,50 @@ def export(
         renderer=renderer,
         versions=provenance.versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
+    )
+
+
+def _check(triaged: Triaged, run: int, runner: SceneRunner) -> Case | str:
+    """A minimal finding as a case, or the reason why it does not hold.
+
+    Args:
+        run: number of the finding's run in the corpus.
+    """
+    scene, lost, witness = triaged.shrunk, triaged.lost_stage, triaged.witness
+    assert scene is not None
+    assert lost is not None
+    assert witness is not None
+    answer, rate, loses = repeat(runner, scene, EXPORT)
+    if answer is Answer.BROKEN:
+        return UNJUDGED
+    if answer is not Answer.FAILS or loses is None:
+        return FLAKY
+    if runner.stages.index(loses) > runner.stages.index(lost):
+        return LATER
+    for operator, counterpart in triaged.counterparts.items():
+        if repeat(runner, counterpart, EXPORT)[0] is not Answer.PASSES:
+            return f"without {operator} it no longer passes"
+    replayed = runner.play(scene, witness.actions)
+    if replayed.verdict is not Verdict.PASSED:
+        return UNSOLVED
+    control = nominal(runner.space, scene)
+    kept = {name: getattr(triaged, name) for name in ("operators", "causes", "counterparts", "reference", "certified")}
+    rates = {name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts}
+    return Case(
+        **kept,
+        scene=scene,
+        lost_stage=loses,
+        signature=triaged.signature or "",
+        nominal=control,
+        nominal_passes=repeat(runner, control, EXPORT)[0] is Answer.PASSES,
+        witness=replace(witness, states_hash=replayed.rollouts[0].states_hash),
+        found=triaged.scene.digest,
+        run=run,
+        repeats=rate.rollouts,
+        failures=rate.failures,
+        rollouts=triaged.shrink_rollouts,
+        counterpart_rates=rates,
+        thumbnail=runner.picture(scene),
     )
 
 

@@ -15,8 +15,7 @@ from vlafuzz.failures.corpus.controls import suggest_ranges
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import Difference, Known
 from vlafuzz.failures.corpus.pairs import Probe, probes
-from vlafuzz.failures.corpus.regress import Comparison, rollouts_of
-from vlafuzz.failures.corpus.sides import Recorded, Rerun, Side
+from vlafuzz.failures.corpus.regress import Comparison, Recorded, Rerun, Side, rollouts_of
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.conditions import Model
 from vlafuzz.rollouts import scene_runner

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.failures.triage.certify import Shrunk
-from vlafuzz.failures.triage.directions import direction
 from vlafuzz.failures.triage.oracle import Oracle
-from vlafuzz.failures.triage.path import Path, free_genes, steps
+from vlafuzz.failures.triage.path import Path, direction, free_genes, steps
 from vlafuzz.failures.triage.thresholds import Seen, locate
 from vlafuzz.model.evidence import Causes, Threshold, Values
 from vlafuzz.model.genes import Gene

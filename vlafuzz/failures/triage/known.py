@@ -3,9 +3,8 @@
 from collections.abc import Iterable, Sequence
 
 from vlafuzz.failures.triage.certify import Shrunk, certify_one
-from vlafuzz.failures.triage.directions import directed
 from vlafuzz.failures.triage.oracle import Oracle
-from vlafuzz.failures.triage.path import deviating, free_genes
+from vlafuzz.failures.triage.path import deviating, directed, free_genes
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import drop_confounders
 from vlafuzz.model.scene import Scene

@@ -1,10 +1,13 @@
-"""Paths to a failing scene: operators as triage counts them, and a scene's values step by step."""
+"""Ways to a failing scene: the operators in which it deviates, in which directions, and its values step by step."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from vlafuzz.model.genes import Gene
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS, Space, Values
+
+_BESIDE = 1 / 2  # of the largest deviation, as a share of the range: less beside it does not count
+_PLACES = 3  # that are farther out than a scene; the last one is the end of the range
 
 
 def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> list[str]:
@@ -106,3 +109,67 @@ def _room(gene: Gene, start: float, away: int) -> int:
     if gene.grid.wraps:
         return size // 2
     return size - 1 - level if away > 0 else level
+
+
+def directed(space: Space, scene: Scene, operators: Iterable[str], reference: Scene | None = None) -> list[str]:
+    """Operators with their directions from a reference, by default from nominal: ``light:dark``.
+
+    Numbers have a sign (``+yaw``), the camera's position that of the axis along which it is farthest off (``-z``),
+    categories their value (``lying``, ``table-checker``). Confounders have their number and, if it matters what they
+    are, their kinds (``1,can``). ``+x2`` is of the second target.
+    """
+    start = space.nominal(like=scene) if reference is None else reference
+    return [f"{name}:{direction(space, scene, name, start)}" for name in operators]
+
+
+def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
+    """The direction of one operator from a scene to start from."""
+    if (own := space.direction(scene, name, start)) is not None:
+        return own
+    genes = free_genes(space, scene, space.group(name), start)
+    values, before = space.values(scene), space.values(start)
+    chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]
+    away = {gene: _difference(gene, values[gene.path], before[gene.path]) for gene in genes}
+    largest = max(map(abs, away.values()), default=0.0)
+    numbers = [_signed(far, _short(gene)) for gene, far in away.items() if abs(far) >= _BESIDE * largest]
+    return ",".join(chosen or numbers)
+
+
+def _difference(gene: Gene, value: float, start: float) -> float:
+    """How far a value is from another one, as a share of the range; angles the shorter way round."""
+    away = value - start
+    if gene.grid.wraps:
+        away = (away + 180.0) % 360.0 - 180.0
+    return away / (gene.grid.high - gene.grid.low)
+
+
+def _short(gene: Gene) -> str:
+    return gene.path.rpartition(".")[2] + _number(gene)
+
+
+def _number(gene: Gene) -> str:
+    """Nothing for the first target, ``2`` for the second."""
+    part, _, slot = gene.slot.partition(".")
+    return str(int(slot) + 1) if part == "targets" and slot != "0" else ""
+
+
+def _signed(by: float, name: str) -> str:
+    return f"{'-' if by < 0 else '+'}{name}"
+
+
+def outward(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> Iterator[Scene]:
+    """Scenes farther out than a failing one, the nearest first: there a policy fails more surely than near a threshold.
+
+    Args:
+        operators: that move, the confounders' as one, which stay; all others keep their values. reference: from which
+        they move away; None for the nominal scene.
+    """
+    start = reference or space.nominal(like=scene)
+    numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.group(name)]
+    path = Path(space, scene, free_genes(space, scene, numeric, start), start)
+    steps = {path.length + (path.end - path.length) * place // _PLACES for place in range(1, _PLACES + 1)}
+    directions = directed(space, scene, operators, reference)
+    for step in sorted(steps - {path.length}):
+        moved = path.at(step)
+        if directed(space, moved, operators, reference) == directions:
+            yield moved

@@ -3,12 +3,14 @@
 import math
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path
-from vlafuzz.failures.triage.psychometric import Crossing
 from vlafuzz.model.evidence import Rate
-from vlafuzz.model.scene import Scene
 
 PLACES = 7  # along a path, from the reference to the end of the range
 NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower,
@@ -20,20 +22,12 @@ _INTERVAL = (0.025, 0.975)  # 95 %
 _LIKELY = (1 / 3, 2 / 3)  # the next rollouts are where the crossing is below with these probabilities
 _SLACK = 0.2  # of a step, by which an interval may end beyond the step that it is rounded to
 _HALVINGS = 3  # of the gaps between failing ranges
-
-
-class Sampler(Protocol):
-    """Rolls out a policy in the neighbourhood of scenes."""
-
-    @property
-    def room(self) -> int:
-        """Number of rollouts that are left."""
-
-    def sample(self, scenes: Sequence[Scene]) -> list[bool | None]:
-        """Whether one more rollout near each scene fails; None where it cannot be judged or none is left.
-
-        Every rollout has another jitter and seed. A scene may be given several times.
-        """
+_CELLS = 240  # of the grid over the crossing
+_WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
+_SHARPEST = 0.15  # steps
+# Failure rates far before and far beyond the crossing, as distances from 0 and 1, with their weights.
+_LAPSES, _WEIGHTS = (0.01, 0.06, 0.2), (0.5, 0.3, 0.2)
+_MOST_BY_CHANCE = 0.5  # of the background; beyond, the rise is too small to be located
 
 
 class Located(NamedTuple):
@@ -71,7 +65,7 @@ class Seen(NamedTuple):
 UNSEEN = Seen()
 
 
-def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate, seen: Seen = UNSEEN) -> Located | None:
+def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: Seen = UNSEEN) -> Located | None:
     """Find where a path to a failing scene starts to fail.
 
     First there is one rollout at each of some places, up to the end of the range, unless enough was seen in the run.
@@ -85,7 +79,7 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate, seen: S
     Returns:
         None if the first scene does not pass, or there are too few rollouts left.
     """
-    survey = _Survey(path, sampler)
+    survey = _Survey(path, oracle)
     if not path.length or not (first or survey.start_passes()):
         return None
     if not seen.suffices(path):
@@ -113,6 +107,52 @@ def locate(path: Path, sampler: Sampler, first: Rate | None, last: Rate, seen: S
     return Located(start, math.floor(low + _SLACK), min(math.ceil(high - _SLACK), upper), ((start, until), *others))
 
 
+class Crossing:
+    """The posterior of the step at which the failure rate is one half, somewhere between 0 and ``upper``.
+
+    The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions (Kontsevich,
+    Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes are unknown, too, and
+    integrated out on a grid. Where a policy fails by chance, it is half the rise.
+
+    Args:
+        background: failure rate at the beginning.
+    """
+
+    def __init__(self, upper: float, background: float = 0.0) -> None:
+        edges = np.linspace(0.0, upper, _CELLS + 1)
+        widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
+        chance = min(background, _MOST_BY_CHANCE) if background > max(_LAPSES) else 0.0
+        low, high = chance + (1 - chance) * np.array(_LAPSES), 1 - np.array(_LAPSES)
+        self._edges = edges
+        centres, self._width, self._low, self._high = np.meshgrid(
+            (edges[:-1] + edges[1:]) / 2, widths, low, high, indexing="ij"
+        )
+        half = (max(0.5, chance + (1 - chance) / 2) - self._low) / (self._high - self._low)  # of the rise
+        self._middle = centres - self._width * np.log(half / (1 - half))
+        self._weight = np.sqrt(self._width) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
+        self._weight /= self._weight.sum()
+
+    def add(self, step: float, failures: int, rollouts: int, otherwise: float = 0.0) -> None:
+        """Take the outcomes of rollouts at one step into account.
+
+        Args:
+            otherwise: probability that such a rollout fails for another reason.
+        """
+        rate = self._low + (self._high - self._low) / (1 + np.exp(-self._scaled(step)))
+        rate = otherwise + (1 - otherwise) * rate
+        self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
+        self._weight /= self._weight.sum()
+
+    def quantiles(self, *shares: float) -> list[float]:
+        """Steps below which the crossing lies with these probabilities."""
+        below = np.concatenate([[0.0], np.cumsum(self._weight.sum(axis=(1, 2, 3)))])
+        return [float(step) for step in np.interp(shares, below / below[-1], self._edges)]
+
+    def _scaled(self, step: float) -> NDArray[np.float64]:
+        scaled: NDArray[np.float64] = np.clip((step - self._middle) / self._width, -50.0, 50.0)
+        return scaled
+
+
 class _Survey:
     """Rollouts at steps of a path.
 
@@ -121,8 +161,8 @@ class _Survey:
         broke: there were too few rollouts left.
     """
 
-    def __init__(self, path: Path, sampler: Sampler) -> None:
-        self.path, self.sampler = path, sampler
+    def __init__(self, path: Path, oracle: Oracle) -> None:
+        self.path, self.oracle = path, oracle
         self.outcomes: dict[int, list[bool]] = {}
         self.unfair: set[int] = set()
         self.broke = False
@@ -130,11 +170,11 @@ class _Survey:
     def look(self, steps: Iterable[int]) -> dict[int, bool]:
         """Roll out once at each step; whether it failed where that could be judged."""
         steps = sorted(set(steps) - self.unfair)
-        answers = self.sampler.sample([self.path.at(step) for step in steps])
+        answers = self.oracle.sample([self.path.at(step) for step in steps])
         judged = {step: fails for step, fails in zip(steps, answers, strict=True) if fails is not None}
         for step, fails in judged.items():
             self.outcomes.setdefault(step, []).append(fails)
-        self.broke = len(judged) < len(steps) and not self.sampler.room
+        self.broke = len(judged) < len(steps) and not self.oracle.room
         if not self.broke:
             self.unfair |= set(steps) - judged.keys()
         return judged
