@@ -32,12 +32,16 @@ def command(
     if json and markdown:
         raise UsageError("--json and --markdown exclude each other", hint="give one of them")
     from vlafuzz.logs import show
+    from vlafuzz.logs.against import compare
+    from vlafuzz.logs.episodes import rates
     from vlafuzz.logs.formats import read_logs
 
     columns = _columns(column or [])
     episodes = read_logs(logs, columns)
-    old = (_name(against), read_logs(against, columns)) if against else None
-    reading = show.Reading.of(_name(logs), episodes, old, alpha)
+    compared = None
+    if against:
+        compared = compare(read_logs(against, columns), episodes, (_name(against), _name(logs)), alpha)
+    reading = show.Reading(name=_name(logs), rates=tuple(rates(episodes)), against=compared)
     if json:
         print_json(show.document(reading))
     elif markdown:
@@ -46,7 +50,7 @@ def command(
         for title, rows in show.tables(reading).items():
             print_rows(rows, title=title)
         print_lines(*show.sentences(reading))
-    if (compared := reading.against) and compared.worse:  # exit codes as of `regress`
+    if compared and compared.worse:  # exit codes as of `regress`
         raise typer.Exit(1)
     if compared and not compared.tells:
         raise PrerequisiteError(compared.verdict, hint="compare logs with more episodes of the same suites")

@@ -6,33 +6,19 @@ from typing import Any
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, markdown_table, percent, plural, points
-from vlafuzz.logs.against import ALL, Comparison, compare
-from vlafuzz.logs.episodes import Episode, Rate, rates
+from vlafuzz.logs.against import ALL, Comparison
+from vlafuzz.logs.episodes import Rate
 
 _MOST = 5  # tasks in a table
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A log, or several files of one evaluation.
-
-    ``against``: it, compared with another log.
-    """
+    """A log, or several files of one evaluation; ``against``: it, compared with an older log."""
 
     name: str
     rates: tuple[Rate, ...]
     against: Comparison | None
-
-    @classmethod
-    def of(
-        cls, name: str, episodes: Sequence[Episode], old: tuple[str, Sequence[Episode]] | None, alpha: float
-    ) -> "Reading":
-        """``old``: name and episodes of the log to compare with."""
-        return cls(
-            name=name,
-            rates=tuple(rates(episodes)),
-            against=compare(old[1], episodes, (old[0], name), alpha) if old else None,
-        )
 
     @property
     def suites(self) -> dict[str, Rate]:

@@ -77,7 +77,7 @@ def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: S
     assert len(corpus.cases) == len({row.shrunk for row in store.triaged()})
     assert {case.operators for case in corpus.cases} == {("light",), ("camera-orientation",)}
     for case in corpus.cases:
-        fails = (DARK, TILTED)[corpus.seed(case)]
+        fails = (DARK, TILTED)[corpus.runs[case.run].seed]
         assert fails(case.scene)
         assert not any(fails(scene) for scene in case.counterparts.values())
         assert tuple(case.counterparts) == case.operators == case.causes.necessary

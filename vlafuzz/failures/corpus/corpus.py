@@ -124,7 +124,3 @@ class Corpus:
     def tested(self) -> Model:
         """The model that failed."""
         return self.runs[0].tested
-
-    def seed(self, case: Case) -> int:
-        """Seed of the rollouts in which the case failed."""
-        return self.runs[case.run].seed

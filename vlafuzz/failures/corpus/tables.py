@@ -153,40 +153,25 @@ def write_junit(comparison: Comparison, path: Path) -> None:
     Only an alarm is a failure, that of the controls. Another scene in which the policy fails is skipped, with a
     message; there, failures raise no alarm.
     """
-    suites = []
+    report = Xml.Element("testsuites", name="vlafuzz regress")
     for group in GROUPS:
-        scenes = comparison.of(group)
-        cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in scenes]
-        suites.append(suite(group, cases, comparison))
-    with writing(path, "give --junit another place"):
-        write_whole(path, junit("vlafuzz regress", suites))
-
-
-def junit(name: str, suites: Sequence[Xml.Element]) -> bytes:
-    """A report of suites."""
-    cases = [case for each in suites for case in each.findall("testcase")]
-    report = Xml.Element("testsuites", _counts(cases), name=name)
-    report.extend(suites)
-    Xml.indent(report)
-    return bytes(Xml.tostring(report, encoding="utf-8", xml_declaration=True))
-
-
-def suite(name: str, cases: Sequence[Xml.Element], comparison: Comparison | None = None) -> Xml.Element:
-    """Test cases with their counts, and the properties of a comparison."""
-    made = Xml.Element("testsuite", _counts(cases), name=clean(name))
-    if comparison is not None:
-        properties = Xml.SubElement(made, "properties")
+        cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
+        suite = Xml.SubElement(report, "testsuite", _counts(cases), name=group)
+        properties = Xml.SubElement(suite, "properties")
         for field in ("policy", "baseline", "verdict", "changes"):
-            Xml.SubElement(properties, "property", name=field, value=clean(getattr(comparison, field)))
-    made.extend(cases)
-    return made
+            Xml.SubElement(properties, "property", name=field, value=_clean(getattr(comparison, field)))
+        suite.extend(cases)
+    report.attrib |= _counts(list(report.iter("testcase")))
+    Xml.indent(report)
+    with writing(path, "give --junit another place"):
+        write_whole(path, bytes(Xml.tostring(report, encoding="utf-8", xml_declaration=True)))
 
 
-def junit_case(of: str, name: str, element: str = "", message: str = "", seconds: float = 0.0) -> Xml.Element:
-    """A case that passes, or has an element with a message."""
-    case = Xml.Element("testcase", classname=clean(of), name=clean(name), time=f"{seconds:.3f}")
+def _element(of: str, name: str, element: str, message: str, seconds: float) -> Xml.Element:
+    """A test case that passes, or has an element with a message."""
+    case = Xml.Element("testcase", classname=of, name=_clean(name), time=f"{seconds:.3f}")
     if element:
-        Xml.SubElement(case, element, message=clean(message))
+        Xml.SubElement(case, element, message=_clean(message))
     return case
 
 
@@ -194,7 +179,7 @@ def _verdict(comparison: Comparison) -> Xml.Element:
     seconds = sum(control.seconds for control in comparison.of("control"))
     element = "failure" if comparison.alarm else "" if comparison.tells else "error"
     name = f"fails no more often than {comparison.baseline}"
-    return junit_case("control", name, element, comparison.verdict, seconds)
+    return _element("control", name, element, comparison.verdict, seconds)
 
 
 def _case(scene: Compared) -> Xml.Element:
@@ -207,7 +192,7 @@ def _case(scene: Compared) -> Xml.Element:
     }
     message = messages.get(scene.standing, scene.standing) + (f"; {scene.detail}" if scene.detail else "")
     name, element = f"{probe.scene.digest}: {probe.what}", _ELEMENTS.get(scene.standing, "")
-    return junit_case(probe.group, name, element, message, scene.seconds)
+    return _element(probe.group, name, element, message, scene.seconds)
 
 
 def _counts(cases: Sequence[Xml.Element]) -> dict[str, str]:
@@ -216,7 +201,7 @@ def _counts(cases: Sequence[Xml.Element]) -> dict[str, str]:
     return {"tests": str(len(cases)), **kinds, "time": f"{seconds:.3f}"}
 
 
-def clean(text: str) -> str:
+def _clean(text: str) -> str:
     """A text without what XML cannot hold."""
     return _UNPRINTABLE.sub("?", text)
 

@@ -80,11 +80,6 @@ class Tally:
             return None
         return Answer.UNFAIR if self.unfair >= UNFAIR else Answer.UNTRIED
 
-    def take(self) -> int:
-        """The number for a rollout; the next one has another."""
-        self.next += 1
-        return self.next - 1
-
     def add(self, judged: Judged) -> None:
         """Count a rollout."""
         self.unfair += judged.verdict is Verdict.INVALID
@@ -284,13 +279,15 @@ class Oracle:
 
     def _draw(self, tallies: Sequence[Tally]) -> Sequence[Judged]:
         """One rollout for each, in one batch."""
-        numbers = [tally.take() for tally in tallies]
-        scenes = [self._near(tally.scene, n) for tally, n in zip(tallies, numbers, strict=True)]
+        numbers = list[int]()
+        for tally in tallies:  # each rollout of a scene has another number
+            numbers.append(tally.next)
+            tally.next += 1
+        scenes = [tally.scene for tally in tallies]
+        if self._jitter:
+            scenes = list(map(self._jitter, scenes, numbers))
         judged = self._roll(scenes, numbers)
         for tally, answer in zip(tallies, judged, strict=True):
             tally.add(answer)
             self.spent += answer.rollouts
         return judged
-
-    def _near(self, scene: Scene, number: int) -> Scene:
-        return self._jitter(scene, number) if self._jitter else scene

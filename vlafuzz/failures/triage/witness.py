@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from vlafuzz.model.evidence import Actions, Solver, Witness
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -10,6 +9,8 @@ from vlafuzz.model.scene import Latency, Scene
 
 TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
 SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is
+Solve = Callable[[Scene, int, Solver], Outcome]
+"""Gives the outcome of an expert's n-th attempt, see ``SceneRunner.solve``."""
 Play = Callable[[Scene, Actions], Outcome]
 
 
@@ -24,12 +25,6 @@ class Search:
     witness: Witness | None
     rollouts: int
     broken: bool = False
-
-
-class Solve(Protocol):
-    """Gives the outcome of an expert's n-th attempt, see ``SceneRunner.solve``."""
-
-    def __call__(self, scene: Scene, attempt: int, solver: Solver = "expert", /) -> Outcome: ...
 
 
 def prove(scene: Scene, solve: Solve, play: Play) -> Search:
