@@ -95,8 +95,7 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
         from vlafuzz.stored import StoredResults, finding_of
 
         rows = StoredResults(source).findings() if source.is_file() else map(finding_of, found.failures)
-        evidence = list(BUCKETS)
-        print_json([asdict(row) for row in sorted(rows, key=lambda row: evidence.index(row.evidence))])
+        print_json([asdict(row) for row in sorted(rows, key=lambda row: BUCKETS.index(row.evidence))])
         return
     listed = found.failures
     shown = listed[: limit or None]

@@ -21,14 +21,8 @@ from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Wanted
 
-# Buckets of failures with their meaning, from the most evidence to the least.
-BUCKETS: Mapping[str, str] = {
-    "minimal": "certified: it fails more often than without any one of its operators; the expert solves it",
-    "witnessed": "mostly fails, the expert solves it; not shown to be minimal",
-    "unproven": "mostly fails, but the expert fails, too",
-    "flaky": "not shown to fail more often than the nominal scene",
-    "observed": "failed once; not triaged",
-}
+# Buckets of failures, from the most evidence to the least: those of ``Triaged``, and what failed once.
+BUCKETS = ("minimal", "witnessed", "unproven", "flaky", "observed")
 TOLD = 2  # deviations that a title names
 
 

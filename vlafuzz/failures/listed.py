@@ -91,10 +91,9 @@ def _in_order(failures: Iterable[DescribedFailure]) -> tuple[DescribedFailure, .
     """Failures by evidence, the most first, then by the frequency of the signature."""
     failures = list(failures)
     counts = Counter(one.signature for one in failures)
-    ranks = list(BUCKETS)
 
     def rank(one: DescribedFailure) -> tuple[int, int, str]:
-        return ranks.index(one.bucket), -counts[one.signature], one.signature or ""
+        return BUCKETS.index(one.bucket), -counts[one.signature], one.signature or ""
 
     return tuple(sorted(failures, key=rank))
 

@@ -108,7 +108,7 @@ def test_where_the_policy_rarely_passes_more_controls_are_drawn_and_all_are_kept
 def test_where_no_alarm_is_possible_it_ends_before_the_findings_are_checked(store: Store):
     with pytest.raises(PrerequisiteError, match="no alarm is possible: 0 of 40 controls pass") as refused:
         export(store, lambda run: CheckingRunner([lambda scene: True]), name="a", run=1, controls=8)
-    assert "passes 0 of 10 scenes nearest to nominal; run again in narrower" in str(refused.value.hint)
+    assert "run again in narrower" in str(refused.value.hint)
 
 
 def test_a_control_that_broke_is_replaced_by_another_and_all_have_seeds_of_their_own(store: Store):

@@ -64,13 +64,6 @@ def test_several_values_of_an_operator_have_a_share_of_the_way():
     assert 0 < threshold.share < 1
 
 
-def test_of_two_that_are_necessary_neither_is_enough():
-    found, _ = causes(lambda s: s.camera.yaw > 2.5, lambda s: s.light.intensity < 0.4)
-    assert found.necessary == ("light", "camera-orientation")
-    assert found.sufficient == ()
-    assert [threshold.operator for threshold in found.thresholds] == ["light", "camera-orientation"]
-
-
 def test_thresholds_of_single_operators_and_pairs_are_within_a_grid_step():
     pairs = [(a, b) for a, b in combinations(EDGES, 2) if a[0] != b[0]]
     right = []

@@ -18,7 +18,7 @@ from vlafuzz.store.store import Store
 class Interrupted(PlantedRunner):
     """Ctrl-C after so many batches."""
 
-    batches = 10
+    batches: int
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         self.batches -= 1
@@ -46,25 +46,18 @@ def interrupted(store: Store, batches: int = 10) -> Interrupted:
     return runner
 
 
-def test_the_next_triage_goes_on_where_the_last_one_was_interrupted(store, tmp_path):
+@pytest.mark.parametrize("batches", [(10,), (3, 4, 5)])
+def test_the_next_triage_goes_on_where_the_last_ones_were_interrupted(store, tmp_path, batches):
     with Store.open(tmp_path / "whole.db", "write") as other:
         whole = PlantedRunner([TILTED, DARK])
         triage(fill(other, scenes([TILTED, DARK], 1)), lambda run: whole)
         (expected,) = other.triaged()
-    before, after = interrupted(store), PlantedRunner([TILTED, DARK])
-    triage(store, lambda run: after)
+    runners = [interrupted(store, number) for number in batches]
+    assert min(runner.policy_rollouts for runner in runners) > 0
+    triage(store, lambda run: runners.append(PlantedRunner([TILTED, DARK])) or runners[-1])
     (found,) = store.triaged()
     assert said(found) == said(expected)
-    assert before.policy_rollouts >= 10
-    assert before.policy_rollouts + after.policy_rollouts == whole.policy_rollouts == found.policy_rollouts
-
-
-def test_several_interruptions_add_up(store):
-    runners = [interrupted(store, batches) for batches in (3, 4, 5)]
-    last = PlantedRunner([TILTED, DARK])
-    triage(store, lambda run: last)
-    (found,) = store.triaged()
-    assert sum(each.policy_rollouts for each in (*runners, last)) == found.policy_rollouts
+    assert sum(runner.policy_rollouts for runner in runners) == whole.policy_rollouts == found.policy_rollouts
 
 
 def test_another_machine_or_version_begins_anew(store, monkeypatch):

@@ -20,13 +20,6 @@ from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
 
-@pytest.fixture
-def store(tmp_path: Path):
-    """``store(scenes)``: a store in which they failed, open to be written."""
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        yield lambda failing, cells=(): fill(opened, failing, cells)
-
-
 def test_a_finding_that_was_triaged_is_not_triaged_again(store):
     runner, opened = PlantedRunner([TILTED]), store(scenes([TILTED], 3))
     assert len(triaged(opened, runner, limit=2)) == 2
@@ -112,29 +105,23 @@ def test_what_the_deadline_interrupts_is_left_as_it_was(store):
     assert [each.bucket for each in opened.triaged()] == ["minimal"] * 3
 
 
-def test_two_workers_come_to_what_one_process_does(tmp_path: Path):
-    made = []
-    for workers in (1, 2):
-        with Store.open(tmp_path / f"{workers}.db", "write") as store:
-            assert triage(fill(store, scenes([TILTED], 4)), tilted, place=Place(workers)) == {}
-            made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
-    assert made[0] == made[1]
-    assert len(made[0]) == 4
+RAY = pytest.param("ray", marks=pytest.mark.xdist_group("ray"))
 
 
-@pytest.mark.xdist_group("ray")
-def test_workers_on_ray_come_to_what_one_process_does(tmp_path: Path):
-    pytest.importorskip("ray")
+@pytest.mark.parametrize("executor", [None, RAY])
+def test_two_workers_come_to_what_one_process_does(tmp_path: Path, executor):
+    if executor:
+        pytest.importorskip(executor)
     made = []
-    for place in (Place(), Place(2, "ray")):
-        with Store.open(tmp_path / f"{place.kind}.db", "write") as store:
+    for place in (Place(), Place(2, executor)):
+        with Store.open(tmp_path / f"{place.workers}.db", "write") as store:
             assert triage(fill(store, scenes([TILTED], 4)), tilted, place=place) == {}
             made.append({each.scene.digest: (each.bucket, each.shrunk) for each in store.triaged()})
     assert made[0] == made[1]
     assert len(made[0]) == 4
 
 
-@pytest.mark.parametrize("executor", [None, pytest.param("ray", marks=pytest.mark.xdist_group("ray"))])
+@pytest.mark.parametrize("executor", [None, RAY])
 def test_workers_that_die_are_one_sentence_and_nothing_is_lost(store, executor):
     if executor:
         pytest.importorskip(executor)

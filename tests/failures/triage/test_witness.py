@@ -22,16 +22,15 @@ def test_the_first_solution_that_can_be_played_again_is_the_witness():
 
 
 def test_where_the_expert_fails_it_begins_with_other_grasps():
-    search = find_witness(
-        scene(), lambda scene, grasp, solver: passed() if grasp == 2 else failed(), lambda *_: passed()
-    )
+    search = find_witness(scene(), lambda _, grasp, solver: passed() if grasp == 2 else failed(), lambda *_: passed())
     assert search.witness is not None
     assert (search.witness.attempt, search.rollouts) == (2, 4)
 
 
-def test_without_a_solution_there_is_no_witness():
-    search = find_witness(scene(), lambda *_: failed(), lambda *_: passed(), tries=3)
-    assert (search.witness, search.rollouts) == (None, 3)
+@pytest.mark.parametrize(("solved", "rollouts"), [(failed(), 3), (passed(), 6)])
+def test_without_a_solution_or_where_it_fails_when_played_again_there_is_no_witness(solved, rollouts):
+    search = find_witness(scene(), lambda *_: solved, lambda *_: failed(), tries=3)
+    assert (search.witness, search.rollouts) == (None, rollouts)
 
 
 def test_the_expert_acts_without_latency_and_its_actions_are_played_with_it():
@@ -54,21 +53,11 @@ def test_a_simulator_that_breaks_says_nothing_about_the_scene():
     assert (search.witness is not None, search.broken) == (True, False)
 
 
-def test_a_solution_that_fails_when_played_again_is_none():
-    search = find_witness(scene(), lambda *_: passed(), lambda *_: failed(), tries=3)
-    assert (search.witness, search.rollouts) == (None, 6)
-
-
-def test_what_the_seeing_expert_solves_too_it_witnesses():
-    search = prove(scene(), lambda *_: passed(), lambda *_: passed())
+@pytest.mark.parametrize(("sees", "solver", "replays"), [(True, "seeing", 2), (False, "expert", SEEING_TRIES)])
+def test_what_the_seeing_expert_solves_too_it_witnesses(sees, solver, replays):
+    search = prove(scene(), lambda *asked: passed() if sees or asked[-1] == "expert" else failed(), lambda *_: passed())
     assert search.witness is not None
-    assert (search.witness.solver, search.rollouts) == ("seeing", 4)
-
-
-def test_where_only_the_expert_solves_the_scene_its_actions_stay():
-    search = prove(scene(), lambda *asked: passed() if asked[-1] == "expert" else failed(), lambda *_: passed())
-    assert search.witness is not None
-    assert (search.witness.solver, search.rollouts) == ("expert", 2 + SEEING_TRIES)
+    assert (search.witness.solver, search.rollouts) == (solver, 2 + replays)
 
 
 def test_where_the_expert_fails_the_seeing_expert_is_not_asked():
@@ -97,7 +86,6 @@ def test_a_player_executes_its_actions_and_then_stays():
 @pytest.mark.parametrize("delay", [0, 3])
 @pytest.mark.parametrize("task", ["pick-up", "put-on"])
 def test_in_the_simulator_an_experts_actions_solve_the_scene_again(task, delay):
-    from vlafuzz.model.conditions import Conditions
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     expert = Expert()

@@ -1,7 +1,5 @@
 """Controls: random scenes, drawn without regard to any outcome, in which policies can be compared fairly."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from vlafuzz.common.watch import Watch
@@ -18,6 +16,7 @@ FEWEST, SHARE = 16, 5
 # Numbers of jitters and seeds. Triage, which selects by outcomes, uses those below 200,000.
 EXPORT, CONTROL, REGRESS = 1_000_000, 100_000_000, 200_000_000
 _BATCH = 16
+MILDER = "run again in narrower ranges (--severity, --operators FILE) or with fewer operators (--vary)"
 _TRIES = 5  # scenes drawn for each control that is asked for, at most: some are unfair, or fail
 
 
@@ -61,15 +60,3 @@ def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Con
                 controls.append(Control(scene, outcome.verdict is Verdict.PASSED))
         watch.progress("controls run", len(controls), max(count, len(controls)))
     return controls
-
-
-def suggest_ranges(space: Space, outcomes: Sequence[tuple[Scene, bool]]) -> str:
-    """A hint where a policy passes too few random scenes, with what was seen in those nearest to nominal.
-
-    Args:
-        outcomes: random scenes, at least one, and whether the policy passed.
-    """
-    rows = sorted((space.severity(scene), passed) for scene, passed in outcomes)
-    nearest = rows[: (len(rows) + 3) // 4]
-    seen = f"the policy passes {sum(passed for _, passed in nearest)} of {len(nearest)} scenes nearest to nominal"
-    return f"{seen}; run again in narrower ranges (--operators FILE) or with fewer operators (--vary)"

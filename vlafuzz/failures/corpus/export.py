@@ -12,7 +12,7 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
-from vlafuzz.failures.corpus.controls import CONTROLS, EXPORT, record, suggest_ranges
+from vlafuzz.failures.corpus.controls import CONTROLS, EXPORT, MILDER, record
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.oracle import Answer
@@ -21,7 +21,6 @@ from vlafuzz.failures.triage.pipeline import SOON, pace, summarise
 from vlafuzz.failures.triage.triager import repeat
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
 from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.scene_runner import SceneRunner
@@ -87,7 +86,7 @@ def export(
             if number == numbers[0]:
                 renderer = checker.renderer
                 ((_, recorded),) = crew.each(partial(record, checker, manifest.seed, watch=watch), [controls])
-                _check_power(checker.space, recorded, watch)
+                _check_power(recorded, watch)
             one = partial(_check, run=numbers.index(number), runner=checker)
             for index, result in crew.each(one, findings):
                 results[index] = result
@@ -157,15 +156,14 @@ def _check(triaged: Triaged, run: int, runner: SceneRunner) -> Case | str:
     )
 
 
-def _check_power(space: Space, controls: Sequence[Control], watch: Watch) -> None:
+def _check_power(controls: Sequence[Control], watch: Watch) -> None:
     """Say what loss the controls could notice, before the findings are checked."""
     if not controls:
         return
     power = power_of([control.passed for control in controls])
-    milder = suggest_ranges(space, [(control.scene, control.passed) for control in controls])
     if not power.possible:
-        raise PrerequisiteError(str(power), hint=f"{milder}; --controls 0 writes a corpus without an alarm")
-    watch.note(f"{power}; {milder}" if power.total else str(power))
+        raise PrerequisiteError(str(power), hint=f"{MILDER}; --controls 0 writes a corpus without an alarm")
+    watch.note(f"{power}; {MILDER}" if power.total else str(power))
 
 
 def forecast(store: Store, findings: int, controls: int, workers: int) -> str:

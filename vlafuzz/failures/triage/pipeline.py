@@ -21,7 +21,6 @@ from vlafuzz.worlds.provenance import commit
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
 SOON = 60.0  # seconds up to which nobody need be told
-FAR = 3  # times the search, above which a part is suggested: to certify a run's causes takes about once
 HERE = Place()
 SAMPLE = 200  # rollouts that tell how long one takes
 
@@ -41,14 +40,10 @@ def expected(store: Store, findings: int, workers: int) -> float:
 
 def hours(store: Store, findings: int) -> str:
     """How long triage of so many findings takes here, to follow a command; empty where it is soon done."""
-    seconds = expected(store, findings, workers := usual_workers(store))
+    seconds = expected(store, findings, usual_workers(store))
     if seconds <= SOON:
         return ""
-    some, searched = "", sum(run.seconds or 0.0 for run in store.runs())
-    few = max(int(searched * findings / seconds), 1)
-    if seconds > FAR * searched and few < findings:
-        some = f", --limit {few} takes about {duration(expected(store, few, workers))}"
-    return f" (about {duration(seconds)}; --time bounds it{some})"
+    return f" (about {duration(seconds)}; --time bounds it)"
 
 
 def usual_workers(store: Store) -> int:
