@@ -119,9 +119,10 @@ def test_the_targets_type_is_listed_unless_the_nominal_targets_fail_too(store: S
         assert listed(store).causes[0].conditions[0].startswith(first)
 
 
-def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missing(store: Store):
+def test_a_threshold_for_which_the_rollouts_did_not_suffice_is_said_to_be_missing(store: Store, monkeypatch):
+    monkeypatch.setattr("vlafuzz.failures.triage.triager.MAX_ROLLOUTS", 12)
     runner = PlantedRunner([DARK])
-    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2], max_rollouts=12)
+    triage(store, lambda run: runner, findings=cause_findings(store, 1)[1:2])
     (cause,) = [one for one in listed(store).causes if one.bucket == "minimal"]
     assert re.fullmatch(r"light: × 0\.\d+, its threshold did not fit into the rollouts", cause.conditions[0])
     assert "<small>its threshold did not fit into the rollouts</small>" in render(view_of_store(store))

@@ -24,17 +24,6 @@ from vlafuzz.store.migrations import STEPS, shape_at, shape_of
 from vlafuzz.store.store import Store
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "runs" / "a.db"
-
-
-@pytest.fixture
-def store(path: Path):
-    with Store.open(path, "write") as opened:
-        yield opened
-
-
 @pytest.mark.parametrize("name", ["a.db", "link.db"])
 def test_a_second_writer_is_told_who_writes(store: Store, path: Path, name: str):
     path.with_name("link.db").symlink_to(path)

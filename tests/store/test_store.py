@@ -13,17 +13,6 @@ from vlafuzz.store.store import Store
 KEY = manifest().key()
 
 
-@pytest.fixture
-def path(tmp_path: Path) -> Path:
-    return tmp_path / "runs" / "a.db"
-
-
-@pytest.fixture
-def store(path: Path):
-    with Store.open(path, "write") as opened:
-        yield opened
-
-
 def test_a_run_comes_back_with_its_manifest(store: Store):
     asked = manifest(versions={"numpy": "2"}, stop_early=True, commit="abc", seed=2**62)
     number = store.begin(asked)

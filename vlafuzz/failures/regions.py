@@ -33,34 +33,15 @@ class Band:
     low: float
     high: float
 
-    def holds(self, value: object) -> bool:
+    def holds(self, space: Space, scene: Scene) -> bool:
+        """Whether the value of a scene is between them."""
+        value = space.quantity(scene, self.operator, self.quantity)
         return isinstance(value, int | float) and self.low <= value <= self.high
 
 
-@dataclass(frozen=True)
-class Region:
-    """The bands of a cause: a scene is inside if each operator is in one of its own.
-
-    Attributes:
-        whole: whether there are bands for all that it takes; else more is needed than to be inside.
-    """
-
-    bands: tuple[Band, ...] = ()
-    whole: bool = False
-
-    def holds(self, space: Space, scene: Scene) -> bool:
-        """Whether each operator is in one of its bands."""
-        within = (
-            band.operator for band in self.bands if band.holds(space.quantity(scene, band.operator, band.quantity))
-        )
-        return set(within) == {band.operator for band in self.bands}
-
-
-def region_of(space: Space, scene: Scene, operators: Sequence[str], causes: Causes) -> Region:
-    """The region that the thresholds of a minimal scene bound: of a displacement along its farthest direction."""
-    bands = [band for threshold in causes.thresholds for band in _bands(space, scene, threshold)]
-    covered = {band.operator for band in bands}
-    return Region(tuple(bands), whole=bool(operators) and covered == set(operators))
+def bands_of(space: Space, scene: Scene, causes: Causes) -> tuple[Band, ...]:
+    """What the thresholds of a minimal scene bound: of a displacement along its farthest direction."""
+    return tuple(band for threshold in causes.thresholds for band in _bands(space, scene, threshold))
 
 
 def _bands(space: Space, scene: Scene, threshold: Threshold) -> list[Band]:
@@ -95,9 +76,11 @@ class Range:
 
     def holds(self, scenes: Sequence[Scene]) -> NDArray[np.bool_]:
         """``(n,)`` which of these scenes are in it."""
-        space, region = self.space, region_of(self.space, self.scene, self.operators, self.causes)
-        inside = np.array([region.holds(space, scene) for scene in scenes], dtype=bool)
-        unbounded = set(self.operators) - {band.operator for band in region.bands}
+        space, bands = self.space, bands_of(self.space, self.scene, self.causes)
+        bounded = {band.operator for band in bands}
+        within = [{band.operator for band in bands if band.holds(space, scene)} for scene in scenes]
+        inside = np.array([operators == bounded for operators in within], dtype=bool)
+        unbounded = set(self.operators) - bounded
         if unbounded and len(scenes):
             units = Units(space.genes, np.array([gene.grid.nominal_level for gene in space.genes]))
             levels = np.array([units.levels(space.nearest(scene)) for scene in (self.scene, *scenes)])

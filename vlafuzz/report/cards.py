@@ -10,7 +10,7 @@ from vlafuzz.common.text import interval, percent, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.causes import SOLVERS, ListedCause
 from vlafuzz.failures.described import DescribedFailure
-from vlafuzz.failures.regions import Band, Region, region_of
+from vlafuzz.failures.regions import Band, bands_of
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import spoken
 from vlafuzz.report.plots import Plot
@@ -52,18 +52,18 @@ def card_of(
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity
-    region = region_of(plot.space, of.scene, of.operators, of.causes) if plot and of and ranged else Region()
+    bands = bands_of(plot.space, of.scene, of.causes) if plot and of and ranged else ()
     return Card(
         id=name,
         title=f"{title[:1].upper()}{title[1:]}",
         of=of,
         badge=_badge(of, cause),
         numbers=list(_numbers(of, cause, failures)) if cause else (),
-        strips=list(_strips(of, plot, region.bands)) if plot and of and certified else (),
+        strips=list(_strips(of, plot, bands)) if plot and of and certified else (),
         step=_step(source, of) if of else None,
         neighbours=list(_neighbours(of, plot)) if of and plot else (),
         plot=plot,
-        bands=region.bands,
+        bands=bands,
     )
 
 

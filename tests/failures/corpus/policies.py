@@ -1,6 +1,6 @@
 """Policies with a known weakness, for `python:tests.failures.corpus.policies:NAME`."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from shutil import copy
@@ -10,7 +10,6 @@ import numpy as np
 import torch
 from safetensors.torch import load_file, save_file
 
-from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, WEIGHTS, Mini
 from vlafuzz.worlds.tabletop.experts.expert import Expert
@@ -32,41 +31,6 @@ class Flaky(Expert):
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(STAY)] if self._idle else super().act(observations)
-
-
-class Planted(Expert):
-    """An expert that stays where it is in scenes with one of its faults."""
-
-    def __init__(self, *faults: Callable[[Scene], bool]) -> None:
-        super().__init__()
-        self._faults = faults
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        scenes = [seen.privileged.scene for seen in observations if seen.privileged]
-        faulty = any(fault(scene) for scene in scenes for fault in self._faults)
-        return [ActionChunk(STAY)] if faulty else super().act(observations)
-
-
-def _dark(scene: Scene) -> bool:
-    return scene.light.intensity < 0.3
-
-
-def _bright(scene: Scene) -> bool:
-    return scene.light.intensity > 3
-
-
-def faulty() -> Planted:
-    """Fails in the dark, and where it is bright."""
-    return Planted(_dark, _bright)
-
-
-def repaired() -> Planted:
-    """Of these faults, that of the dark is repaired."""
-    return Planted(_bright)
-
-
-def repaired_elsewhere() -> Planted:
-    return Planted(_dark)
 
 
 def zeroed() -> Mini:

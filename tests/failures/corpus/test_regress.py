@@ -11,6 +11,7 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky, probes
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
+from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Recorded, Rerun, compare
 from vlafuzz.model.outcome import Verdict
@@ -63,28 +64,30 @@ def test_scenes_that_were_selected_by_outcomes_never_raise_an_alarm():
     assert (result.alarm, result.p_value, result.tally("counterpart").worse) == (False, 1, 200)
 
 
-def test_without_controls_there_is_no_verdict_whatever_else_breaks():
-    result = compare(probes(0, 40), Planned(lambda number, repeat: False), RECORDED)
-    assert (result.alarm, result.tells, result.tally("counterpart").worse) == (False, False, 40)
-    assert result.verdict == "cannot tell: the corpus has no controls, scenes that no outcome selected"
+def passing(most: int) -> list[Probe]:
+    return [replace(probe, passed=number < most) for number, probe in enumerate(probes(40))]
 
 
-def test_fewer_controls_than_an_alarm_takes_are_no_verdict():
-    result = compare(probes(), Planned(as_recorded), RECORDED, max_rollouts=4)
-    assert result.verdict == "cannot tell: 4 of 4 controls could be judged; an alarm takes 5 or more"
-
-
-def test_where_too_few_controls_could_break_there_is_no_verdict():
-    """A policy that passes 2 of 40: one that does nothing breaks both."""
-    rarely = [replace(probe, passed=number < 2) for number, probe in enumerate(probes(40))]
-    result = compare(rarely, Planned(lambda number, repeat: False), RECORDED)
-    said = "cannot tell: old as recorded passes 2 of 40 controls, only these can break, and an alarm takes 5"
-    assert (result.tells, result.alarm, result.verdict) == (False, False, f"{said} or more")
+@pytest.mark.parametrize(
+    ("scenes", "most", "verdict"),
+    [
+        (probes(0, 40), None, "the corpus has no controls, scenes that no outcome selected"),
+        (probes(), 4, "4 of 4 controls could be judged; an alarm takes 5 or more"),
+        (
+            passing(2),
+            None,
+            "old as recorded passes 2 of 40 controls, only these can break, and an alarm takes 5 or more",
+        ),
+    ],
+    ids=["no controls", "fewer rollouts than an alarm takes", "fewer controls pass than an alarm takes"],
+)
+def test_where_no_alarm_is_possible_there_is_no_verdict_whatever_else_breaks(scenes, most, verdict):
+    result = compare(scenes, Planned(lambda number, repeat: False), RECORDED, max_rollouts=most)
+    assert (result.alarm, result.tells, result.verdict) == (False, False, f"cannot tell: {verdict}")
 
 
 def test_the_verdict_says_where_too_few_are_left_to_break_for_an_alarm():
-    some = [replace(probe, passed=number < 5) for number, probe in enumerate(probes(40))]
-    result = compare(some, Planned(lambda number, repeat: number in (0, 1, 9)), RECORDED, whole=True)
+    result = compare(passing(5), Planned(lambda number, repeat: number in (0, 1, 9)), RECORDED, whole=True)
     assert result.verdict.endswith("an alarm would take 4 more, and only 2 others could break")
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
+from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
 from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
 from vlafuzz.worlds.manipulation.space import GROUPS
@@ -27,6 +28,12 @@ def test_a_scene_deviates_from_a_reference_where_their_values_differ():
     assert deviating(SPACE, failing, reference) == ["camera-orientation"]
     assert deviating(SPACE, NOMINAL, reference) == ["light", "camera-orientation"]
     assert paths(free_genes(SPACE, failing, GROUPS["camera-orientation"], reference)) == ["camera.yaw"]
+
+
+def test_a_reset_to_a_reference_needs_its_targets():
+    other = scene(targets=(replace(TARGET, object="sponge"),))
+    with pytest.raises(SceneError, match="sponge cannot stand for"):
+        SPACE.reset(NOMINAL, ["light"], other)
 
 
 def test_a_path_goes_from_the_reference_to_the_scene_step_by_step():

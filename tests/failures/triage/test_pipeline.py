@@ -9,6 +9,7 @@ from tests.doubles import failed, passed, rollout
 from tests.failures.triage.planted import SPACE
 from tests.failures.triage.runners import PlantedRunner
 from tests.failures.triage.triaging import DARK, TILTED, fill, scenes, triaged
+from vlafuzz.failures.triage import triager
 from vlafuzz.failures.triage.pipeline import summarise, triage
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.phrasing import describe
@@ -94,8 +95,9 @@ def test_what_is_left_needs_a_witness_of_its_own(store):
     assert found.witness is not None
 
 
-def test_a_bound_on_rollouts_is_kept_and_said(store):
-    (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]), max_rollouts=5)
+def test_a_bound_on_rollouts_is_kept_and_said(store, monkeypatch):
+    monkeypatch.setattr(triager, "MAX_ROLLOUTS", 5)
+    (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]))
     assert (found.bucket, found.shrink_rollouts) == ("witnessed", 5)
     assert "not shown to matter" in found.detail
 

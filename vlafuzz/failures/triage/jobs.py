@@ -62,7 +62,6 @@ class Job(NamedTuple):
 
     run: Run
     findings: Sequence[Finding]
-    max_rollouts: int | None
     trials: Sequence[tuple[Scene, bool]]
     blamed: Mapping[Scene, Sequence[str]]
     known: Sequence[Triaged] | None
@@ -70,8 +69,7 @@ class Job(NamedTuple):
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
         until = deadline or Deadline()
-        about = runner, self.max_rollouts, self.trials, self.blamed
-        return Triager(*about, repeats=self.repeats, deadline=until)
+        return Triager(runner, self.trials, self.blamed, repeats=self.repeats, deadline=until)
 
 
 def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:

@@ -157,19 +157,18 @@ def _signed(by: float, name: str) -> str:
     return f"{'-' if by < 0 else '+'}{name}"
 
 
-def outward(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> Iterator[Scene]:
+def outward(space: Space, scene: Scene, operators: Sequence[str]) -> Iterator[Scene]:
     """Scenes farther out than a failing one, the nearest first: there a policy fails more surely than near a threshold.
 
     Args:
-        operators: that move, the confounders' as one, which stay; all others keep their values. reference: from which
-        they move away; None for the nominal scene.
+        operators: that move away from nominal, the confounders' as one, which stay; all others keep their values.
     """
-    start = reference or space.nominal(like=scene)
+    start = space.nominal(like=scene)
     numeric = [operator for name in operators if name != CONFOUNDERS for operator in space.group(name)]
     path = Path(space, scene, free_genes(space, scene, numeric, start), start)
     steps = {path.length + (path.end - path.length) * place // _PLACES for place in range(1, _PLACES + 1)}
-    directions = directed(space, scene, operators, reference)
+    directions = directed(space, scene, operators)
     for step in sorted(steps - {path.length}):
         moved = path.at(step)
-        if directed(space, moved, operators, reference) == directions:
+        if directed(space, moved, operators) == directions:
             yield moved

@@ -76,7 +76,6 @@ def triage(
     runner: Make,
     *,
     findings: Sequence[Finding] | None = None,
-    max_rollouts: int | None = None,
     limit: int | None = None,
     allowance: Allowance | None = None,
     place: Place = HERE,
@@ -92,8 +91,6 @@ def triage(
     Args:
         runner: makes a scene runner for the findings of a run; picklable where there are several workers. findings: by
         default all of the store.
-        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for 200, or 1000 for a
-            stochastic policy.
         limit: the most findings to triage.
         allowance: the rollouts and the time that it may take; by default there is no limit.
         place: where it rolls out: here, in processes or on ray. Results do not depend on it.
@@ -108,9 +105,7 @@ def triage(
     """
     done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
     runs = {run.id: run for run in store.runs()}
-    by_key = defaultdict[str, list[int]](list)
-    for run in runs.values():
-        by_key[run.manifest.key()].append(run.id)
+    keys = {number: run.manifest.key() for number, run in runs.items()}
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
     ordered = _causes_first(store.findings() if findings is None else findings, causes)
     todo = [finding for finding in ordered if finding.key not in done][:limit]
@@ -118,16 +113,15 @@ def triage(
     jobs = [
         Job(
             runs[number],
-            list(some),
-            max_rollouts,
+            of_run,
             store.outcomes_by_scene(number),
-            _blamed(store, by_key[runs[number].manifest.key()]),
-            None,
+            _blamed(store, [run for run in runs if keys[run] == keys[number]]),
+            _known(store, of_run[0]),
             store.repeats(number, made),
         )
         for number, some in groupby(todo, lambda finding: finding.run)
+        if (of_run := list(some))
     ]
-    jobs = [job._replace(known=_known(store, job)) for job in jobs]
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))
@@ -153,7 +147,7 @@ def triage(
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     """The job of some findings of a run, with what that run knows; they know nothing of each other."""
-    return Job(run, findings, None, store.outcomes_by_scene(run.id), _blamed(store, [run.id]), None, {})
+    return Job(run, findings, store.outcomes_by_scene(run.id), _blamed(store, [run.id]), None, {})
 
 
 def certify_causes(
@@ -206,9 +200,9 @@ def findings_in_order(store: Store, run: int) -> list[Finding]:
     return _causes_first(store.findings(run), [finding.key for finding in cause_findings(store, run)])
 
 
-def _known(store: Store, job: Job) -> list[Triaged]:
+def _known(store: Store, like: Finding) -> list[Triaged]:
     """What triage has certified of the same policy and task."""
-    key, task = job.findings[0].policy_key, job.findings[0].scene.task
+    key, task = like.policy_key, like.scene.task
     return certified(row for row in store.triaged() if row.policy_key == key and row.scene.task == task)
 
 

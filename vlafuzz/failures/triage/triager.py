@@ -49,7 +49,6 @@ class Triager:
     """Works through the findings of one run.
 
     Attributes:
-        max_rollouts: of the policy, to shrink, certify and attribute one finding; None for the default.
         trials: scenes of the run, and whether the policy failed in each.
         blamed: operators of a cause, by the scene that shows it; near a threshold this is certified farther out, if it
             can be.
@@ -63,7 +62,6 @@ class Triager:
     """
 
     runner: SceneRunner
-    max_rollouts: int | None = None
     trials: Sequence[tuple[Scene, bool]] = ()
     blamed: Mapping[Scene, Sequence[str]] = field(default_factory=dict)
     rolled: Repeats = field(default_factory=dict)
@@ -110,8 +108,7 @@ class Triager:
         if not names or deviating is None:
             return 0, None
         oracle = self._oracle()
-        most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
-        oracle.budget = round(most * TO_SHRINK)
+        oracle.budget = round(self._most * TO_SHRINK)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
         farther = [alone, *outward(space, alone, names)]
@@ -141,7 +138,7 @@ class Triager:
             witness=search.witness,
             detail=detail if farther_out else "",
         )
-        oracle.budget = most
+        oracle.budget = self._most
         if search.witness:
             triaged = self._attribute(triaged, shrunk, oracle, shrunk.scene)
         else:
@@ -180,6 +177,11 @@ class Triager:
         (nominal,) = oracle.contrasts(scene, [self.runner.space.nominal(like=scene)])
         return nominal.answer is Answer.PASSES, oracle.certified(scene)
 
+    @property
+    def _most(self) -> int:
+        """Rollouts to shrink, certify and attribute a finding."""
+        return MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC
+
     def _oracle(self) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
         return Oracle(self.roll, self.runner.stages, self.runner.space.jittered, budget=MOST + UNFAIR, lead=lead)
@@ -202,19 +204,18 @@ class Triager:
 
     def _shrink(self, triaged: Triaged, oracle: Oracle) -> Triaged:
         space, confirmed = self.runner.space, oracle.spent
-        most = self.max_rollouts or (MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC)
-        oracle.budget = confirmed + round(most * TO_SHRINK)
+        oracle.budget = confirmed + round(self._most * TO_SHRINK)
         reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
             return replace(triaged, bucket="flaky", detail="even the nominal scene of the same objects fails")
         shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
             way = shrink(triaged.scene, oracle, space, reference.scene)
-            oracle.budget = confirmed + round(most * TO_CERTIFY)
+            oracle.budget = confirmed + round(self._most * TO_CERTIFY)
             shrunk = certify(way, oracle, space, reference)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
-        oracle.budget = confirmed + most
+        oracle.budget = confirmed + self._most
         return self._attribute(triaged, shrunk, oracle, triaged.scene)
 
     def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle, proved: Scene) -> Triaged:
