@@ -87,27 +87,6 @@ def no_room() -> None:
     resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000))
 
 
-def a_text(path: Path) -> None:
-    path.write_text("this is a file of words, not a database, however long one reads in it\n" * 20)
-
-
-def another_database(path: Path) -> None:
-    with closing(sqlite3.connect(path)) as raw:
-        raw.execute("CREATE TABLE run (id)")
-
-
-def a_newer_schema(path: Path) -> None:
-    Store.open(path, "write").close()
-    with closing(sqlite3.connect(path)) as raw:
-        raw.execute("PRAGMA user_version = 99")
-
-
-def an_older_schema(path: Path) -> None:
-    Store.open(path, "write").close()
-    with closing(sqlite3.connect(path)) as raw:
-        raw.execute("PRAGMA user_version = 16")
-
-
 def written(path: Path) -> bytearray:
     with Store.open(path, "write") as store:
         run = store.begin(manifest())
@@ -116,37 +95,28 @@ def written(path: Path) -> bytearray:
     return bytearray(path.read_bytes())
 
 
-def a_truncated_store(path: Path) -> None:
-    data = written(path)
-    path.write_bytes(data[: len(data) // 2])
-
-
-def a_store_without_its_last_byte(path: Path) -> None:
-    path.write_bytes(written(path)[:-1])
-
-
-def a_store_with_a_hole(path: Path) -> None:
-    data = written(path)
-    data[5000:15000] = bytes(10000)
-    path.write_bytes(data)
+# What is done to the bytes of a store, or in it.
+SPOILED = {
+    "words": (lambda data: b"words, not a database, however long one reads in it" * 20, "is not a store of vlafuzz"),
+    "of others": ("PRAGMA application_id = 0", "is not a store of vlafuzz"),
+    "newer": ("PRAGMA user_version = 99", "newer than"),
+    "older": ("PRAGMA user_version = 16", r"a\.db: its schema is 16, older than 17, the oldest known here"),
+    "truncated": (lambda data: data[: len(data) // 2], "is damaged"),
+    "without its last byte": (lambda data: data[:-1], "is damaged"),
+    "with a hole": (lambda data: data[:5000] + bytes(10000) + data[15000:], "is damaged"),
+}
 
 
 @pytest.mark.parametrize("mode", ["read", "write"])
-@pytest.mark.parametrize(
-    ("make", "says"),
-    [
-        (a_text, "is not a store of vlafuzz"),
-        (another_database, "is not a store of vlafuzz"),
-        (a_newer_schema, "newer than"),
-        (an_older_schema, r"a\.db: its schema is 16, older than 17, the oldest known here"),
-        (a_truncated_store, "is damaged"),
-        (a_store_without_its_last_byte, "is damaged"),
-        (a_store_with_a_hole, "is damaged"),
-    ],
-)
-def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: Path, make, says: str, mode):
-    path = tmp_path / "a.db"
-    make(path)
+@pytest.mark.parametrize("how", SPOILED)
+def test_what_cannot_be_used_is_refused_in_a_sentence_and_left_alone(tmp_path: Path, how: str, mode):
+    path, (change, says) = tmp_path / "a.db", SPOILED[how]
+    data = written(path)
+    if isinstance(change, str):
+        with closing(sqlite3.connect(path)) as raw:
+            raw.execute(change)
+    else:
+        path.write_bytes(change(data))
     before = path.read_bytes()
     with pytest.raises(StoreError, match=says) as caught:
         Store.open(path, mode)

@@ -7,6 +7,7 @@ from tests.doubles import failed, manifest, passed, trial
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
+from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 
@@ -28,19 +29,12 @@ def two(tmp_path: Path) -> list[Path]:
 
 
 def trials(path: Path) -> list[list[tuple[object, ...]]]:
+    def told(one: Trial) -> tuple[object, ...]:
+        rollouts = [(rolled.progress, rolled.trace.tolist()) for rolled in one.outcome.rollouts]
+        return one.proposal, one.scene, one.outcome.verdict, one.genome.tolist(), rollouts
+
     with Store.open(path) as store:
-        return [
-            [
-                (
-                    *(each.proposal, each.scene, each.outcome.verdict, each.outcome.progress),
-                    each.genome.tolist(),
-                    *((rolled.progress, rolled.trace.tolist()) for rolled in each.outcome.rollouts),
-                )
-                for each in store.trials(run.id)
-                if each.genome is not None
-            ]
-            for run in store.runs()
-        ]
+        return [list(map(told, store.trials(run.id))) for run in store.runs()]
 
 
 def test_all_runs_and_trials_are_there_as_they_were(two: list[Path], tmp_path: Path):

@@ -125,15 +125,10 @@ class Triager:
             return oracle.spent, None
         search, rate = self._search(shrunk.scene), oracle.rate(alone) if farther_out else shrunk.rate
         detail = f"farther out than it was found, where {rate.failures} of {rate.rollouts} rollouts around it fail"
-        triaged = Triaged(
-            scene=scene,
-            policy_key=finding.policy_key,
+        triaged = replace(
+            self._repeated(finding, rate),
             bucket="witnessed" if search.witness else "unproven",
-            repeats=rate.rollouts,
-            failures=rate.failures,
-            rate=rate,
             lost_stage=shrunk.lost,
-            deviating=deviating,
             expert_rollouts=search.rollouts,
             witness=search.witness,
             detail=detail if farther_out else "",
@@ -146,21 +141,23 @@ class Triager:
         return oracle.spent, replace(triaged, shrink_rollouts=oracle.spent, policy_rollouts=oracle.spent)
 
     def _triage(self, finding: Finding) -> Triaged:
-        scene = finding.scene
         oracle = self._oracle()
-        confirmed, rate = self._confirm(scene, oracle)
-        triaged = Triaged(
-            scene=scene,
+        confirmed, rate = self._confirm(finding.scene, oracle)
+        triaged = replace(self._repeated(finding, rate), policy_rollouts=oracle.spent)
+        return self._prove(triaged, oracle) if confirmed else triaged
+
+    def _repeated(self, finding: Finding, rate: Rate) -> Triaged:
+        """A finding of which nothing is known but how often it fails."""
+        return Triaged(
+            scene=finding.scene,
             policy_key=finding.policy_key,
             bucket="flaky",
             repeats=rate.rollouts,
             failures=rate.failures,
             rate=rate,
-            deviating=self._deviating(scene) or (),
-            policy_rollouts=oracle.spent,
+            deviating=self._deviating(finding.scene) or (),
             detail=f"{rate.failures} of {rate.rollouts} repeats failed",
         )
-        return self._prove(triaged, oracle) if confirmed else triaged
 
     def _confirm(self, scene: Scene, oracle: Oracle) -> tuple[bool, Rate]:
         """Repeat a finding until it is clear whether it fails again, and how often.
