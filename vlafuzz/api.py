@@ -29,9 +29,9 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
 from vlafuzz.failures.causes import CauseList, all_causes
-from vlafuzz.failures.corpus.diff import Difference
+from vlafuzz.failures.corpus.diff import Difference, diff_policies
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.corpus.policies import compare_policies, diff_policies
+from vlafuzz.failures.corpus.policies import compare_policies
 from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline

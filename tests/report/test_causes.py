@@ -206,9 +206,9 @@ def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path):
         (card,), (plot,) = view_of_store(opened).causes, view_of_store(opened).plots
     ((axis, _, (band,)),) = card.strips
     assert (axis.quantity, band.quantity) == ("light.intensity", "light.intensity")
-    rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(scene.light.intensity)]
+    rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(SPACE, scene)]
     assert all(rolled)
-    inside = np.mean([band.holds(SPACE.sample(rng).light.intensity) for _ in range(1500)])
+    inside = np.mean([band.holds(SPACE, SPACE.sample(rng)) for _ in range(1500)])
     assert 0.2 < inside < 0.5
     assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.05
 

@@ -127,7 +127,7 @@ def diff(
     """
     check_probability("--alpha", alpha)
     _check_policies(policy_a, policy_b)
-    from vlafuzz.failures.corpus.policies import diff_policies
+    from vlafuzz.failures.corpus.diff import diff_policies
     from vlafuzz.failures.corpus.tables import difference_document, difference_rows
 
     with Bar() as bar:

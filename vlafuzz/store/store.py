@@ -113,7 +113,9 @@ class Store:
             for index, rollout in enumerate(() if trial.duplicate else trial.outcome.rollouts):
                 self._insert("rollout", rows.rollout_row(number, index, rollout))
             if trial.outcome.verdict is Verdict.FAILED:
-                self._insert("finding", self._finding_row(run, number, trial), "OR IGNORE")
+                (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()
+                row = {"scene": trial.scene.digest, "policy_key": key, "run": run, "trial": number}
+                self._insert("finding", row | {"cell": trial.cell or ""}, "OR IGNORE")
 
     def settle(self, triaged: Triaged) -> None:
         """Store a triaged finding with all its scenes; it replaces an earlier result."""
@@ -306,11 +308,6 @@ class Store:
 
     def _insert_scene(self, scene: Scene) -> None:
         self._insert("scene", {"digest": scene.digest, "json": scene.to_json()}, "OR IGNORE")
-
-    def _finding_row(self, run: int, trial: int, kept: Trial) -> rows.Row:
-        (key,) = self._connection.execute("SELECT policy_key FROM run WHERE id = ?", (run,)).fetchone()
-        scene = kept.scene.digest
-        return {"scene": scene, "policy_key": key, "run": run, "trial": trial, "cell": kept.cell or ""}
 
     def _scene(self, digest: str) -> Scene:
         for row in self._select("SELECT * FROM scene WHERE digest = ?", digest):

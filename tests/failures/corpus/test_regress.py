@@ -71,7 +71,6 @@ def passing(most: int) -> list[Probe]:
 @pytest.mark.parametrize(
     ("scenes", "most", "verdict"),
     [
-        (probes(0, 40), None, "the corpus has no controls, scenes that no outcome selected"),
         (probes(), 4, "4 of 4 controls could be judged; an alarm takes 5 or more"),
         (
             passing(2),
@@ -79,7 +78,7 @@ def passing(most: int) -> list[Probe]:
             "old as recorded passes 2 of 40 controls, only these can break, and an alarm takes 5 or more",
         ),
     ],
-    ids=["no controls", "fewer rollouts than an alarm takes", "fewer controls pass than an alarm takes"],
+    ids=["fewer rollouts than an alarm takes", "fewer controls pass than an alarm takes"],
 )
 def test_where_no_alarm_is_possible_there_is_no_verdict_whatever_else_breaks(scenes, most, verdict):
     result = compare(scenes, Planned(lambda number, repeat: False), RECORDED, max_rollouts=most)

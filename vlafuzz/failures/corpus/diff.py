@@ -6,21 +6,25 @@ same jittered scenes, and one of the second policy is new likewise.
 """
 
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import Literal
 
+from vlafuzz.common.plugins import check_trusted
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
-from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Side, compare
+from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
 from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.conditions import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
@@ -111,6 +115,65 @@ class Difference:
             new = f"new ones unknown, as {self.second} has no certified cause"
         beside = f"{self.broken.changed} of {self.broken.of} passing scenes broken ({self.broken})"
         return f"causes of {self.first} in {self.second}: {fixed}, {new}{rest}; {beside}"
+
+
+def diff_policies(
+    a: Path,
+    b: Path,
+    policy_a: str | None = None,
+    policy_b: str | None = None,
+    *,
+    label_a: str = "",
+    label_b: str = "",
+    run_a: int | None = None,
+    run_b: int | None = None,
+    alpha: float = 0.05,
+    watch: Watch = SILENT,
+) -> Difference:
+    """Compare two policies by the certified causes of two stores or corpora; see ``diff``.
+
+    Args:
+        policy_a: name of the policy of ``a`` now; None for that in ``a``; ``policy_b`` likewise.
+        label_a: which model that is, or which of the models in ``a``; ``label_b`` likewise.
+
+    Raises:
+        UsageError: both are the same model, at one address, on different tasks, or one has several.
+        StoreError: none of them has a certified cause.
+    """
+    first, second = known(a, run_a, label_a), known(b, run_b, label_b)
+    if not (first.causes or second.causes):
+        raise StoreError(f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some")
+    one, other = _two_models(first, second, policy_a, policy_b)
+    rollouts = sum(2 * sum(tested.repeats) for tested in (first, second))
+    watch.note(f"{len(first.causes)} and {len(second.causes)} certified failures, {rollouts} rollouts")
+
+    with ExitStack() as stack:
+
+        def side(model: Model, tested: Known) -> Side:
+            make = partial(scene_runner.SimulatorSceneRunner, tested.source, policy=model.policy)
+            return stack.enter_context(closing(Rerun(model.short, tested.runs, make)))
+
+        in_a, in_b = ((side(one, tested), side(other, tested)) for tested in (first, second))
+        return diff(first, second, in_a, in_b, alpha=alpha, watch=watch)
+
+
+def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str | None) -> tuple[Model, Model]:
+    """The models of ``diff_policies`` under their names of now, once they are found to be comparable."""
+    one = replace(first.model, policy=policy_a or first.model.policy)
+    other = replace(second.model, policy=policy_b or second.model.policy)
+    if one == other:
+        hint = "name another one: --policy-a, --policy-b; or --label-a, --label-b for models at one address"
+        raise UsageError(f"{first.source} and {second.source} are both of the policy {one}", hint=hint)
+    if one.replaces(other):
+        problem = f"{one.which or one} and {other.which or other} cannot both answer at {one.address}"
+        raise UsageError(problem, hint="serve one of them elsewhere: --policy-a or --policy-b names it there")
+    if first.runs[0].task != second.runs[0].task:
+        problem = f"of different tasks, {first.runs[0].task} and {second.runs[0].task}"
+        raise UsageError(f"{first.source} and {second.source} are {problem}", hint="give stores of one task")
+    for model, own in ((one, policy_a), (other, policy_b)):
+        if own is None:
+            check_trusted(model.policy)
+    return one, other
 
 
 def known(source: Path, run: int | None = None, label: str = "") -> Known:

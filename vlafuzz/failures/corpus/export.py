@@ -24,7 +24,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.scene_runner import SceneRunner
-from vlafuzz.store.records import Run, Triaged
+from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import provenance
 
@@ -68,7 +68,10 @@ def export(
     chosen = _choose(store, run, task)
     runs = {begun.id: begun for begun in store.runs()}
     numbers = sorted({number for number, _ in chosen})
-    _check_alike(store, [runs[number] for number in numbers])
+    kinds = {f"{runs[number].manifest.tested} on {runs[number].manifest.task}" for number in numbers}
+    if len(kinds) > 1:
+        problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
+        raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
     cases: dict[Scene, Case] = {}
     recorded: list[Control] = []
     if takes := forecast(store, len(chosen), controls, workers):
@@ -189,13 +192,6 @@ def _choose(store: Store, run: int | None, task: str | None = None) -> list[tupl
     if not chosen:
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
     return sorted(chosen.values(), key=itemgetter(0))
-
-
-def _check_alike(store: Store, runs: Sequence[Run]) -> None:
-    kinds = {f"{run.manifest.tested} on {run.manifest.task}" for run in runs}
-    if len(kinds) > 1:
-        problem = f"has findings of {', '.join(sorted(kinds))}; a corpus has one policy and task"
-        raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
 
 
 def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidence:
