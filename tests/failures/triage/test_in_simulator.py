@@ -47,18 +47,20 @@ def make_crowded(**_):
 
 @pytest.mark.parametrize(
     ("policy", "operator", "threshold"),
-    [("tilted", "camera-orientation", "camera-orientation: fails from yaw 2."), ("crowded", "confounders", None)],
+    [("tilted", "camera-orientation", "camera-orientation: fails from yaw 2."), ("crowded", "confounders", "")],
 )
 def test_the_command_triages_what_a_run_found(tmp_path, monkeypatch, policy, operator, threshold):
     monkeypatch.chdir(tmp_path)
     name = f"python:tests.failures.triage.test_in_simulator:make_{policy}"
     write_scenes(tmp_path / "scenes.jsonl", [Planted(CONDITIONS[operator][:1]).finding(4)])
-    assert main(["run", "--scenes", "scenes.jsonl", "--policy", name, "--store", "a.db", "--json"]) == 0
+    assert main(["run", "--scenes", "scenes.jsonl", "--policy", name, "--store", "a.db", "--unchecked", "--json"]) == 0
     assert main(["triage", "a.db", "--trust"]) == 0
     with Store.open(tmp_path / "a.db") as store:
         (found,) = store.triaged()
     assert (found.bucket, found.operators, found.causes.necessary) == ("minimal", (operator,), (operator,))
-    assert [describe(one)[:38] for one in found.causes.thresholds] == ([threshold] if threshold else [])
+    told = "".join(map(describe, found.causes.thresholds))
+    assert told.startswith(threshold)
+    assert bool(told) == bool(threshold)
     player = Player(Expert().spec)
     player.actions = found.witness.actions
     fresh = ManiSkillEvaluator(
