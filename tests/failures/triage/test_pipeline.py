@@ -98,7 +98,8 @@ def test_what_is_left_needs_a_witness_of_its_own(store):
 def test_a_bound_on_rollouts_is_kept_and_said(store, monkeypatch):
     monkeypatch.setattr(triager, "MAX_ROLLOUTS", 5)
     (found,) = triaged(store(scenes([TILTED, DARK], 1)), PlantedRunner([TILTED, DARK]))
-    assert (found.bucket, found.shrink_rollouts) == ("witnessed", 5)
+    assert found.bucket == "witnessed"
+    assert 0 < found.shrink_rollouts <= 5
     assert "not shown to matter" in found.detail
 
 

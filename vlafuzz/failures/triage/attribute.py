@@ -1,4 +1,4 @@
-"""Attribute: which operators a failure needs, which suffice alone, and their thresholds; by intervention."""
+"""Attribute: which operators a failure needs, and from which values on it does; by intervention."""
 
 from collections.abc import Sequence
 
@@ -25,20 +25,13 @@ def attribute(
         located: the thresholds of this cause are known, and left out here.
     """
     left = shrunk.operators
-    alone = {name: _alone(space, shrunk, name) for name in left}
-    failing = oracle.fails(list(alone.values()))
     numeric = [name for name in left if name != CONFOUNDERS] if shrunk.minimal and not located else []
     thresholds = [_threshold(shrunk, name, oracle, space, trials) for name in numeric]
     return Causes(
         tuple(shrunk.counterparts),
-        tuple(name for name, fails in zip(alone, failing, strict=True) if fails),
+        left if len(left) == 1 else (),  # of several that are all necessary none is enough
         tuple(filter(None, thresholds)),
     )
-
-
-def _alone(space: Space, shrunk: Shrunk, name: str) -> Scene:
-    others = [operator for group, operators in space.groups.items() if group != name for operator in operators]
-    return space.reset(shrunk.scene, others, shrunk.reference)
 
 
 def _threshold(
