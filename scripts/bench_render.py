@@ -52,8 +52,7 @@ from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
-from vlafuzz.worlds.tabletop.sim import env as env_module
-from vlafuzz.worlds.tabletop.sim import robots, world
+from vlafuzz.worlds.tabletop.sim import rendering, robots, world
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -112,7 +111,7 @@ def _render_as_stock(pack: str) -> None:
         set_shader_pack(PREBUILT_SHADER_CONFIGS[pack])
         return PREBUILT_SHADER_CONFIGS[pack]
 
-    for module in (env_module, world):
+    for module in (rendering, world):
         patch.object(module, "use_shaders", use_stock).start()
     patch.object(robots.MetricPanda, "urdf_path", Panda.urdf_path).start()
 

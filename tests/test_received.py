@@ -27,7 +27,6 @@ SECRET = "a-private-word"
 READERS = {  # modules that read received folders
     "worlds/tabletop/objects/measured.py",
     "worlds/tabletop/objects/packs.py",
-    "worlds/tabletop/objects/references.py",
     "policies/mini/policy.py",
     "failures/corpus/folder.py",
 }

@@ -18,20 +18,20 @@ from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT, VLA_EVAL, suite_csv
 from vlafuzz.common.watch import SILENT
-from vlafuzz.errors import SceneError
-from vlafuzz.model.scene_lines import is_document
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
-from vlafuzz.worlds.tabletop.vlatest import read_scene_file
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
 CATALOGUE = samples.CATALOGUE
-FRAMES = ("fit", "keep", "original", "robot")
+FRAMES = ("fit", "robot")
 
 
 def _yaml(rng: Rng, pattern: str, path: Path) -> Path:
@@ -92,8 +92,8 @@ def policy_name(rng: Rng, folder: Path) -> None:
     check_policy_name(mutators.text(rng, str(rng.choice(NAMES))))
 
 
-def _lint(path: Path, frame: Any) -> None:
-    verdicts = lint(path, frame, (), SILENT, settle=False)
+def _lint(path: Path) -> None:
+    verdicts = lint(path, (), SILENT, settle=False)
     json.dumps(verdicts.counts, allow_nan=False)
 
 
@@ -101,7 +101,7 @@ def scene_lines(rng: Rng, folder: Path) -> None:
     kept = samples.scenes()
     lines = [kept[int(rng.integers(len(kept)))].to_json() for _ in range(3)]
     (folder / "a.jsonl").write_bytes(mutators.data(rng, "\n".join(lines).encode()))
-    _lint(folder / "a.jsonl", "fit")
+    _lint(folder / "a.jsonl")
     if rng.random() < 0.05:
         command("lint", "--static", "-v", folder / "a.jsonl")
 
@@ -111,11 +111,10 @@ def scene_values(rng: Rng, folder: Path) -> None:
     kept = samples.scenes()
     changed = mutators.tree(rng, json.loads(kept[int(rng.integers(len(kept)))].to_json()), times=1)
     (folder / "a.jsonl").write_text(json.dumps(changed) + "\n")
-    _lint(folder / "a.jsonl", "fit")
-    source = read_scene_file(folder / "a.jsonl", CATALOGUE, "fit")
-    if not any(isinstance(scene, SceneError) for _, scene in source.lines):
+    _lint(folder / "a.jsonl")
+    ((_, scene),) = read_scenes(folder / "a.jsonl")
+    if isinstance(scene, Scene):
         command("export", folder / "a.jsonl", "--out", folder / "out.jsonl")
-        (scene,) = source.scenes()
         jittered(scene, 1)
 
 
@@ -128,7 +127,7 @@ def vlatest(rng: Rng, folder: Path) -> None:
     else:
         path.write_text(json.dumps(mutators.tree(rng, document)))
     is_document(path)
-    _lint(path, rng.choice(FRAMES))
+    read_vlatest(path, CATALOGUE, frame=rng.choice(FRAMES))
 
 
 def _pack(folder: Path) -> Path:

@@ -3,9 +3,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from vlafuzz.worlds.manipulation.operators import EXTRAS
+from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.space import OPERATORS
 
 
 def test_operators_are_listed(capsys):

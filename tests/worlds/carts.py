@@ -4,7 +4,6 @@ import random
 import time
 from collections.abc import Mapping
 from itertools import count
-from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium
@@ -227,7 +226,6 @@ DrawsDifferently, DrawingMoves, DrawingCrashes = world(_DrawsDifferently), world
 MapsCategoryWrongly, SwapsCategories = world(_MapsCategoryWrongly), world(_SwapsCategories, ReadBack)
 DependsOnProcess = world(_DependsOnProcess)
 ClipsReadBack, IgnoresReadBack = world(_Clips, ReadBack), world(_IgnoresValue, ReadBack)
-FILE = Path(__file__)
 
 
 @Expert.policy

@@ -116,7 +116,7 @@ def typed() -> str:
 
 
 def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
-    """The packs in these folders; notes say what is missing in them.
+    """The packs in these folders.
 
     Raises:
         UsageError: a folder is no pack and has none in it.

@@ -2,13 +2,11 @@
 
 # ruff: noqa: B027 - a world need not do what is empty here
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol
 
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions, Setting
@@ -17,11 +15,9 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Operators, Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import ActionSpec, Policy
+from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.evaluator import SceneEvaluator
-
-if TYPE_CHECKING:
-    from vlafuzz.policies.clients.model import Interface, Written
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 
 class TryingPolicy(Policy, Protocol):

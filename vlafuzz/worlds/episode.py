@@ -1,17 +1,63 @@
-"""Episode: one rollout of a policy in a scene, whatever the world."""
+"""Episode: one rollout of a policy in a scene, whatever the world; and what disturbs one: late commands, noise."""
 
 from abc import ABC, abstractmethod
+from collections import deque
+from zlib import crc32
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rollout
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene import Latency, Noise, Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import EpisodeStart, Observation
 
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``ActionSpec``
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
+_HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay, with the gripper open
+
+
+class DelayedCommands:
+    """Commands on their way to the robot, which holds still until the first one arrives."""
+
+    def __init__(self, latency: Latency) -> None:
+        self._commands: deque[Command] = deque([_HOLD] * latency.delay)
+
+    @property
+    def latency(self) -> Latency:
+        """The delay of the next command."""
+        return Latency(len(self._commands))
+
+    def exchange(self, action: Array, relative_to: str) -> Command:
+        """Send a command; return the one that arrives in its place."""
+        self._commands.append((action, relative_to))
+        return self._commands.popleft()
+
+
+class SensorNoise:
+    """Degrades the images of one rollout. Seed, step and camera determine the noise."""
+
+    def __init__(self, noise: Noise, seed: int) -> None:
+        self.noise, self._seed = noise, seed
+
+    def degraded(self, image: Picture, step: int, camera: str) -> Picture:
+        """A ``(height, width, 3)`` image as the policy sees it; the same image without noise."""
+        if self.noise.blur:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.noise.blur), dtype=np.uint8)
+        if self.noise.grain:
+            rng = np.random.default_rng([self._seed, step, crc32(camera.encode())])
+            noisy = image + rng.normal(0.0, self.noise.grain, image.shape)
+            image = np.clip(np.round(noisy), 0, 255).astype(np.uint8)
+        if self.noise.jpeg < 100:
+            quality = [cv2.IMWRITE_JPEG_QUALITY, round(self.noise.jpeg)]
+            _, encoded = cv2.imencode(".jpg", image[..., ::-1], quality)
+            decoded = np.asarray(cv2.imdecode(encoded, cv2.IMREAD_COLOR), dtype=np.uint8)
+            image = np.ascontiguousarray(decoded[..., ::-1])  # torch takes no negative strides
+        return image
 
 
 class Episode(ABC):
@@ -26,7 +72,7 @@ class Episode(ABC):
         self.scene, self.monitor = scene, monitor
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
-        self.actions: list[NDArray[np.float64]] = []
+        self.actions: list[Array] = []
         self._last = self._horizon()
 
     @property
@@ -58,10 +104,10 @@ class Episode(ABC):
         """The present observation, with the parts that the policy's spec asks for."""
 
     @abstractmethod
-    def picture(self, camera: str) -> NDArray[np.uint8]:
+    def picture(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, without noise."""
 
-    def advance(self, action: NDArray[np.float64]) -> None:
+    def advance(self, action: Array) -> None:
         """Execute a metric action for one control step."""
         before = self.success
         self.actions.append(action)
@@ -88,7 +134,7 @@ class Episode(ABC):
         """Control steps after which a rollout without success ends."""
 
     @abstractmethod
-    def _execute(self, action: NDArray[np.float64]) -> None:
+    def _execute(self, action: Array) -> None:
         """Simulate a control step, and show its end to the monitor."""
 
     @abstractmethod

@@ -1,12 +1,10 @@
 """Evaluators: scenes in, outcomes out. What all worlds have in common checks scenes and runs a policy in them."""
 
-from __future__ import annotations
-
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +17,7 @@ from vlafuzz.policies.base import ActionChunk, CameraRequest, Observation, Polic
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.harness import Harness, ask, release
 from vlafuzz.worlds.episode import Episode
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 FRAMES = 5  # of a film, for a second of the rollout
 FILM_SPEED = 3  # times real time: a failing rollout takes 16 seconds

@@ -121,7 +121,14 @@ class GymWorld(ValuesWorld[Now]):
                 that is one. A method ``reset(seed)`` is called where a rollout begins.
             deterministic: the same observations and seed always give the same actions.
         """
-        return lambda: GymPolicy(cls(), act, name or getattr(act, "__name__", "own"), deterministic=deterministic)
+        known = name or getattr(act, "__name__", "own")
+
+        def make() -> GymPolicy:
+            world, made = cls(), act() if isinstance(act, type) else act
+            answer, spec = getattr(made, "act", made), world._spec(known, state=True, deterministic=deterministic)
+            return GymPolicy(world, spec, lambda now: answer(now.observation), getattr(made, "reset", None))
+
+        return make
 
     # What follows is ``ValuesWorld``.
 
@@ -161,15 +168,17 @@ class GymWorld(ValuesWorld[Now]):
 
     def reset(self, values: Mapping[str, Value], seed: int) -> Now:
         env = self._ready()
-        observation, info = self.start(env, values, seed)
-        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
+        return self._begun(env, self.start(env, values, seed), values, seed)
 
     def own_start(self, seed: int) -> Now | None:
         if not self.has_own_start:
             return None
         env = self._ready()
-        observation, info = env.reset(seed=seed)
-        return Now(env=env, task=self._name, values={}, seed=seed, observation=observation, info=info)
+        return self._begun(env, env.reset(seed=seed), {}, seed)
+
+    def _begun(self, env: Env, began: tuple[Any, Mapping[str, Any]], values: Mapping[str, Value], seed: int) -> Now:
+        observation, info = began
+        return Now(env=env, task=self._name, values=values, seed=seed, observation=observation, info=info)
 
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
@@ -200,7 +209,9 @@ class GymWorld(ValuesWorld[Now]):
         return state.terminated or state.truncated
 
     def expert(self) -> TryingPolicy | None:
-        return GymExpert(self) if type(self).solve is not GymWorld.solve else None
+        if type(self).solve is GymWorld.solve:
+            return None
+        return GymPolicy(self, self._spec("expert", privileged=True, execute=None), self.solve)
 
     def some_action(self, rng: np.random.Generator) -> Array:
         self.space_of_actions.seed(int(rng.integers(2**31)))
@@ -220,6 +231,9 @@ class GymWorld(ValuesWorld[Now]):
         if self._env is not None:
             self._env.close()
             self._env = None
+
+    def _spec(self, name: str, **about: Any) -> PolicySpec:
+        return PolicySpec(name, action=ActionSpec(width=self.action_width), **about)
 
     @property
     def _name(self) -> str:
@@ -244,68 +258,41 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
     size = prod(space.shape or ())
     if action.size == WIDTH + 1 == size + 1:
         action = action[:WIDTH]
-    if action.size != size:
-        raise _unfit(f"the action has {action.size} numbers, {space} takes {size}", "look at the action space")
-    shaped = action.astype(space.dtype).reshape(space.shape or ())
-    if isinstance(space, spaces.Box):
-        outside = (shaped < space.low) | (shaped > space.high)
-        if outside.any():
-            first = int(np.flatnonzero(outside)[0])
-            low, high = space.low.ravel()[first], space.high.ravel()[first]
-            problem = f"the action {_short(action)} does not fit: number {first} is not within {low:g} to {high:g}"
-            raise _unfit(problem, "clip it, or look at its unit")
-        return shaped
-    fitting = shaped if space.shape else shaped[()]
-    if (shaped.ravel() != action).any() or not space.contains(fitting):
-        raise _unfit(f"the action {_short(action)} does not fit {space}", "look at its range")
-    return fitting
-
-
-def _unfit(problem: str, hint: str) -> PolicyError:
-    return PolicyError(problem, hint, "bad_action")
+    if action.size == size:
+        shaped = action.astype(space.dtype).reshape(space.shape or ())
+        real = isinstance(space, spaces.Box)
+        fitting = shaped if real or space.shape else shaped[()]
+        if (real or (shaped.ravel() == action).all()) and space.contains(fitting):
+            return fitting
+    shown = np.array2string(action, precision=3, threshold=8)
+    raise PolicyError(f"the action {shown} does not fit {space}", "clip it, or look at its unit", "bad_action")
 
 
 class GymPolicy:
-    """A function of an observation of the environment as a policy."""
+    """A policy of a world that acts by the ``Now`` of each observation, or the world's expert.
+
+    Args:
+        begin: is told the seed of each rollout.
+    """
 
     attempt = 0
 
-    def __init__(self, world: GymWorld, act: Any, name: str, *, deterministic: bool = True) -> None:
-        self._world, made = world, act() if isinstance(act, type) else act
-        self._made, self._act = made, getattr(made, "act", made)
-        action = ActionSpec(width=world.action_width)
-        self.spec = PolicySpec(name, action=action, state=True, deterministic=deterministic)
+    def __init__(
+        self, world: GymWorld, spec: PolicySpec, act: Callable[[Now], Any], begin: Callable[[int], Any] | None = None
+    ) -> None:
+        self.spec, self._world, self._act, self._begin = spec, world, act, begin
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for episode in episodes:
-            if callable(begin := getattr(self._made, "reset", None)):
-                begin(episode.seed)
+            if self._begin is not None:
+                self._begin(episode.seed)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [_chunk(self._world, self._act(seen.privileged.observation)) for seen in observations]
+        return [_chunk(self._world, self._act(seen.privileged)) for seen in observations]
 
     def close(self) -> None:
         """Close the environment by which the action space was read."""
         self._world.close()
-
-
-class GymExpert:
-    """The expert of a world: its ``solve``."""
-
-    attempt = 0
-
-    def __init__(self, world: GymWorld) -> None:
-        self._world, action = world, ActionSpec(width=world.action_width)
-        self.spec = PolicySpec("expert", action=action, privileged=True, execute=None)
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Nothing is kept."""
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [_chunk(self._world, self._world.solve(seen.privileged)) for seen in observations]
-
-    def close(self) -> None:
-        """Nothing is kept."""
 
 
 def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
@@ -318,7 +305,6 @@ def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
 
 
 def _leaves(observation: Any) -> Iterator[NDArray[Any]]:
-    """The arrays in an observation."""
     if isinstance(observation, Mapping):
         for part in observation.values():
             yield from _leaves(part)
@@ -339,7 +325,3 @@ def _versions(names: Mapping[str, None]) -> Iterator[tuple[str, str]]:
             yield name, metadata.version(name)
         except metadata.PackageNotFoundError:
             raise PrerequisiteError(f"there is no package {name}", hint=f"pip install {name}") from None
-
-
-def _short(action: Array) -> str:
-    return np.array2string(action, precision=3, threshold=8)

@@ -12,7 +12,7 @@ import hashlib
 import json
 import math
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -153,8 +153,6 @@ def read_parameters(path: Path) -> tuple[Parameter, ...]:
 
 
 class _Entry(BaseModel):
-    """A parameter as a file has it."""
-
     model_config = ConfigDict(extra="forbid", frozen=True)
     range: tuple[Real, Real] | None = None
     nominal: Real | None = None
@@ -166,11 +164,12 @@ class _Entry(BaseModel):
     group: Text = ""
 
     def parameter(self, name: str) -> Parameter:
+        said = self.model_dump(include={"says", "unit", "group"})
         if self.options or self.kind == "category":
             if len(self.options) < 2 or self.range or self.nominal is not None:
                 problem = f"{name}: a category has two or more options and no numbers"
                 raise UsageError(problem, hint="the first option is the nominal one")
-            return Parameter(name, options=self.options, says=self.says, unit=self.unit, group=self.group)
+            return Parameter(name, options=self.options, **said)
         circle = (-180.0, 180.0) if self.kind == "angle" else None
         span = self.range or circle
         if span is None or self.nominal is None:
@@ -179,16 +178,7 @@ class _Entry(BaseModel):
             hint = "leave kind out: a part of the circle is a range as any other"
             raise UsageError(f"{name}: an angle goes from -180 to 180, not {span[0]:g} to {span[1]:g}", hint)
         step = self.step or (1.0 if self.kind == "integer" else _usual_step(*span))
-        return Parameter(
-            name,
-            *span,
-            nominal=self.nominal,
-            step=step,
-            says=self.says,
-            kind=self.kind,
-            unit=self.unit,
-            group=self.group,
-        )
+        return Parameter(name, *span, nominal=self.nominal, step=step, kind=self.kind, **said)
 
 
 _FILE = TypeAdapter(dict[str, _Entry])
@@ -205,8 +195,3 @@ def _stored(parameter: Parameter) -> dict[str, Any]:
     return {
         key: value for key, value in asdict(parameter).items() if key not in _LATER or value != getattr(defaults, key)
     }
-
-
-def by_name(parameters: Sequence[Parameter]) -> dict[str, Parameter]:
-    """The parameters by their names."""
-    return {parameter.name: parameter for parameter in parameters}

@@ -1,21 +1,16 @@
 """Images of rollouts: recordings with captions or without, and their encoding."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import cv2
-import imageio.v3 as imageio
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.episode import Episode
 
 Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
@@ -131,8 +126,7 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 def to_mp4(frames: list[Picture], fps: int) -> bytes:
     """H.264 video, small enough for dozens of them in a page."""
-    video = imageio.imwrite(
-        "<bytes>",
+    return _encoded(
         np.stack(frames + [frames[-1]] * _HELD_FRAMES),
         extension=".mp4",
         fps=fps,
@@ -141,16 +135,21 @@ def to_mp4(frames: list[Picture], fps: int) -> bytes:
         macro_block_size=4,  # frames are 300 pixels wide where a robot's camera is 4:3 or 5:4
         output_params=["-crf", "24", "-preset", "slow", "-movflags", "+faststart"],
     )
-    return bytes(video)
+
+
+def _encoded(picture: NDArray[np.uint8], **options: Any) -> bytes:
+    import imageio.v3 as imageio  # here, since most of what records writes no file
+
+    return bytes(imageio.imwrite("<bytes>", picture, **options))
 
 
 def to_png(picture: Picture) -> bytes:
-    return bytes(imageio.imwrite("<bytes>", picture, extension=".png"))
+    return _encoded(picture, extension=".png")
 
 
 def to_jpeg(picture: Picture) -> bytes:
     """JPEG of a few kilobytes."""
-    return bytes(imageio.imwrite("<bytes>", picture, extension=".jpg", quality=85))
+    return _encoded(picture, extension=".jpg", quality=85)
 
 
 def _captioned(picture: Picture, *lines: str) -> Picture:

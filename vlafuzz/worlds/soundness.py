@@ -101,8 +101,6 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Finding]:
 
 
 class _Exam:
-    """The checks of a world in one task."""
-
     def __init__(self, world: ValuesWorld[Any], task: str) -> None:
         self.world, self.task = world, task
         self.nominal_values: dict[str, Value] = {one.name: one.told(one.number(None)) for one in world.parameters}
@@ -346,7 +344,6 @@ def _there(reference: str, task: str) -> Trace:
 
 
 def _spread(one: Parameter) -> list[Value]:
-    """Values all over the range, on its grid."""
     if one.options:
         return list(one.options)
     grid = one.gene.grid
@@ -379,7 +376,6 @@ def _mistake(value: Value, has: Value) -> str:
 
 
 def _end(one: Parameter, values: list[Value], same: list[bool]) -> str:
-    """Which end of a range acts as one value."""
     first = len(same) - [*reversed(same), False].index(False) if same[-1] else 0
     last = len(same) if same[-1] else [*same, False].index(False)
     return f"{_named(one)}: clipped, {_said(one, values[first])} to {_said(one, values[last])} act alike"

@@ -18,7 +18,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,8 @@ from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, by_name, operators_of
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, operators_of
+from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one
@@ -46,8 +44,6 @@ Array = NDArray[np.float64]
 
 
 class _Composer:
-    """Values, one per parameter, to scenes and back."""
-
     def __init__(self, world: ValuesWorld[Any], task: str) -> None:
         self._world, self._task = world, task
         self.genes = tuple(parameter.gene for parameter in world.parameters)
@@ -268,7 +264,7 @@ class ValuesWorld(World, Generic[State]):
     @cached_property
     def named(self) -> dict[str, Parameter]:
         """The parameters by name."""
-        return by_name(self.parameters)
+        return {one.name: one for one in self.parameters}
 
     def scene(self, task: str, values: Mapping[str, Value]) -> Scene:
         """The scene of a task with these values."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import atexit
 import hashlib
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +17,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
-from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
-from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
@@ -30,9 +28,7 @@ from vlafuzz.worlds.libero.stages import Moment, find_stages
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 Array = NDArray[np.float64]
 SIDE = 256  # pixels of a picture in LIBERO's evaluations
@@ -156,7 +152,6 @@ class LiberoEvaluator(SceneEvaluator):
 
 
 def _check_spec(spec: PolicySpec) -> None:
-    """Raise a UsageError for a policy that asks for what LIBERO does not have."""
     if spec.silhouettes or spec.calibrated:
         problem = f"policy {spec.name!r} works on the tabletop only"
         raise UsageError(problem, hint="LIBERO gives pictures and the robot's state")

@@ -3,10 +3,7 @@
 Also as a policy, and in the place of a policy whose actions it writes.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.libero.env import HZ, METRES, RADIANS, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.libero.suites import PLACING, Atom
-
-if TYPE_CHECKING:
-    from vlafuzz.policies.clients.model import Interface, Written
-
 
 Array = NDArray[np.float64]
 HOVER = 0.08  # metres above a grasp, from where the hand comes down
@@ -156,7 +150,6 @@ class Expert:
         return np.array(self._env.data.site_xpos[self._site])
 
     def _shifted(self, aside: Array | tuple[float, float] = (0.0, 0.0), *, up: float = 0.0) -> Array:
-        """A place relative to the hand's own, metres."""
         return np.asarray(self._hand() + np.array([*aside, up]))
 
     def _turn(self, yaw: float) -> Array:

@@ -138,7 +138,6 @@ class Artist:
         sampled.copy(kept, self._gl.GL_COLOR_BUFFER_BIT)
 
     def _arrange(self, data: Any, view: Any, parts: int) -> None:
-        """Begin a scene with what rests or moves."""
         self._mujoco.mjv_updateScene(self._model, data, self._options, None, view, parts, self._scene)
 
     def _add(self, data: Any, parts: int) -> None:
@@ -191,7 +190,6 @@ class Artist:
 
 
 def _copy(gl: Any, side: int, what: int) -> None:
-    """Copy between the buffers that are bound for it."""
     gl.glBlitFramebuffer(0, 0, side, side, 0, 0, side, side, what, gl.GL_NEAREST)
 
 
@@ -244,7 +242,6 @@ def new_lists(count: int, after: int) -> int:
 
 
 def _record(number: int, mesh: Mesh) -> None:
-    """Have a display list draw a mesh."""
     gl = load("OpenGL.GL")
     parts: Any = (
         (gl.GL_VERTEX_ARRAY, gl.glVertexPointer, [3], mesh.points),

@@ -110,7 +110,6 @@ def room_of(name: str) -> Room:
 
 @cache
 def _added_radii(name: str) -> dict[str, float]:
-    """The radii of what may be added to a task."""
     task = find_task(name)
     return dict(_once("added", task, _look_at_added, pool(task)))
 

@@ -68,7 +68,6 @@ class Setting:
         env.restore(state)
 
     def _swap(self, standing: Standing, positions: Array) -> None:
-        """Have other things stand where those of the task do."""
         for own, name in zip(self._task.things, self.env.task.things, strict=True):
             if name != own:
                 at, new = self._addresses[own], self._addresses[name]

@@ -15,19 +15,9 @@ from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, s
 from vlafuzz.worlds.libero.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
+from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout, Operator
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
-from vlafuzz.worlds.manipulation.operators import (
-    EXTRAS,
-    OPERATORS,
-    BystanderOrientation,
-    BystanderPosition,
-    ConfounderCount,
-    ConfounderType,
-    TargetOrientation,
-    TargetPosition,
-    TargetType,
-)
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, index_of
 
@@ -44,8 +34,15 @@ WORDINGS = (
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 # Of the suite's own things; other operators have the genes of the tabletop. LIBERO has none of our backdrops.
-_OWN = (TargetPosition.name, TargetOrientation.name, BystanderPosition.name, BystanderOrientation.name)
-_SHARED = [name for name in OPERATORS if name not in _OWN and name not in EXTRAS] + sorted(EXTRAS - {"backdrop", *_OWN})
+_OWN = (
+    kinds.TargetPosition.name,
+    kinds.TargetOrientation.name,
+    kinds.BystanderPosition.name,
+    kinds.BystanderOrientation.name,
+)
+_SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in kinds.EXTRAS] + sorted(
+    kinds.EXTRAS - {"backdrop", *_OWN}
+)
 
 
 def nominal_scene(task: str, robot: str, state: int = 0) -> Scene:
@@ -69,17 +66,16 @@ class LiberoComposer(TableComposer):
         super().__init__(layout, genes)
 
     def _placing(self, operator: Operator) -> Iterator[Gene]:
-        """The genes of the places or yaws of the suite's own things."""
         concerned, name = self._libero.concerned, operator.name
-        bystanders = isinstance(operator, (BystanderPosition, BystanderOrientation))
+        bystanders = isinstance(operator, (kinds.BystanderPosition, kinds.BystanderOrientation))
         slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
         for slot in slots:
             share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
-            if isinstance(operator, (TargetPosition, BystanderPosition)):
+            if isinstance(operator, (kinds.TargetPosition, kinds.BystanderPosition)):
                 for axis, span in (("x", operator.x), ("y", operator.y)):
                     grid = Grid(share * span.low, share * span.high, span.step, 0.0)
                     yield Gene(name, f"targets.{slot}.{axis}", "real", grid)
-            elif isinstance(operator, (TargetOrientation, BystanderOrientation)):
+            elif isinstance(operator, (kinds.TargetOrientation, kinds.BystanderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
@@ -129,13 +125,13 @@ def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...
     Raises:
         UsageError: the operators name an object that is swapped or added nowhere.
     """
-    types, around = operators.get(TargetType).names, operators.get(ConfounderType).names
-    _check_names(TargetType.name, types, load_objects().words)
-    _check_names(ConfounderType.name, around, load_objects().added)
+    types, around = operators.get(kinds.TargetType).names, operators.get(kinds.ConfounderType).names
+    _check_names(kinds.TargetType.name, types, load_objects().words)
+    _check_names(kinds.ConfounderType.name, around, load_objects().added)
     targets = [(names[0], *(name for name in names[1:] if types is None or name in types)) for names in swaps(task)]
     added = tuple(name for name in extras(task) if around is None or name in around)
     slots = {f"targets.{number}": names for number, names in enumerate(targets)}
-    count = min(operators.get(ConfounderCount).high, len(added))
+    count = min(operators.get(kinds.ConfounderCount).high, len(added))
     return slots | {f"confounders.{number}": added for number in range(count)}
 
 
@@ -147,7 +143,6 @@ def _check_names(operator: str, names: Iterable[str] | None, known: Collection[s
 
 @cache
 def _said(task: LiberoTask) -> tuple[str, ...]:
-    """The wordings of a task's instruction."""
     return tuple(wording.replace("{instruction}", task.instruction) for wording in WORDINGS)
 
 

@@ -59,7 +59,6 @@ def find_stages(task: LiberoTask) -> tuple[Stage, ...]:
 
 
 def _carrying(thing: int, suffix: str) -> Iterator[Stage]:
-    """The stages of one thing to be carried."""
     yield Stage(f"reach{suffix}", lambda now: now.away(thing) < NEAR, lambda now: 1 - now.away(thing) / FAR)
     yield Stage(f"grasp{suffix}", lambda now: now.held(thing), lambda now: 0.5 * (now.away(thing) < NEAR))
     yield Stage(f"move{suffix}", lambda now: now.moved(thing) > MOVED, lambda now: now.moved(thing) / MOVED)

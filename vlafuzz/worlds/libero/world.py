@@ -1,10 +1,8 @@
 """LIBERO's tasks on robosuite. Its packages are an extra, and nothing of them is loaded before it is used."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
@@ -13,6 +11,7 @@ from vlafuzz.model.evidence import Solver
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
 from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -26,10 +25,7 @@ from vlafuzz.worlds.libero.suites import SUITES
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 from vlafuzz.worlds.manipulation.space import TableWorld
-
-if TYPE_CHECKING:
-    from vlafuzz.policies.clients.model import Interface
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 
 def mini_libero() -> Mini:
@@ -77,8 +73,7 @@ class Libero(TableWorld):
         return LiberoSpace(operators, wanted.task, wanted.robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> LiberoSpace:
-        operators = stored_operators(source, conditions, vary)
-        return LiberoSpace(operators, conditions.task, conditions.robot)
+        return LiberoSpace(stored_operators(source, conditions, vary), conditions.task, conditions.robot)
 
     def evaluator(
         self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool

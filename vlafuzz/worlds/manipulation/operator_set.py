@@ -99,6 +99,12 @@ class OperatorSet:
             name: operator for name, operator in self.operators.items() if name in self.varied or name not in EXTRAS
         }
 
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """As fields of ``Conditions`` by name."""
+        world = {MIN_DISTANCE.name: self.min_distance, VISIBLE.name: visible_json(self.visible)}
+        return {"world": world, "operators": operators_json(self), "operators_digest": self.digest}
+
     @cached_property
     def digest(self) -> str:
         """32 hexadecimal digits: equal for sets that vary the same operators in the same ranges."""

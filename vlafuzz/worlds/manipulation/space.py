@@ -17,45 +17,28 @@ from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Range, Space, Values, Vector, embedded
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.base import Wanted, World
+from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.manipulation.operator_set import (
-    MIN_DISTANCE,
-    VISIBLE,
-    OperatorSet,
-    load_operators,
-    operators_json,
-    visible_json,
-)
-from vlafuzz.worlds.manipulation.operators import (
-    EXTRAS,
-    OPERATORS,
-    BystanderOrientation,
-    BystanderPosition,
-    CameraOrientation,
-    CameraPosition,
-    ConfounderCount,
-    ConfounderOrientation,
-    ConfounderPosition,
-    ConfounderType,
-    Extra,
-    Light,
-    TargetOrientation,
-    TargetPosition,
-    TargetType,
-    Wording,
-)
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.rigs import Rig, View, rig
 
 _STILL = 0.0005  # metres: half a step of the camera's distance
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.
-_AROUND = (ConfounderType, ConfounderPosition, ConfounderOrientation, ConfounderCount)
-_ALONE = (Light, CameraPosition, CameraOrientation, Wording, TargetOrientation, TargetPosition)
+_AROUND = (kinds.ConfounderType, kinds.ConfounderPosition, kinds.ConfounderOrientation, kinds.ConfounderCount)
+_ALONE = (
+    kinds.Light,
+    kinds.CameraPosition,
+    kinds.CameraOrientation,
+    kinds.Wording,
+    kinds.TargetOrientation,
+    kinds.TargetPosition,
+)
 GROUPS: dict[str, tuple[str, ...]] = {
     CONFOUNDERS: tuple(kind.name for kind in _AROUND),
     **{kind.name: (kind.name,) for kind in _ALONE},
-    **{name: (name,) for name in OPERATORS if name in EXTRAS},
+    **{name: (name,) for name in kinds.OPERATORS if name in kinds.EXTRAS},
 }
 REDRAWS = 60  # positions tried for one object
 RESTARTS = 200  # attempts at a scene
@@ -120,7 +103,6 @@ class TableComposer(ABC):
 
 
 def _value(gene: Gene, part: Any) -> float:
-    """The value of a gene in a part of a scene."""
     shown = getattr(part, gene.path.rpartition(".")[2])
     return index_of(gene.options, shown) if gene.options else float(shown)
 
@@ -145,25 +127,20 @@ class TableSpace(Space):
     """
 
     operators: OperatorSet
-    groups, subject = GROUPS, TargetType.name
+    groups, subject = GROUPS, kinds.TargetType.name
     # A confounder may stand where a target belongs, and the target where that confounder does.
-    blocking = (TargetPosition.name, ConfounderPosition.name)
+    blocking = (kinds.TargetPosition.name, kinds.ConfounderPosition.name)
 
     def __init__(self, task: Task, rig: Rig, operators: OperatorSet, composer: Composer) -> None:
         super().__init__(task, rig.robot, operators, composer)
         self.rig = rig
-        self._turned = [gene for gene in self.genes if gene.operator != CameraPosition.name]
+        self._turned = [gene for gene in self.genes if gene.operator != kinds.CameraPosition.name]
         moved = [gene for gene in self.genes if gene.path == "camera.distance"]
         self._farthest = moved[0].grid.high if moved else 0.0
 
     @property
     def conditions(self) -> dict[str, Any]:
-        operators = self.operators
-        return {
-            "world": {MIN_DISTANCE.name: operators.min_distance, VISIBLE.name: visible_json(operators.visible)},
-            "operators": operators_json(operators),
-            "operators_digest": operators.digest,
-        }
+        return self.operators.conditions
 
     def embed(self, scene: Scene) -> Vector:
         """See ``Space.embed``; the camera's position is a point in space."""
@@ -189,19 +166,19 @@ class TableSpace(Space):
         return replace(scene, confounders=tuple(things))
 
     def subjects(self, scene: Scene) -> Sequence[str]:
-        slots = {gene.slot for gene in self.by_path.values() if gene.operator == TargetType.name}
+        slots = {gene.slot for gene in self.by_path.values() if gene.operator == kinds.TargetType.name}
         return [_name(one) for slot, one in enumerate(scene.targets) if f"targets.{slot}" in slots]
 
     def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
         """Confounders have their number and, if it matters what they are, their kinds: ``1,can``."""
         if operators == CONFOUNDERS:
-            others = self.reset(scene, [ConfounderType.name], start).confounders
+            others = self.reset(scene, [kinds.ConfounderType.name], start).confounders
             pairs = zip(scene.confounders, others, strict=True)
-            kinds = {one.object.rpartition("_")[2] for one, other in pairs if one.object != other.object}
-            return ",".join([str(len(scene.confounders)), *sorted(kinds)])
-        if operators == Light.name:
+            changed = {one.object.rpartition("_")[2] for one, other in pairs if one.object != other.object}
+            return ",".join([str(len(scene.confounders)), *sorted(changed)])
+        if operators == kinds.Light.name:
             return "dark" if scene.light.intensity < start.light.intensity else "bright"
-        if operators == CameraPosition.name:  # the axis along which it is farthest off
+        if operators == kinds.CameraPosition.name:  # the axis along which it is farthest off
             axes = self.axes(scene, operators, start) or {"x": 0.0}
             axis = max(axes, key=lambda axis: abs(axes[axis]))
             return f"{'-' if axes[axis] < 0 else '+'}{axis}"
@@ -209,7 +186,7 @@ class TableSpace(Space):
 
     def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
         """Of the camera's position: x, y and z, in metres."""
-        if group != CameraPosition.name:
+        if group != kinds.CameraPosition.name:
             return {}
         offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
         return {axis: here - there for axis, here, there in offsets if abs(here - there) > _STILL}
@@ -237,17 +214,17 @@ class TableSpace(Space):
         if operators == CONFOUNDERS:
             same = scene.confounders == other.confounders
             return "" if same else "; ".join(map(_described, scene.confounders)) or "none"
-        if operators == Light.name:
+        if operators == kinds.Light.name:
             return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
-        if operators == CameraPosition.name:
+        if operators == kinds.CameraPosition.name:
             return "" if scene.camera.offset == other.camera.offset else _moved(self.rig.view, scene.camera)
-        if operators == CameraOrientation.name:
+        if operators == kinds.CameraOrientation.name:
             return _fields(scene.camera, other.camera, ("roll", "pitch", "yaw"))
-        if operators == Wording.name:
+        if operators == kinds.Wording.name:
             same = scene.instructions == other.instructions
             return "" if same else f"“{' / '.join(scene.instructions)}”"
-        kind = OPERATORS[operators]
-        if issubclass(kind, Extra) and kind.part != "targets":
+        kind = kinds.OPERATORS[operators]
+        if issubclass(kind, kinds.Extra) and kind.part != "targets":
             shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
             return _fields(shown, usual, [field.name for field in fields(shown)])
         return self._targets(operators, scene.targets, other.targets)
@@ -256,16 +233,16 @@ class TableSpace(Space):
         if group == CONFOUNDERS and not fails:
             names = [_name(placement) for placement in scene.confounders]
             return f"{' and '.join(names) or 'nothing else'} {'are' if len(names) > 1 else 'is'} on the table"
-        if group == CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
+        if group == kinds.CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
             far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
             return f"the camera is {_moved(self.rig.view, scene.camera, far)}"
-        if group in (CameraOrientation.name, TargetPosition.name, TargetOrientation.name):
+        if group in (kinds.CameraOrientation.name, kinds.TargetPosition.name, kinds.TargetOrientation.name):
             return self._turned_or_placed(scene, group, other, fails)
         return super().clause(scene, group, other, fails)
 
     def _turned_or_placed(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range]) -> str:
         values, usual = self.values(scene), self.values(other)
-        if group == CameraOrientation.name:
+        if group == kinds.CameraOrientation.name:
             turned = [path for path in (dict(fails[0][0]) if fails else _TURNED) if values[path] != usual[path]]
             ways = []
             for path in turned:
@@ -279,7 +256,7 @@ class TableSpace(Space):
         if fails:
             return super().clause(scene, group, other, fails)
         several = ":" in described  # each target behind its name
-        if group == TargetPosition.name:
+        if group == kinds.TargetPosition.name:
             return (
                 described.replace(": ", " is at ").replace("; ", " and ")
                 if several
@@ -292,10 +269,9 @@ class TableSpace(Space):
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         ways = seen_from(self.rig.view, scene.camera)
-        return {(CameraPosition.name, way): round(100 * far, 2) + 0.0 for way, far in ways.items()}
+        return {(kinds.CameraPosition.name, way): round(100 * far, 2) + 0.0 for way, far in ways.items()}
 
     def _targets(self, operator: str, targets: Sequence[Placement], others: Sequence[Placement]) -> str:
-        """What differs of the targets that an operator is about."""
         slots = {gene.slot for gene in self.by_path.values() if gene.operator == operator}
         parts = []
         for number, (target, other) in enumerate(zip(targets, others, strict=False)):
@@ -307,7 +283,7 @@ class TableSpace(Space):
 def check_names(operators: OperatorSet, known: Collection[str]) -> None:
     """Raise a UsageError where operators name an object that is not known."""
     for part in (operators, *operators.tasks.values()):
-        targets, around = part.get(TargetType), part.get(ConfounderType)
+        targets, around = part.get(kinds.TargetType), part.get(kinds.ConfounderType)
         for operator, names in ((targets, targets.names), (targets, targets.onto), (around, around.names)):
             for name in names or ():
                 if name not in known:
@@ -323,9 +299,9 @@ def _bin(value: float, bounds: tuple[float, float]) -> int:
 def _words(operator: str, target: Placement, other: Placement) -> list[str]:
     words = []
     moved = (target.x, target.y) != (other.x, other.y)
-    if operator in (TargetPosition.name, BystanderPosition.name) and moved:
+    if operator in (kinds.TargetPosition.name, kinds.BystanderPosition.name) and moved:
         words.append(f"x {target.x:g} m, y {target.y:g} m")
-    if operator in (TargetOrientation.name, BystanderOrientation.name):
+    if operator in (kinds.TargetOrientation.name, kinds.BystanderOrientation.name):
         if target.rest != other.rest:
             words.append(f"rests {target.rest}")
         if target.yaw != other.yaw:
@@ -369,7 +345,6 @@ def _distances(low: Values, high: Values) -> str:
 
 
 def _fields(part: object, other: object, names: Sequence[str]) -> str:
-    """The fields of a part of a scene that differ from another's."""
     differing = [name for name in names if getattr(part, name) != getattr(other, name)]
     return ", ".join(in_words(name, getattr(part, name)) for name in differing)
 

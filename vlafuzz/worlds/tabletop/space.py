@@ -18,27 +18,12 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import UNITS, Placement, Scene
 from vlafuzz.model.space import Values
+from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
-from vlafuzz.worlds.manipulation.operators import (
-    OPERATORS,
-    ConfounderCount,
-    ConfounderOrientation,
-    ConfounderType,
-    TargetOrientation,
-    TargetPosition,
-    TargetType,
-)
 from vlafuzz.worlds.manipulation.rigs import Hand, rig
 from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, camera, index_of
-from vlafuzz.worlds.tabletop.fairness.checks import (
-    cannot_grasp,
-    cannot_place,
-    off_workspace,
-    out_of_reach,
-    out_of_view,
-    too_close,
-)
+from vlafuzz.worlds.tabletop.fairness import checks
 from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, footprint
 from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
@@ -47,7 +32,7 @@ from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
 from vlafuzz.worlds.tabletop.tasks import TableTask, load_wordings, say
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
-__all__ = ["OPERATORS", "OperatorSet", "SearchSpace", "load_operators"]
+__all__ = ["OperatorSet", "SearchSpace", "load_operators"]
 
 
 class Composer(TableComposer):
@@ -57,14 +42,14 @@ class Composer(TableComposer):
         self._catalogue, self._task, self._robot = catalogue, task, robot
         self._wordings = load_wordings()[task.name]
         self._fixed = {
-            "targets": operators.get(TargetOrientation).fixed,
-            "confounders": operators.get(ConfounderOrientation).fixed,
+            "targets": operators.get(kinds.TargetOrientation).fixed,
+            "confounders": operators.get(kinds.ConfounderOrientation).fixed,
         }
         setup = rig(robot)
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
         layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
-        super().__init__(layout, (gene for name in OPERATORS for gene in operators.operators[name].genes(layout)))
+        super().__init__(layout, (gene for name in kinds.OPERATORS for gene in operators.operators[name].genes(layout)))
 
     def compose(self, values: Mapping[str, float]) -> Scene:
         slots = self.layout.used(int(values["confounders"]))
@@ -114,14 +99,13 @@ class Composer(TableComposer):
 
 
 def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:
-    """The slots of a task's scenes, with the names allowed in each."""
-    types, around = operators.get(TargetType), operators.get(ConfounderType)
+    types, around = operators.get(kinds.TargetType), operators.get(kinds.ConfounderType)
     takes = tuple(name for name in catalogue.graspable() if _takes(hand, catalogue[name]))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
     names = _narrowed("confounder-type: names", catalogue.names("graspable", "obstacle"), around.names, catalogue)
-    return slots | {f"confounders.{slot}": names for slot in range(operators.get(ConfounderCount).high)}
+    return slots | {f"confounders.{slot}": names for slot in range(operators.get(kinds.ConfounderCount).high)}
 
 
 def _takes(hand: Hand, model: ObjectModel) -> bool:
@@ -131,7 +115,6 @@ def _takes(hand: Hand, model: ObjectModel) -> bool:
 
 
 def _offering(task: TableTask, catalogue: Catalogue) -> tuple[str, ...]:
-    """The objects that a task can bring another one to."""
     if task.onto is None:
         return catalogue.graspable()
     models = [catalogue[name] for name in catalogue.names()]
@@ -196,7 +179,7 @@ class SearchSpace(TableSpace):
             if not (problem := self._unseen(scene)):
                 return scene
             attempt.reason = problem
-        box = self.operators.get(TargetPosition).ranges()
+        box = self.operators.get(kinds.TargetPosition).ranges()
         objects = f"{self.task.targets} target(s) and {int(count)} confounder(s)"
         raise UsageError(
             f"{self.task.name}: no scene of {objects}, {self.operators.min_distance:g} m apart, in {box}; "
@@ -229,7 +212,6 @@ class SearchSpace(TableSpace):
         return say(load_wordings()[scene.task][0], names)
 
     def _unseen(self, scene: Scene) -> str | None:
-        """Why a target cannot be seen, if that is checked."""
         visible = self.operators.visible
         return unseen(scene, self.catalogue, visible) if visible else None
 
@@ -311,10 +293,10 @@ class Attempt:
 
     def _senseless(self, slot: str, placement: Placement, model: ObjectModel) -> str | None:
         if slot == "targets.0":
-            return cannot_grasp(placement, model, self._space.rig.hand)
+            return checks.cannot_grasp(placement, model, self._space.rig.hand)
         onto = self._space.onto
         if slot == "targets.1" and onto:
-            return cannot_place(onto, *self._placed[0][:2], placement, model)
+            return checks.cannot_place(onto, *self._placed[0][:2], placement, model)
         return None
 
     def _stand(self, slot: str, name: str, values: Values, near: Values | None = None) -> bool:
@@ -342,7 +324,6 @@ class Attempt:
         return gene.grid.value(gene.grid.snap(float(self._rng.uniform(*span))))
 
     def _accepts(self, slot: str, name: str, values: Values) -> bool:
-        """Place an object where the values say, if there is room."""
         space, model = self._space, self._space.catalogue[name]
         placement = space.composer.placement(values, slot, name)
         here, nearest = (placement.x, placement.y), space.operators.min_distance
@@ -352,11 +333,11 @@ class Attempt:
             return False
         outline = footprint(placement, model)
         named, others = (model.spoken, outline), [(other.spoken, around) for _, other, around in self._placed]
-        problem = off_workspace(*named, space.rig)
-        problem = problem or next(filter(None, (too_close(named, other, nearest) for other in others)), None)
+        problem = checks.off_workspace(*named, space.rig)
+        problem = problem or next(filter(None, (checks.too_close(named, other, nearest) for other in others)), None)
         if slot.startswith("targets"):
-            problem = problem or out_of_reach(*named, space.rig)
-            problem = problem or out_of_view(placement, model, space.rig, camera(values))
+            problem = problem or checks.out_of_reach(*named, space.rig)
+            problem = problem or checks.out_of_view(placement, model, space.rig, camera(values))
         self.reason = problem or ""
         if not problem:
             self._placed.append((placement, model, outline))

@@ -185,7 +185,6 @@ def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> I
 
 
 def _read_entries(path: Path) -> dict[str, _Entry]:
-    """The scenes of a file by key, in order."""
     hint = 'expected a JSON object with scenes under "0", "1", …, "seed" and "num"'
     document = read_json(path, SceneError, hint)
     if not isinstance(document, dict):

@@ -1,10 +1,8 @@
 """The tabletop: VLATest's tasks on ManiSkill. It is the default, and its simulator is loaded last."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
+from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import mini
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy, Wanted
@@ -25,6 +24,7 @@ from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_oper
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld, check_names
 from vlafuzz.worlds.provenance import versions
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -36,10 +36,6 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
-
-if TYPE_CHECKING:
-    from vlafuzz.policies.clients.model import Interface
-    from vlafuzz.worlds.recording import Recording
 
 
 class Tabletop(TableWorld):
@@ -133,7 +129,7 @@ class Tabletop(TableWorld):
         ]
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
-        """The packs in these folders, measured; notes say what is missing in them.
+        """The packs in these folders, measured.
 
         Raises:
             UsageError: a folder is no pack and has none in it.
@@ -141,9 +137,6 @@ class Tabletop(TableWorld):
         """
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
         packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
-        for pack in packs:
-            for lack in _lacks(pack):
-                watch.note(f"note: {pack.name}: {lack}")
         catalogue = load_catalogue(packs=packs)
         names = catalogue.preferred(catalogue.names()) if packs else ()
         for number, name in enumerate(names):
@@ -191,18 +184,6 @@ def _is_robots_only(folder: Path) -> bool:
     """Whether a folder has robots, and nothing that could be objects."""
     names = {path.name for path in folder.iterdir() if path.is_dir()} if folder.is_dir() else set()
     return "robots" in names and names <= {"robots", "overlays"}
-
-
-def _lacks(pack: Pack) -> Iterable[str]:
-    plain = [name for name, model in pack.objects.items() if model.visual is None]
-    if plain:
-        some = ", ".join(plain[:3]) + (", …" if len(plain) > 3 else "")
-        yield (
-            f"{len(plain)} of {len(pack.objects)} objects have no textured mesh ({some}): "
-            "they look like their collision mesh, in one colour"
-        )
-    if pack.left_out:
-        yield f"no collision mesh, so left out: {', '.join(pack.left_out)}"
 
 
 def _listed(model: ObjectModel) -> dict[str, Any]:

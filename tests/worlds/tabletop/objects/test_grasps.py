@@ -7,11 +7,10 @@ import pytest
 import sapien
 from sapien import physx
 
-from vlafuzz.worlds.tabletop.objects import load_catalogue
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.model import Grasp, rotation_matrix
-
-CATALOGUE = load_catalogue()
+from vlafuzz.worlds.tabletop.sim.world import add_object, settled
 
 
 def found(name: str, rest: str) -> tuple[Grasp, ...]:
@@ -67,53 +66,20 @@ def test_a_finger_does_not_come_down_on_a_ledge():
     assert min(low) >= 0.018
 
 
-EVERY_POSE = [(model.name, pose.name) for model in map(CATALOGUE.__getitem__, CATALOGUE) for pose in model.stable_poses]
+def test_every_object_stays_where_it_is_put_in_every_pose():
+    for name in CATALOGUE:
+        for pose in CATALOGUE[name].stable_poses:
+            for yaw in range(0, 360, 90):
+                assert settled(pick_up(put(name, 0.0, 0.0, yaw, pose.name)), CATALOGUE) is None
 
 
-def body(model) -> physx.PhysxRigidDynamicComponent:
-    material = physx.PhysxMaterial(model.friction, model.friction, 0.0)
-    component = physx.PhysxRigidDynamicComponent()
-    for file in model.collision:
-        shape = physx.PhysxCollisionShapeConvexMesh(str(file), [1, 1, 1], material)
-        shape.density = model.density
-        component.attach(shape)
-    return component
-
-
-def turned(yaw: float) -> sapien.Pose:
-    half = np.radians(yaw) / 2
-    return sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)])
-
-
-def settle(model, starts: list[sapien.Pose]) -> list[sapien.Pose]:
-    """Where copies of a model are after one second, each relative to its start."""
-    scene = sapien.Scene([physx.PhysxCpuSystem()])
-    scene.timestep = 0.01
-    table = physx.PhysxRigidStaticComponent()
-    table.attach(physx.PhysxCollisionShapeBox([9, 9, 0.1], physx.PhysxMaterial(0.6, 0.6, 0.0)))
-    entities = [sapien.Entity().add_component(table)] + [sapien.Entity().add_component(body(model)) for _ in starts]
-    for entity, pose in zip(entities, [sapien.Pose([0, 0, -0.1]), *starts], strict=True):
-        entity.pose = pose
-        scene.add_entity(entity)
-    for _ in range(100):
-        scene.step()
-    return [start.inv() * entity.pose for start, entity in zip(starts, entities[1:], strict=True)]
-
-
-@pytest.mark.parametrize(("name", "rest"), EVERY_POSE)
-def test_it_stays_where_it_is_put(name, rest):
-    model = CATALOGUE[name]
-    pose = model.stable_pose(rest)
-    starts = [sapien.Pose([k - 4, 0, pose.height]) * turned(45 * k) * sapien.Pose(q=pose.quaternion) for k in range(8)]
-    for moved in settle(model, starts):
-        assert np.linalg.norm(moved.p) < 0.002
-        assert 2 * np.degrees(np.arccos(min(1.0, abs(moved.q[0])))) < 2
+def body(scene: sapien.Scene, name: str, rest: str | None = None) -> physx.PhysxRigidDynamicComponent:
+    return add_object(scene, CATALOGUE[name], put(name, 0.0, 0.0, rest=rest), name)
 
 
 @pytest.mark.parametrize("name", CATALOGUE.names())
 def test_physics_keeps_every_corner_and_the_mass(name):
-    model = CATALOGUE[name]
-    component = body(model)
+    model, component = CATALOGUE[name], body(sapien.Scene([physx.PhysxCpuSystem()]), name)
     for part, shape in zip(model.parts, component.collision_shapes, strict=True):
         assert len(shape.vertices) == len(part) <= 96
         assert np.allclose(np.sort(shape.vertices, axis=0), np.sort(part, axis=0), atol=1e-6)
@@ -123,17 +89,14 @@ def test_physics_keeps_every_corner_and_the_mass(name):
 @pytest.mark.parametrize("place", ["plate", "large_plate", "table_cloth", "short_table_cloth", "basket"])
 def test_a_can_that_lies_there_stays_there(place):
     scene = sapien.Scene([physx.PhysxCpuSystem()])
-    below, can = CATALOGUE[place], CATALOGUE["coke_can"]
-    ground = body(below)
-    ground.kinematic = True
-    first, second = sapien.Entity().add_component(ground), sapien.Entity().add_component(body(can))
-    lying = can.stable_pose("lying")
-    top = {"plate": -0.001, "large_plate": -0.001, "basket": -0.0215}.get(place, below.vertices[:, 2].max())
-    second.pose = sapien.Pose([0, 0, top + lying.height + 0.002]) * sapien.Pose(q=lying.quaternion)
-    for entity in (first, second):
-        scene.add_entity(entity)
-    second.components[0].set_linear_velocity([0, 0.05, 0])
+    below, can = body(scene, place), body(scene, "coke_can", "lying")
+    below.kinematic = True
+    vertices, lying = CATALOGUE[place].vertices, CATALOGUE["coke_can"].stable_pose("lying")
+    top = {"plate": -0.001, "large_plate": -0.001, "basket": -0.0215}.get(place, vertices[:, 2].max())
+    height = below.entity.pose.p[2] + top + lying.height + 0.002
+    can.entity.pose = sapien.Pose([0, 0, height], can.entity.pose.q)
+    can.set_linear_velocity([0, 0.05, 0])
     for _ in range(200):
         scene.step()
-    assert np.hypot(*second.pose.p[:2]) < 0.05
-    assert second.pose.p[2] > 0
+    assert np.hypot(*can.entity.pose.p[:2]) < 0.05
+    assert can.entity.pose.p[2] > below.entity.pose.p[2]

@@ -20,7 +20,6 @@ from vlafuzz.worlds.tabletop.sim.world import place
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STICK = box(0.03, 0.03, 0.08)
-REAL = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"
 
 
 @pytest.fixture(autouse=True)
@@ -241,13 +240,3 @@ def test_scenes_are_made_of_the_packs_objects_as_far_as_they_go(tmp_path):
     assert slots["targets.1"] == ("basket",)  # the pack has none
     scene = space.sample(np.random.default_rng(1))
     assert check_static(scene, space.catalogue, 0.15) is None
-
-
-@pytest.mark.skipif(not REAL.is_dir(), reason="no assets in ../shared/vlatest/assets")
-def test_every_object_of_vlatest_is_there_with_its_size():
-    packs = {pack.name: pack for pack in open_packs(str(REAL))}
-    assert (len(packs["custom"].objects), len(packs["ycb"].objects)) == (27, 62)
-    objects = load_catalogue(packs=[packs["custom"]])
-    assert size(objects["custom:opened_pepsi_can"]) == pytest.approx([0.067, 0.067, 0.124], abs=2e-3)
-    assert objects["custom:opened_pepsi_can"].mass == pytest.approx(0.0204, abs=1e-3)
-    assert objects["custom:bridge_plate_objaverse"].supports

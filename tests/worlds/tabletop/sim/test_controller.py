@@ -72,13 +72,10 @@ def test_a_step_counts_from_the_last_target_or_from_where_the_lagging_hand_is():
     assert 0.02 < reached["current"] < 0.09
 
 
-def test_a_target_out_of_reach_is_refused_and_counted_and_the_robot_stays(env, start):
+def test_at_a_target_out_of_reach_the_robot_stays(env, start):
     end = play(env, [command(x=0.6), command(gripper=-1, z=2.0)], still=4)
     check(start, end)
     assert end.opening == pytest.approx(0.0, abs=MILLIMETRES)  # the gripper still obeys
-    assert env.world.refused == 2
-    env.begin(ASIDE)
-    assert env.world.refused == 0
 
 
 def test_the_next_command_counts_from_the_target_before_the_refused_one(env, start):

@@ -12,7 +12,7 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
 from vlafuzz.policies.base import PolicySpec
-from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
+from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode, outlines
 from vlafuzz.worlds.tabletop.sim.rendering import PAINTS, shade

@@ -7,9 +7,9 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SimulatorError
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement
-from vlafuzz.worlds.tabletop.sim.world import models_of, settle
-from vlafuzz.worlds.tabletop.tasks import MOVE_NEAR, PICK_UP, TASKS, task
+from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement, Scene
+from vlafuzz.worlds.tabletop.sim.world import settled
+from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SHOWN = pick_up(
     put("orange", -0.10, 0.15, 30.0),
@@ -60,8 +60,8 @@ def test_after_a_scene_that_cannot_be_built_the_next_one_is_as_ever(env, broken)
     assert states_hash(env) == known
 
 
-def rejected(*placements: Placement, task=PICK_UP):
-    return settle(task, models_of(placements, CATALOGUE), placements)
+def rejected(*placements: Placement, task: str = "pick-up"):
+    return settled(Scene(task, placements[:1], "do it", confounders=placements[1:]), CATALOGUE)
 
 
 def tilted(degrees: float) -> tuple[float, float, float, float]:
@@ -71,7 +71,7 @@ def tilted(degrees: float) -> tuple[float, float, float, float]:
 
 @pytest.mark.parametrize("name", TASKS)
 def test_nominal_scenes_are_fair(name):
-    assert rejected(*nominal(name).placements, task=task(name)) is None
+    assert settled(nominal(name), CATALOGUE) is None
 
 
 @pytest.mark.parametrize(
@@ -107,6 +107,6 @@ def test_what_does_not_stay_is_named_with_what_it_does(placements, starts, says)
 
 @pytest.mark.parametrize(("distance", "check"), [(0.06, "solved"), (0.09, None)])
 def test_two_that_are_near_already_are_solved_before_anybody_acts(distance, check):
-    rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, distance), task=MOVE_NEAR)
+    rejection = rejected(put("green_cube", 0.0, 0.0), put("yellow_cube", 0.0, distance), task="move-near")
     assert (rejection and rejection.check) == check
     assert not rejection or rejection.reason == "move-near is solved at the start, before the policy acts"

@@ -15,9 +15,9 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
 from vlafuzz.worlds.manipulation.operator_set import operators_json, stored_operators, visible_json
-from vlafuzz.worlds.manipulation.operators import EXTRAS
+from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.space import OPERATORS, SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 quickly = settings(max_examples=6, derandomize=True, deadline=None, database=None)

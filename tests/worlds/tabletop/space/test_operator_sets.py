@@ -5,8 +5,8 @@ import yaml
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.worlds.manipulation.operators import EXTRAS, ConfounderPosition, Light
-from vlafuzz.worlds.tabletop.space import OPERATORS, load_operators
+from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderPosition, Light
+from vlafuzz.worlds.tabletop.space import load_operators
 
 SHIPPED = ("tabletop", "paper", "paper-rq1")
 THE_TEN = set(OPERATORS) - {"wording"} - EXTRAS

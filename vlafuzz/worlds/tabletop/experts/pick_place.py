@@ -304,5 +304,4 @@ class PickPlaceController:
 
 
 def _level(a: Array, b: Array) -> float:
-    """Horizontal distance."""
     return math.hypot(a[0] - b[0], a[1] - b[1])

@@ -202,7 +202,6 @@ class Picture:
             yield "wall and floor", self._lit([PAINTS[backdrop.wall], FLOOR_COLOUR]), count
 
     def _lit(self, albedo: Sequence[object] | Array) -> Array:
-        """Pixel values of level surfaces."""
         colours = np.atleast_2d(np.asarray(albedo, dtype=np.float64))
         return shown(colours, UP[None], self._rig.lights, self._scene.light.intensity)
 

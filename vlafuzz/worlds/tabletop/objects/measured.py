@@ -21,19 +21,10 @@ from trimesh.visual.material import PBRMaterial
 
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
+from vlafuzz.worlds.tabletop.objects import solids
 from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
-from vlafuzz.worlds.tabletop.objects.packs import PackObject
-from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES
-from vlafuzz.worlds.tabletop.objects.solids import (
-    Solid,
-    Stable,
-    quaternion,
-    solid,
-    stable_pose,
-    stable_turns,
-    write_parts,
-)
+from vlafuzz.worlds.tabletop.objects.packs import MOST_BYTES, PackObject
 
 FRICTION = 0.5  # as in the reference's environments
 MOST_CORNERS = 64  # of a part; PhysX takes 255
@@ -65,7 +56,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     points = [part @ turn.T * spec.scale for part in meshes]
     every = np.concatenate(points)
     centre = (every.min(axis=0) + every.max(axis=0)) / 2
-    body = solid([_reduced(part - centre) for part in points])
+    body = solids.solid([_reduced(part - centre) for part in points])
     supports = not SUPPORTS.isdisjoint(spec.spoken.split())
     cavity = CAVITIES.get(name)
     if spec.marks:  # a place for things, as large as the marker
@@ -75,7 +66,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     is_place = supports or cavity is not None or mass > HEAVIEST
     poses = _stable_poses(name, body, graspable=not is_place)
     role: Role = "place" if is_place else "graspable" if poses[0].grasps else "obstacle"
-    fit = Fit(spec.scale, quaternion(turn), -centre)
+    fit = Fit(spec.scale, solids.quaternion(turn), -centre)
     visual, colour = _looks(spec, body, fit, folder)
     return ObjectModel(
         name=name,
@@ -87,7 +78,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
         parts=body.parts,
         vertices=body.hull,
         visual=visual,
-        collision=write_parts(body.parts, folder),
+        collision=solids.write_parts(body.parts, folder),
         stable_poses=poses[:1] if is_place else poses,
         supports=supports,
         container=cavity if poses[0].name == "upright" else None,
@@ -150,7 +141,6 @@ def _volume(points: Array) -> float:
 
 
 def _turn(points: Array, *, tall_y: bool) -> Array:
-    """The rotation ``(3, 3)`` after which z is up."""
     x, y, z = np.ptp(points, axis=0)
     stands_along_y = tall_y and y > TALL * max(x, z) and max(x, z) < ROUND * min(x, z)
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) if stands_along_y else np.eye(3)
@@ -173,12 +163,12 @@ def _reduced(points: Array) -> Array:
     return np.asarray(every[chosen])
 
 
-def _stable_poses(name: str, body: Solid, *, graspable: bool) -> tuple[StablePose, ...]:
+def _stable_poses(name: str, body: solids.Solid, *, graspable: bool) -> tuple[StablePose, ...]:
     """The stable poses, upright first, then by tilt; only those with a grasp if any of them has one."""
-    turns = sorted(stable_turns(body), key=lambda turn: (-(turn.up >= UPRIGHT), -turn.tilt))
+    turns = sorted(solids.stable_turns(body), key=lambda turn: (-(turn.up >= UPRIGHT), -turn.tilt))
 
-    def posed(turn: Stable) -> StablePose:
-        return stable_pose(_kind(turn), turn.turn, body, rolls=turn.rolls, graspable=graspable)
+    def posed(turn: solids.Stable) -> StablePose:
+        return solids.stable_pose(_kind(turn), turn.turn, body, rolls=turn.rolls, graspable=graspable)
 
     poses = [posed(turn) for turn in _distinct(turns, body)]
     if not poses:
@@ -193,9 +183,9 @@ def _stable_poses(name: str, body: Solid, *, graspable: bool) -> tuple[StablePos
     return tuple(kept)
 
 
-def _distinct(turns: Sequence[Stable], body: Solid) -> list[Stable]:
+def _distinct(turns: Sequence[solids.Stable], body: solids.Solid) -> list[solids.Stable]:
     """The turns that differ in height, at most one of them upright and one inverted."""
-    kept: dict[tuple[float, float], Stable] = {}
+    kept: dict[tuple[float, float], solids.Stable] = {}
     for turn in turns:
         heights = body.hull @ turn.turn[2]
         low, high = float(heights.min()), float(heights.max())
@@ -206,11 +196,11 @@ def _distinct(turns: Sequence[Stable], body: Solid) -> list[Stable]:
     return list(kept.values())
 
 
-def _kind(turn: Stable) -> str:
+def _kind(turn: solids.Stable) -> str:
     return "upright" if turn.up >= UPRIGHT else "inverted" if turn.up <= -UPRIGHT else "lying"
 
 
-def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
+def _looks(spec: PackObject, body: solids.Solid, fit: Fit, folder: Path) -> tuple[Path, Array]:
     """The visual mesh and its mean colour: of textures, else from the name."""
     files = sorted(spec.collision.parent.iterdir())
     pictures = [file for file in files if file.suffix.lower() in (".png", ".jpg", ".jpeg")]
@@ -222,7 +212,6 @@ def _looks(spec: PackObject, body: Solid, fit: Fit, folder: Path) -> tuple[Path,
 
 
 def _embedded(visual: Path | None) -> list[Array]:
-    """The mean colours of the textures in a GLB."""
     if visual is None or visual.suffix != ".glb":
         return []
     data = _read(visual)
@@ -249,7 +238,7 @@ def _mean_of(picture: Image.Image) -> Array:
     return np.asarray((used if len(used) else flat).mean(axis=0), dtype=np.float64)
 
 
-def _write_plain(body: Solid, fit: Fit, colour: Array, file: Path) -> Path:
+def _write_plain(body: solids.Solid, fit: Fit, colour: Array, file: Path) -> Path:
     """Write the solid as the visual mesh, in one colour and in the frame of the pack's mesh."""
     corners_of_faces = [part[triangles(part)].reshape(-1, 3) for part in body.parts]  # edges stay sharp
     vertices = (np.concatenate(corners_of_faces) - fit.position) @ fit.turn / fit.scale

@@ -8,6 +8,7 @@ In the catalogue, names have the pack's as a prefix, ``ycb:apple``, since the bu
 """
 
 import hashlib
+import html
 import json
 import os
 import re
@@ -16,13 +17,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated
+from urllib.parse import unquote
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from vlafuzz.common.assets import FOLDERS, listed
-from vlafuzz.common.reading import read_bytes, read_json, validated
+from vlafuzz.common.reading import MIB, is_within, read_bytes, read_json, validated
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.worlds.tabletop.objects.references import MOST_BYTES, check_references
 
 _SOLIDS = ("collision.obj", "collision.ply")
 _LOOKS = ("textured.glb", "textured.dae", "textured.obj")
@@ -30,6 +31,10 @@ _LAYOUT = "a pack has info_*.json and models/NAME/collision.obj (SIMPLER, VLATes
 _ELSEWHERE = f"{FOLDERS}=FOLDER says where it is"
 _PLAIN = re.compile(r"[\w. -]{1,100}")
 _UNSPOKEN = re.compile(r"opened|baked|bridge|generated|modified|objaverse|v\d+|\d+cm")
+MOST_BYTES = 64 * MIB  # of a file
+_NAME_NOTHING = (".png", ".jpg", ".jpeg", ".ply", ".stl", ".json")  # formats whose files name no others
+_ENDS = re.compile(r"""["'<>\0\r\n\f]+|\\(?=[\r\n])""")  # of what may be one name, in any of the formats
+_NUMBERS = re.compile(r"[-+.,/\deE\s]*")
 _MARKER = "dummy_"  # prefix of planes that mark a place for SIMPLER's tasks
 _MARKERS = {"dummy_sink_target_plane": "yellow basket"}  # spoken names of those that are used
 
@@ -59,7 +64,6 @@ class Pack:
     folder: Path
     digest: str  # of everything that determines the objects: the files' bytes, scales and densities
     objects: dict[str, PackObject]  # by their names in the pack
-    left_out: tuple[str, ...]  # names without a collision mesh
 
 
 class _Box(BaseModel):
@@ -151,12 +155,9 @@ def _read(folder: Path) -> Pack:
     pack_name = re.sub(r"[^a-z0-9_-]", "-", bare)
     tall_y = "custom" in pack_name or any(folder.glob("info_*custom*.json"))
     objects: dict[str, PackObject] = {}
-    left_out = []
     for name, info in _infos(folder):
         collision = _first(folder / "models" / name, _SOLIDS)
-        if collision is None:
-            left_out.append(name)
-        elif name in _MARKERS or not name.startswith(_MARKER):
+        if collision is not None and (name in _MARKERS or not name.startswith(_MARKER)):
             scale, box = info.scales[0], info.bbox
             objects[name] = PackObject(
                 spoken=_MARKERS.get(name) or spoken(name),
@@ -173,7 +174,7 @@ def _read(folder: Path) -> Pack:
         raise UsageError(f"{folder}: a pack without objects: models/ has none of its names", hint=_LAYOUT)
     facts = {name: entry.model_dump(mode="json") for name, entry in objects.items()}
     digest = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:16]
-    return Pack(pack_name, folder.resolve(), digest, objects, tuple(left_out))
+    return Pack(pack_name, folder.resolve(), digest, objects)
 
 
 def _infos(folder: Path) -> Iterable[tuple[str, _Info]]:
@@ -209,3 +210,39 @@ def _hash(file: Path, pack: Path, *_: int) -> str:
     """Hash of a file's bytes, checked and cached until it changes, since a catalogue is loaded often."""
     check_references(file, pack)
     return hashlib.sha256(read_bytes(file, CatalogueError, most=MOST_BYTES, inside=pack)).hexdigest()
+
+
+def check_references(file: Path, folder: Path) -> None:
+    """CatalogueError if a file in a pack's folder, or one that it names, is elsewhere, a link, or too large.
+
+    Whatever its format, everything in a file that is the path of another one counts as its name. A name without a file
+    is harmless: some meshes still have a path of their author's machine.
+    """
+    waiting, known = [file], {file}
+    while waiting:
+        file = waiting.pop()
+        data = read_bytes(file, CatalogueError, most=MOST_BYTES, inside=folder)
+        if file.suffix.lower() in _NAME_NOTHING:
+            continue
+        for name in set(_names(data)):
+            place = Path(os.path.normpath(file.parent / name))
+            if place in known or not os.path.exists(place) or os.path.isdir(place):
+                continue
+            if not is_within(place, folder):
+                hint = "copy it into the pack, if it belongs there"
+                raise CatalogueError(f"{file}: names {name!r}, which is not in the pack", hint)
+            waiting.append(place)
+            known.add(place)
+
+
+def _names(data: bytes) -> Iterator[str]:
+    """What could be paths in a file: its words, and what stands in a line or between quotes after a keyword."""
+    if data.startswith(b"glTF"):
+        data = data[20 : 20 + int.from_bytes(data[12:16], "little")]  # the JSON part
+    text = re.sub(r"\\u00([0-7][0-9a-fA-F])", lambda code: chr(int(code[1], 16)), data.decode("utf-8", "replace"))
+    for part in _ENDS.split(html.unescape(text)):
+        keyword, _, rest = part.strip().partition(" ")
+        if not _NUMBERS.fullmatch(rest or keyword):
+            for name in (part.strip(), rest, *part.split()):
+                if len(name) <= 4096:
+                    yield unquote(name.replace("\\", "/").removeprefix("file://").removeprefix("package://"))

@@ -79,19 +79,17 @@ class MetricArm:
         low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
         self._low, self._high = low - 1e-3, high + 1e-3
         self._profile = Profile(pace, len(self._joints)) if pace else None
-        self.refused = 0
 
     def reset(self) -> None:
         self._qpos = np.array(self._robot.qpos, dtype=np.float64)
         self._model.compute_forward_kinematics(self._qpos)
         self.target = self._model.get_link_pose(self._tcp)
-        self.refused = 0
         if self._profile:
             self._profile.start(self._qpos)
         self._drive(self._qpos)
 
     def command(self, action: Array, relative_to: str = "target") -> None:
-        """Set the drive targets for one control step; one out of reach is refused and counted."""
+        """Set the drive targets for one control step; the arm stays where one is out of reach."""
         if relative_to == "current":
             self.target = self._robot.root_pose.inv() * self._link.entity_pose
         target = shifted(self.target, action[:3], action[3:6])
@@ -109,8 +107,6 @@ class MetricArm:
             target = self._model.get_link_pose(self._tcp)
         if solved:
             self.target, self._qpos = target, qpos
-        else:
-            self.refused += 1
         closed, opened = self.gripper.closed, self.gripper.open
         self._qpos[-2:] = closed + (opened - closed) * (min(max(action[6], -1.0), 1.0) + 1) / 2
         if self._profile is None:

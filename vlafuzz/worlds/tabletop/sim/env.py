@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
 from vlafuzz.model.scene import EXTRAS, Scene, Start
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.disturbances import DelayedCommands, SensorNoise
+from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.sim.rendering import BackdropPainter, SceneLights, add_table, render_backend, use_shaders
+from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.studio import Studio
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
 from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
 from vlafuzz.worlds.tabletop.tasks import task as task_named
@@ -82,7 +81,7 @@ class TabletopEnv(BaseEnv):
         shown: str | None = None,
     ) -> None:
         self._shown = shown
-        self._studio: Studio | None = None
+        self._studio: rendering.Studio | None = None
         self.task = task_named(task)
         self.rig = rig(robot)
         self.catalogue = catalogue
@@ -94,7 +93,7 @@ class TabletopEnv(BaseEnv):
                 reward_mode="none",
                 robot_uids=AGENTS[self.rig.urdf].uid,
                 control_mode=CONTROL_MODE,
-                render_backend=render_backend() if cameras else "none",
+                render_backend=rendering.render_backend() if cameras else "none",
             )
         except RuntimeError as error:
             if "rendering device" not in str(error):
@@ -117,7 +116,7 @@ class TabletopEnv(BaseEnv):
             self._aim()
             if self._studio is None and self._shown is not None:
                 device = self.world.scene.render_system.device
-                self._studio = Studio(device, {self._shown: self._render_camera(self._shown)})
+                self._studio = rendering.Studio(device, {self._shown: self._render_camera(self._shown)})
             if self._studio is not None:
                 self._studio.begin(self.world.scene, self.light)
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
@@ -211,7 +210,9 @@ class TabletopEnv(BaseEnv):
                 width = width if view.aspect == 1 else view.width(request.height)
             else:
                 mount = self._wrist()
-            made = CameraConfig(name, pose, width, request.height, fov, mount=mount, shader_config=use_shaders())
+            made = CameraConfig(
+                name, pose, width, request.height, fov, mount=mount, shader_config=rendering.use_shaders()
+            )
             configs.append(made)
         return configs
 
@@ -225,11 +226,11 @@ class TabletopEnv(BaseEnv):
         super()._load_agent(options, sapien.Pose(self.rig.base))
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        add_table(self.scene.sub_scenes[0], self.rig.table)
-        self._painter = BackdropPainter(self.scene.sub_scenes[0])
+        rendering.add_table(self.scene.sub_scenes[0], self.rig.table)
+        self._painter = rendering.BackdropPainter(self.scene.sub_scenes[0])
 
     def _load_lighting(self, options: dict[str, Any]) -> None:
-        self._lights = SceneLights(self.scene.sub_scenes[0], self.rig.lights)
+        self._lights = rendering.SceneLights(self.scene.sub_scenes[0], self.rig.lights)
 
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
         self.world = World(self.scene.sub_scenes[0], self.agent, self.rig, self.control_hz)

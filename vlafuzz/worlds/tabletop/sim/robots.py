@@ -21,7 +21,7 @@ from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import Wid
 
 from vlafuzz.common import assets
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX, Rig
-from vlafuzz.worlds.tabletop.objects.references import check_references
+from vlafuzz.worlds.tabletop.objects.packs import check_references
 from vlafuzz.worlds.tabletop.sim.arm import Gripper, MetricArm, Pace
 
 CONTROL_MODE = "metric_ee"

@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import InitialPose, Placement, Scene
-from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, Table, rig
+from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.worlds.tabletop.sim.arm import MetricArm
 from vlafuzz.worlds.tabletop.sim.rendering import add_table, render_system, use_shaders
-from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State, TableTask
+from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 Array = NDArray[np.float64]
@@ -120,11 +120,6 @@ class World:
         return self._hash.hexdigest()
 
     @property
-    def refused(self) -> int:
-        """How many commands of this rollout were out of the robot's reach."""
-        return self._controller.refused
-
-    @property
     def poses(self) -> tuple[sapien.Pose, ...]:
         """Of the objects."""
         return tuple(body.entity_pose for body in self._bodies)
@@ -178,32 +173,25 @@ FALLEN = -0.1  # metres
 
 
 def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
-    """``settle`` of a scene whose objects are in the catalogue."""
-    models = models_of(scene.placements, catalogue)
-    return settle(task_named(scene.task), models, scene.placements, rig(scene.robot).table)
-
-
-def settle(
-    task: TableTask, models: Sequence[ObjectModel], placements: Sequence[Placement], table: Table = PANDA.table
-) -> Rejection | None:
-    """Check that the objects stay in place and that the task is not solved before the policy acts.
+    """Check that a scene's objects stay in place and that its task is not solved before the policy acts.
 
     No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
     before nor after.
     """
-    scene = sapien.Scene([physx.PhysxCpuSystem()])
-    scene.physx_system.timestep = 1 / SIM_HZ
-    add_table(scene, table)
+    task, placements, models = task_named(scene.task), scene.placements, models_of(scene.placements, catalogue)
+    room = sapien.Scene([physx.PhysxCpuSystem()])
+    room.physx_system.timestep = 1 / SIM_HZ
+    add_table(room, rig(scene.robot).table)
     pairs = zip(models, placements, strict=True)
-    bodies = [add_object(scene, model, placement, placement.object) for model, placement in pairs]
-    before = _state(scene, bodies)
+    bodies = [add_object(room, model, placement, placement.object) for model, placement in pairs]
+    before = _state(room, bodies)
     for _ in range(round(SECONDS * SIM_HZ)):
-        scene.physx_system.step()
-    after = _state(scene, bodies)
+        room.physx_system.step()
+    after = _state(room, bodies)
     if rejection := _restless(placements, before, after):
         return rejection
     for moment, state in (("at the start", before), ("after settling", after)):
-        if task.solved(tuple(models), state):
+        if task.solved(models, state):
             return Rejection("solved", f"{task.name} is solved {moment}, before the policy acts")
     return None
 
