@@ -1,14 +1,17 @@
 """What the pages tell a reader to type is typed here, or the page says why not; flags exist in any case."""
 
+import re
 import sys
 from pathlib import Path
 
 import pytest
 
 from tests.documentation import NOT_RUN, PAGES, ROOT, SLOW, blocks, calls, files
-from vlafuzz.cli import GROUPS, load, main
+from vlafuzz.cli import COMMANDS, GROUPS, load, main
 
 TEMPLATE = files(ROOT / "docs" / "your-policy.md")  # README's commands name it, too
+
+OTHERS = {"--arms", "--flat", "--use-sim-policy-wrapper"}  # of our scripts, and of GR00T's server
 
 
 def having(mark: str) -> list[Path]:
@@ -47,6 +50,13 @@ def test_commands_and_flags_on_a_page_exist(page):
             for flag in (*param.opts, *param.secondary_opts)
         }
         assert flags <= {*known, "--help"}, (name, *words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_flags_that_a_page_names_belong_to_some_command(page):
+    named = set(re.findall(r"`(--[a-z-]+)[^`]*`", page.read_text(encoding="utf-8")))
+    params = [param for name in COMMANDS for param in load(name).params if not getattr(param, "hidden", False)]
+    assert named <= {flag for param in params for flag in (*param.opts, *param.secondary_opts)} | OTHERS
 
 
 @pytest.mark.parametrize("page", having(""), ids=name_of)
