@@ -16,8 +16,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.counts import Standing, standings_of
-from vlafuzz.report.effects import draws
+from vlafuzz.report.counts import Standing, draws, standings_of
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 

@@ -127,7 +127,8 @@ def _frames(weights: Path, task: str, scene: Scene) -> tuple[bool, NDArray[np.ui
     """Whether the policy fails, and a few frames side by side."""
     recording = Recording(160, captions=False)
     failed = judged.roll(weights, task, scene, recording)
-    return failed, recording.contact_strip(FRAMES)
+    chosen = np.linspace(0, len(recording.frames) - 1, FRAMES).round().astype(int)
+    return failed, np.concatenate([recording.frames[index] for index in chosen], axis=1)
 
 
 def _png(picture: NDArray[np.uint8]) -> bytes:

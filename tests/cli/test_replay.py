@@ -140,18 +140,14 @@ def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
 
 
 @pytest.mark.render
-def test_video_and_picture_show_the_rollout(store, tmp_path, capsys):
+def test_a_video_shows_the_rollout(store, tmp_path):
     import cv2
-    import imageio.v3 as imageio
 
-    video, picture = tmp_path / "v.mp4", tmp_path / "p.png"
-    assert main(["replay", str(store), "--video", str(video), "--picture", str(picture)]) == 0
+    video = tmp_path / "v.mp4"
+    assert main(["replay", str(store), "--video", str(video)]) == 0
     film = cv2.VideoCapture(str(video))
     assert film.get(cv2.CAP_PROP_FRAME_COUNT) > 80
     assert film.read()[1].std() > 20
-    strip = imageio.imread(picture)
-    assert strip.shape[1] == 4 * 480
-    assert strip.std() > 20
 
 
 @pytest.mark.parametrize(

@@ -128,7 +128,6 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
         (["none.db", "--follow"], "error: none.db: no such store or corpus"),
         (["a.db", "--follow", "--limit", "3"], "error: --limit 3: has no effect with --follow"),
         (["a.db", "--limit", "-1"], "error: --limit: expected at least 0"),
-        (["a.db", "--out", "a.md", "--limit", "3"], "error: --limit 3: has no effect on a table"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys, place: Path):

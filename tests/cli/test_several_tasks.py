@@ -76,8 +76,6 @@ def test_all_tasks_are_one_command_with_one_store_and_one_table(capsys):
     (store,) = Path("runs").glob("all-*.db")
     with Store.open(store) as opened:
         assert [run.manifest.task for run in opened.runs()] == tasks
-    assert main(["report", str(store), "--out", "rates.md"]) == 0
-    assert Path("rates.md").read_text().count("\n") == 2 + len(tasks)
 
 
 def test_an_interrupted_list_of_tasks_goes_on_where_it_was(monkeypatch, capsys):

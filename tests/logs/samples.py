@@ -1,11 +1,11 @@
 """Small logs in the layouts of lerobot, vla-eval and CSV, made up."""
 
+import csv
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.common.text import csv_table
 from vlafuzz.logs.episodes import Episode
 
 
@@ -20,7 +20,10 @@ def episodes(**outcomes: str) -> list[Episode]:
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> Path:
-    path.write_text(csv_table(rows))
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
     return path
 
 

@@ -229,7 +229,5 @@ def test_a_run_at_all_severities_says_where_one_half_fails(tmp_path: Path):
         for proposal in range(60):
             outcome = failed() if severity_of(proposal) > 0.4 else passed()
             opened.add(1, ended(SPACE.sample(rng), outcome, proposal))
-        (table,) = (table for table in view_of_store(opened).tables if "severity" in table.title)
-    assert re.fullmatch(r"Run 1: one half fails at severity 0\.4\d? of the ranges, .*", table.title)
-    assert [row["scenes"] for row in table.rows] == [12, 13, 12, 12, 11]
-    assert [str(row["fail"]).split("%")[0] for row in table.rows] == ["0", "0", "100", "100", "100"]
+        (row,) = view_of_store(opened).tables[-1].rows
+    assert re.search(r"; one half fails at severity 0\.4\d? of the ranges, ", str(row["scenes that failed"]))

@@ -25,7 +25,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "replay": (
         "vlafuzz replay first.db --video failure.mp4",
-        "vlafuzz replay failing.jsonl 3f2a --policy expert --picture solved.png",
+        "vlafuzz replay failing.jsonl 3f2a --policy expert --video solved.mp4",
     ),
     "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read new.csv --against old.csv --markdown"),
 }

@@ -17,7 +17,7 @@ from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
 from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.cli.output import Bar, interruptible, print_lines, print_rows, stdout
+from vlafuzz.cli.output import Bar, interruptible, print_lines, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import trust_flag
@@ -25,12 +25,10 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, interval, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
-from vlafuzz.failures.described import Spaces
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.effects import effects_of
-from vlafuzz.report.severity import half_of_run, in_words
+from vlafuzz.report.counts import half_in_words, half_of_run
 from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import NAME as SEVERITY
@@ -81,7 +79,9 @@ def run_plan(
     again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
     summary = _start(plan, search, again)
     causes, says = _causes(summary), about(plan.strategy)
-    document = asdict(summary) | {"effects": _effects(summary, causes, says, show=not json)}
+    document = asdict(summary)
+    if not json:
+        _print_summary(summary, says, causes.probability if causes else None)
     interrupted = False
     if certifying and causes and causes.found and _foresee(plan, causes, until):
         interrupted = not _certify(plan, summary, until)
@@ -120,20 +120,6 @@ def _start(plan: Plan, until: Deadline, again: str) -> Summary:
 def _causes(summary: Summary) -> CauseList | None:
     with Store.open(Path(summary.store)) as store:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
-
-
-def _effects(summary: Summary, causes: CauseList | None, says: str, *, show: bool) -> dict[str, Any] | None:
-    """How often the policy fails in random scenes by their values, as JSON; with ``show`` printed after the run."""
-    with Store.open(Path(summary.store)) as store:
-        run = next(run for run in store.runs() if run.id == summary.run)
-        effects = effects_of(store, run, Spaces(store.path).of(run.manifest))
-    if show:
-        _print_summary(summary, says, causes.probability if causes else None)
-        if effects and effects.table.rows:
-            print_rows(effects.table.rows, title=effects.table.title)
-        if effects:
-            print_lines(effects.says, effects.advice)
-    return asdict(effects) if effects else None
 
 
 def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
@@ -177,7 +163,7 @@ def _failures(summary: Summary, judged: int, probability: Probability | None) ->
         return {"failure share": f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"}
     if summary.strategy == SEVERITY:
         with Store.open(Path(summary.store)) as store:
-            return {"one half fails at severity": in_words(half_of_run(store, summary.run))}
+            return {"one half fails at severity": half_in_words(half_of_run(store, summary.run))}
     if summary.strategy == POOL:
         where = "a failure rate only where they are a random sample"
         return {"failures": f"{failed} of {judged} scenes, {where}"}

@@ -19,7 +19,6 @@ def command(
     label: Annotated[str | None, label_option("--label", "Which model the policy is, or whose first failure.")] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, option("Write an MP4.")] = None,
-    picture: Annotated[Path | None, option("Write a PNG: four moments of the rollout.")] = None,
     seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
     film: Annotated[
         bool | None,
@@ -41,23 +40,20 @@ def command(
 
     wanted = find(source, digest, policy, label)
     if film is None:
-        film = not (json or video or picture or seen) and not no_pictures(wanted.scene.task)
+        film = not (json or video or seen) and not no_pictures(wanted.scene.task)
     if film and video is None:
         video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
-    filmed = video is not None or picture is not None
-    if filmed:
+    if video:
         world_of(wanted.scene.task).check_pictures()
-    recording = Recording(480 if filmed else 0)
+    recording = Recording(480 if video else 0)
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
     if lost := replayed.outcome.lost_stage:
         recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")
     if video:
         recording.write_video(video, replayed.hz)
-    if picture:
-        write_picture(picture, recording.contact_strip())
     if seen:
         write_picture(seen, recording.seen())
-    for path in filter(None, (video, picture, seen)):
+    for path in filter(None, (video, seen)):
         stderr().print(f"written: {path}")
     report = replayed.report | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
     if json:

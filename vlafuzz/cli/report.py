@@ -1,4 +1,4 @@
-"""``vlafuzz report``: in the terminal, as a page or table, or as a page that follows a run."""
+"""``vlafuzz report``: in the terminal, as a page, or as a page that follows a run."""
 
 from __future__ import annotations
 
@@ -15,16 +15,14 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, TrustFlag, option, refuse
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list
-from vlafuzz.common.files import write_whole
 from vlafuzz.common.plugins import trust_flag
-from vlafuzz.common.text import csv_table, markdown_table, plural, size
+from vlafuzz.common.text import plural, size
 from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
     from vlafuzz.failures.described import DescribedFailure
     from vlafuzz.report.view import View
 
-TABLES = (".csv", ".md")  # endings of files
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
 REFRESH, TIMES = 10, 20  # seconds between two pages that follow a run; at least so many times what one takes
 VALUES = 3  # operators of an untriaged failure that are shown with their values
@@ -34,9 +32,7 @@ def command(
     source: Annotated[
         Path, typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR")
     ],
-    out: Annotated[
-        Path | None, option("Write one HTML page; or as .csv or .md how often each policy fails.", "the terminal")
-    ] = None,
+    out: Annotated[Path | None, option("Write one HTML page.", "the terminal")] = None,
     follow: Annotated[
         bool, option("Write the page again while a run goes on; a browser reloads it.", flag="--follow")
     ] = False,
@@ -58,21 +54,15 @@ def command(
     """
     from vlafuzz.failures.corpus.folder import locate
 
-    table = out is not None and out.suffix in TABLES
     if follow:
         refuse({"--limit": limit}, "has no effect with --follow")
     if follow or out:
         refuse({"--json": json or None}, "has an effect in the terminal only")
-    if table:
-        ineffective = {"--limit": limit, "--no-videos": None if videos else True, "--follow": follow or None}
-        refuse(ineffective, "has no effect on a table")
     check_number("--limit", limit, 1 if out else 0)
     if not locate(source).exists():
         raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
     if follow:
         _follow(source, out or source.with_suffix(".html"))
-    elif out and table:
-        _write_table(source, out)
     elif out:
         _write(source, out, limit, videos=videos)
     else:
@@ -133,19 +123,6 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
         one.scene.digest[:12],
     )
     return [*(values or [one.title]), " · ".join(filter(None, parts))]
-
-
-def _write_table(source: Path, out: Path) -> None:
-    from vlafuzz.report.counts import standings_of
-    from vlafuzz.store.store import Store
-
-    with Store.open(source) as store:
-        rows = standings_of(store)
-    if out.suffix == ".csv":
-        write_whole(out, csv_table([row.document() for row in rows]))
-    else:
-        write_whole(out, markdown_table([row.row() for row in rows]) + "\n")
-    Bar.note(f"written: {out}")
 
 
 def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:

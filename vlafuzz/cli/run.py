@@ -102,7 +102,7 @@ def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Dead
     from vlafuzz.campaign.config import BUDGET
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.severity import probing, settled
-    from vlafuzz.report.severity import half_of_run
+    from vlafuzz.report.counts import half_of_run
     from vlafuzz.store.store import Store
 
     budget = config.budget or BUDGET

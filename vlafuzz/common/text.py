@@ -1,7 +1,5 @@
 """Numbers, names and tables as people read them."""
 
-import csv
-import io
 import math
 import re
 import reprlib
@@ -65,16 +63,6 @@ def duration(seconds: float) -> str:
 def size(number: int) -> str:
     """Bytes as ``48 kB`` or ``1.2 MB``."""
     return f"{number / 1e6:.1f} MB" if number >= 1e6 else f"{math.ceil(number / 1e3)} kB"
-
-
-def csv_table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows with the same keys as CSV; no rows give no heading."""
-    text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, fieldnames=list(rows[0]) if rows else [], lineterminator="\n")
-    if rows:
-        writer.writeheader()
-    writer.writerows(rows)
-    return text.getvalue()
 
 
 def markdown_table(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -1,9 +1,9 @@
-"""Standings: how each policy does in each task of a store."""
+"""Counts of a store: how each policy does in each task, and which of its scenes were drawn at random."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.common.statistics import Share
@@ -11,7 +11,8 @@ from vlafuzz.common.text import interval, percent
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Run
+from vlafuzz.search.severity import Half, half_of, severity_of
+from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
 
 
@@ -58,6 +59,15 @@ def rollouts_of(store: Store, run: Run) -> int:
     return sum(len(trial.outcome.rollouts) for trial in store.trials(run.id) if not trial.duplicate)
 
 
+def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
+    """Tells whether a trial of a run is a random draw, whose choice depended on no outcome."""
+    if run.manifest.strategy == RANDOM:
+        return lambda trial: True
+    attribution = store.causes(run.id)
+    drawn = set(attribution.at_random) if attribution else set[int]()
+    return lambda trial: trial.proposal in drawn
+
+
 def standings_of(store: Store, lists: Sequence[CauseList] | None = None) -> tuple[Standing, ...]:
     """One for each policy and task of a store, in the order in which they were first tried.
 
@@ -92,3 +102,18 @@ def _rate(store: Store, run: Run, found: CauseList | None) -> Probability | None
         return found.probability if found else None
     failed = Share.of_counts(*store.judged([run.id]))
     return Probability(failed.share, failed.low, failed.high) if failed.of else None
+
+
+def half_of_run(store: Store, run: int) -> Half:
+    """The severity at which one half fails, by a run of the strategy ``severity``."""
+    judged = (trial for trial in store.trials(run) if trial.outcome.judged)
+    return half_of([(severity_of(trial.proposal), not trial.outcome.passed) for trial in judged])
+
+
+def half_in_words(half: Half) -> str:
+    """The severity at which one half fails, as a phrase."""
+    if half.low >= 1:
+        return "above 1: fewer than one half fail in the whole ranges"
+    if half.high <= 0:
+        return "0: nominal scenes fail as often"
+    return f"{half.value:.2f} of the ranges, 95% interval {half.low:.2f}–{half.high:.2f}{'+' * (half.high >= 1)}"

@@ -16,8 +16,7 @@ from vlafuzz import __version__
 from vlafuzz.common.files import is_stream, write_whole, writing
 from vlafuzz.common.text import interval, percent
 from vlafuzz.errors import UsageError, printable
-from vlafuzz.report.effects import ENOUGH
-from vlafuzz.report.plots import Plot
+from vlafuzz.report.plots import ENOUGH, Plot
 from vlafuzz.report.view import View
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 

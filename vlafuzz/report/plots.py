@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -12,16 +12,18 @@ from numpy.typing import NDArray
 from vlafuzz.common.statistics import Share, wilson
 from vlafuzz.model.scene import Scene, unit_of
 from vlafuzz.model.space import Space, spoken
-from vlafuzz.report.effects import FEWEST, quantities, value_in
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import SceneMap
 
 PLACES = 41  # of a curve
+ENOUGH = 40  # random scenes with which curves mean much, ten in each quarter of a range
+FEWEST = 5  # random scenes with which there are curves at all
 # Standard deviation of the window in which a rate is taken, as a share of the range: with 60 random scenes a tenth of
 # the range, so that a window holds about 15 of them, and narrower with more.
 WIDTH, SCENES = 0.1, 60
 Numbers = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Value = float | str
 Rate = tuple[float, float, float]  # a failure rate and its 95 % interval
 
 
@@ -103,6 +105,30 @@ class Plot:
     def values(self, scene: Scene) -> list[float | None]:
         """The values of a scene, by axis."""
         return [axis.value(self.space, scene) for axis in self.axes]
+
+
+def quantities(space: Space, scenes: Sequence[Scene]) -> Mapping[tuple[str, str, str], Sequence[Value | None]]:
+    """The value in each scene of what varies, by operator, name in words, and path or derived name.
+
+    Confounders are told by number and nearness, displacements by what is derived of them.
+    """
+    keys = dict.fromkeys((operator, name, name) for scene in scenes for operator, name in space.derived(scene))
+    told = {operator for operator, _, _ in keys}
+    genes = []
+    for gene in space.genes:
+        if gene.operator not in told and not gene.slot.startswith("confounders"):
+            *_, slot, name = ("", *gene.path.split("."))
+            owner = f" of object {int(slot) + 1}" if slot.isdigit() and slot != "0" else ""
+            quantity = "" if name in ("object", "confounders", "instruction", gene.operator) else name
+            genes.append((gene.operator, f"{quantity}{owner}".strip(), gene.path))
+    found = {key: [value_in(space, scene, key[0], key[2]) for scene in scenes] for key in (*genes, *keys)}
+    return {key: values for key, values in found.items() if len({*values} - {None}) > 1}
+
+
+def value_in(space: Space, scene: Scene, operator: str, quantity: str) -> Value | None:
+    """A number, or the name of an option in words; see ``Space.quantity``."""
+    value = space.quantity(scene, operator, quantity)
+    return value if value is None or isinstance(value, (int, float)) else str(value).replace("_", " ")
 
 
 def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]) -> Plot:

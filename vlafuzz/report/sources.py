@@ -12,10 +12,8 @@ from vlafuzz.failures.described import DescribedFailure, Spaces, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.cards import card_of, sentence
-from vlafuzz.report.counts import Standing, rollouts_of, standings_of
-from vlafuzz.report.effects import draws, effects_of
+from vlafuzz.report.counts import Standing, draws, rollouts_of, standings_of
 from vlafuzz.report.plots import Plot, plot_of
-from vlafuzz.report.severity import severity_tables
 from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
@@ -50,15 +48,7 @@ def view_of_store(store: Store) -> View:
         card_of(store.path, f"failure-{number}", of, of_run.get(of.number or 0))
         for number, of in enumerate((one for one in listing.failures if one not in shown), start=1)
     )
-    effects = (effects_of(store, group[0], spaces.of(group[0].manifest)) for group in groups)
     several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
-    severity = severity_tables(store, runs)
-    tables = (
-        *several,
-        *severity,
-        *map(cause_table, listing.causes),
-        *(one.table for one in effects if one and one.found),
-    )
     return View(
         title=listing.title,
         source=str(store.path),
@@ -68,7 +58,7 @@ def view_of_store(store: Store) -> View:
         failures=tuple(failures),
         plots=tuple(plot for plot in plots if plot.axes),
         runs=listing.runs,
-        tables=(*tables, run_table(store, runs)) if runs else (),
+        tables=(*several, *map(cause_table, listing.causes), run_table(store, runs)) if runs else (),
         todo=listing.todo,
         notes=(_TOY,) if any(run.policy == "mini" for run in listing.runs) else (),
     )

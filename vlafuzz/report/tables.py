@@ -8,7 +8,9 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration
 from vlafuzz.failures.causes import CauseList
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.report.counts import half_in_words, half_of_run
 from vlafuzz.search.base import RANDOM
+from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import in_words
@@ -68,6 +70,8 @@ def _counted(store: Store, run: Run) -> dict[str, object]:
     rollouts = [rollout for trial in trials for rollout in trial.outcome.rollouts]
     reached = Counter(stage for rollout in rollouts for stage in rollout.reached)
     rate = f", {failed}" if run.manifest.strategy == RANDOM and failed.of else ""
+    if run.manifest.strategy == SEVERITY:
+        rate = f"; one half fails at severity {half_in_words(half_of_run(store, run.id))}"
     return {
         "status": run.status,
         "scenes that failed": f"{failed.count} of {failed.of}{rate}",

@@ -84,11 +84,6 @@ class Recording:
         with writing(path):
             write_whole(path, to_mp4(self.frames, hz))
 
-    def contact_strip(self, columns: int = 4) -> Picture:
-        """``columns`` frames side by side, evenly spaced from the first to the last."""
-        chosen = np.linspace(0, len(self.frames) - 1, columns).round().astype(int)
-        return np.concatenate([self.frames[index] for index in chosen], axis=1)
-
     def seen(self) -> Picture:
         """The policy's first observation: its camera images, or outlines in their colours."""
         first = self.observations[0]
