@@ -99,9 +99,9 @@ def modules_imported(tree: ast.AST) -> set[str]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_only_worlds_the_lab_and_commands_about_objects_and_machines_import_a_world(path: Path):
+def test_only_worlds_and_commands_about_objects_and_machines_import_a_world(path: Path):
     rooms = {name for _, name in imported(ast.parse(path.read_text()))}
-    assert not rooms & set(WORLDS) or top(path) in (*WORLDS, "lab", "cli", "doctor")
+    assert not rooms & set(WORLDS) or top(path) in (*WORLDS, "cli", "doctor")
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))

@@ -130,9 +130,8 @@ def test_no_positional_word_grants_trust():
     [
         (["run", "--policy", OWN, "--strategy=python:a:b"], [OWN, "python:a:b"]),
         (["compare", "--strategies", "random, python:a:b"], ["random", "python:a:b"]),
-        (["lab study", "rq1", "--out", "x", "--policy", OWN, "--policy", "mini"], [OWN, "mini"]),
         (["diff", "a.db", "b.db", "--policy-b", "a,python:x:y", "--trust"], ["a,python:x:y", EVERYTHING]),
-        (["replay", "a.db", "--picture", OWN], []),
+        (["replay", "a.db", "--video", OWN], []),
     ],
 )
 def test_the_values_of_flags_for_policies_and_strategies_do(words: list[str], trusted: list[str]):

@@ -51,7 +51,7 @@ def test_help_lists_all_commands_without_importing_them():
     )
     child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert child.stdout.endswith("[]\n")
-    for name in ("run", "replay", "lint", "export", "list", "lab", "doctor"):
+    for name in ("run", "replay", "lint", "export", "list", "doctor"):
         assert re.search(rf"^│ {name} ", child.stdout, re.MULTILINE)
 
 

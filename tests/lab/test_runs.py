@@ -1,4 +1,4 @@
-"""Which runs of a store a comparison or a study takes, and how it does the others."""
+"""Which runs of a store a comparison takes, and how it does the others."""
 
 import json
 from functools import partial
@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, manifest, passed, scene
+from tests.doubles import ClosedForm, manifest
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.lab import runs
-from vlafuzz.lab.runs import Wanted, complete, note_places, stored
+from vlafuzz.lab.runs import Job, Wanted, complete, note_places, stored
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
 
@@ -55,9 +55,8 @@ def wanted(seed: int, strategy: str = "random") -> Wanted:
     return Wanted(planned().manifest, planned)
 
 
-def do(store: Store, *needed: Wanted, watch: Watch = SILENT) -> dict[str, Run]:
-    named = {f"{one.manifest.strategy} {one.manifest.seed}": one for one in needed}
-    return complete(store, named, watch, flag="--out")
+def do(store: Store, *needed: Wanted, watch: Watch = SILENT) -> dict[Job, Run]:
+    return complete(store, {Job(one.manifest.strategy, one.manifest.seed): one for one in needed}, watch)
 
 
 def test_adjacent_runs_that_differ_in_their_strategy_alone_share_an_executor(store: Store, executors: list[Plan]):
@@ -73,7 +72,7 @@ def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypa
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
     do(store, wanted(1), watch=told)
     assert [(run.status, store.count(run.id)) for run in store.runs()] == [("running", 0), ("finished", 3)]
-    assert told.notes[0].startswith("random 1: begins anew, since run 1 ended early at another place: ")
+    assert told.notes[0].startswith("random, seed 1: begins anew, since run 1 ended early at another place: ")
 
 
 def test_runs_of_several_places_are_noted_as_such(store: Store):
@@ -91,27 +90,15 @@ def test_runs_of_several_places_are_noted_as_such(store: Store):
 def test_progress_counts_the_rollouts_of_all_runs(store: Store):
     told = Told()
     do(store, wanted(1), wanted(2), watch=told)
-    assert told.bars[0] == ("run 1 of 2: random 1", 0, 6)
-    assert told.bars[-1] == ("run 2 of 2: random 2", 6, 6)
-
-
-@pytest.mark.usefixtures("executors")
-def test_a_run_that_cannot_be_done_is_left_out_where_that_is_allowed(store: Store):
-    left: list[str] = []
-
-    def fails() -> Plan:
-        raise UsageError("no room")
-
-    needed = {"impossible": Wanted(wanted(1).manifest, fails), "possible": wanted(2)}
-    done = complete(store, needed, SILENT, flag="--out", left_out=lambda key, error: left.append(f"{key}: {error}"))
-    assert (left, list(done)) == (["impossible: no room"], ["possible"])
+    assert told.bars[0] == ("run 1 of 2: random, seed 1", 0, 6)
+    assert told.bars[-1] == ("run 2 of 2: random, seed 2", 6, 6)
 
 
 @pytest.mark.parametrize(("statuses", "taken"), [("failed finished stopped", 2), ("failed running", 2)])
 def test_of_equal_runs_the_first_finished_one_counts_else_the_newest(store: Store, statuses: str, taken: int):
     for status in statuses.split():
         store.finish(store.begin(manifest()), status, 1.0)  # type: ignore[arg-type]
-    result = stored(store, manifest(), "--out")
+    result = stored(store, manifest())
     assert result
     assert result.id == taken
 
@@ -125,25 +112,16 @@ def test_of_equal_runs_the_first_finished_one_counts_else_the_newest(store: Stor
 )  # fmt: skip
 def test_a_run_of_other_conditions_is_another_one(store: Store, change: dict[str, object]) -> None:
     store.begin(manifest())
-    assert stored(store, manifest(**change), "--out") is None  # type: ignore[arg-type]
+    assert stored(store, manifest(**change)) is None  # type: ignore[arg-type]
 
 
 def test_batches_and_places_may_differ(store: Store) -> None:
     store.begin(manifest(batch=3))
-    assert stored(store, manifest(batch=16, place="elsewhere"), "--out")
+    assert stored(store, manifest(batch=16, place="elsewhere"))
 
 
 def test_a_run_of_another_version_is_refused(store: Store) -> None:
     store.begin(manifest())
     with pytest.raises(UsageError, match="another version than is installed: its commit") as caught:
-        stored(store, manifest(commit="abc"), "--out")
-    assert "another --out" in str(caught.value.hint)
-
-
-def test_a_run_of_given_scenes_is_of_these_or_of_the_first_of_them(store: Store) -> None:
-    given = [scene(x=0.001 * number) for number in range(3)]
-    run = store.begin(manifest())
-    for number, shown in enumerate(given[:2]):
-        store.add(run, Trial(proposal=number, scene=shown, outcome=passed(), severity=0.0))
-    assert stored(store, manifest(), "--out", given)
-    assert stored(store, manifest(), "--out", given[1:]) is None
+        stored(store, manifest(commit="abc"))
+    assert "another --store" in str(caught.value.hint)

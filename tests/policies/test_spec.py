@@ -60,13 +60,7 @@ class Reversed:
 
 @pytest.mark.parametrize(
     "command",
-    [
-        ["run", "--unchecked", "--policy"],
-        ["compare", "--out", "out", "--policy"],
-        ["lab", "study", "rq1", "--out", "out", "--policy"],
-        ["doctor", "--policy"],
-        ["serve"],
-    ],
+    [["run", "--unchecked", "--policy"], ["compare", "--out", "out", "--policy"], ["doctor", "--policy"], ["serve"]],
 )
 def test_no_command_takes_a_policy_with_such_a_spec(
     command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

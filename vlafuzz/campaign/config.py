@@ -16,7 +16,7 @@ from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.model.conditions import check_choice, check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
-from vlafuzz.model.space import Operators, Space, Vector
+from vlafuzz.model.space import Space, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
@@ -59,13 +59,11 @@ class Plan:
     done: int = 0
 
 
-def plan(
-    config: RunConfig, operators: Operators | None = None, policy: Policy | None = None, space: Space | None = None
-) -> Plan:
+def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = None) -> Plan:
     """Check a configuration, and make everything that it names but simulator and store.
 
-    ``operators``, ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is wrong;
-    PrerequisiteError if the policy sees pictures, and none can be drawn here.
+    ``policy`` and ``space`` replace what it names. UsageError if a name, number or file is wrong; PrerequisiteError if
+    the policy sees pictures, and none can be drawn here.
     """
     _check_numbers(config)
     named = filled(config)
@@ -74,7 +72,7 @@ def plan(
     if policy is None:
         check_policy_name(named.policy)
     wanted = Wanted(task=task.name, robot=named.robot, operators=config.operators, vary=config.vary, packs=config.packs)
-    space = space or world.space(wanted, operators).narrowed(severity_of_flag(config.severity))
+    space = space or world.space(wanted).narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))

@@ -41,11 +41,10 @@ COMMANDS = {
     "list strategies": ("vlafuzz.cli.lists:strategies", "The strategies that propose scenes."),
     "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
     "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
-    "lab study": ("vlafuzz.cli.lab:study", "Do an experiment of the VLATest paper with policies."),
 }
 
 # What the groups of commands do.
-GROUPS = {"list": "List operators, objects, strategies, policies or worlds.", "lab": "Experiments for papers."}
+GROUPS = {"list": "List operators, objects, strategies, policies or worlds."}
 
 app = typer.Typer(
     name="vlafuzz",

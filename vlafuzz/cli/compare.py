@@ -49,8 +49,8 @@ def command(
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
     from vlafuzz.doctor.exam import speed_of
-    from vlafuzz.lab.compare.compare import compare
-    from vlafuzz.lab.compare.comparison import rows, sentences
+    from vlafuzz.lab.compare import compare
+    from vlafuzz.lab.comparison import rows, sentences
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)

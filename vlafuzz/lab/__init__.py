@@ -1,1 +1,1 @@
-"""This room holds what researchers run: comparisons of strategies, and studies. Only its commands import it."""
+"""Comparisons of strategies: several runs of each at equal budget, their causes, and statistical tests."""

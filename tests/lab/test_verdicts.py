@@ -1,6 +1,6 @@
 import pytest
 
-from vlafuzz.lab.compare.comparison import Counted, Pair, against
+from vlafuzz.lab.comparison import Counted, Pair, against
 
 
 def counted(strategy: str, seed: int, causes: int | None) -> Counted:

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
@@ -16,23 +15,13 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.compare.certified import Known, certified, certify, known_results, uncertified
-from vlafuzz.lab.compare.comparison import Comparison, Counted, compare_runs
-from vlafuzz.lab.runs import SpeedOf, Wanted, complete
+from vlafuzz.lab.certified import Known, certified, certify, known_results, uncertified
+from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
+from vlafuzz.lab.runs import Job, SpeedOf, Wanted, complete
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Run, Trial
 from vlafuzz.store.store import Store
-
-
-class Job(NamedTuple):
-    """One run: the n-th of every strategy has the same seed."""
-
-    strategy: str
-    seed: int
-
-    def __str__(self) -> str:
-        return f"{self.strategy}, seed {self.seed}"
 
 
 def compare(
@@ -67,7 +56,7 @@ def compare(
     }
     make_folder(folder)
     with Store.open(run.store, "write") as store:
-        runs = list(complete(store, wanted, watch, speed_of, flag="--store", triage=limit).values())
+        runs = list(complete(store, wanted, watch, speed_of, limit).values())
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)

@@ -10,7 +10,7 @@ from tests.doubles import failed, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.compare.certified import Certified, certified, certify, known_results, uncertified
+from vlafuzz.lab.certified import Certified, certified, certify, known_results, uncertified
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
