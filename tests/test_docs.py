@@ -43,19 +43,11 @@ def test_readme_has_at_most_150_lines():
     assert len(README.splitlines()) <= 150
 
 
-@pytest.mark.parametrize("name", sorted({name.split()[0] for name in COMMANDS}))
-def test_the_page_on_commands_has_every_command(name):
-    assert f"`vlafuzz {name}" in COMMANDS_PAGE
-
-
-@pytest.mark.parametrize("name", list(load_operators().operators))
-def test_the_page_on_scenes_has_a_row_for_every_operator(name):
-    assert re.search(rf"^\| \d+ \| `{name}`", SCENES, flags=re.MULTILINE)
-
-
-@pytest.mark.parametrize("name", TASKS)
-def test_the_page_on_scenes_names_every_task(name):
-    assert f"`{name}`" in SCENES
+def test_the_pages_have_every_command_operator_and_task():
+    assert [name for name in COMMANDS if f"`vlafuzz {name.split()[0]}" not in COMMANDS_PAGE] == []
+    rows = re.findall(r"^\| \d+ \| `(.*?)`", SCENES, flags=re.MULTILINE)
+    assert [name for name in load_operators().operators if name not in rows] == []
+    assert [name for name in TASKS if f"`{name}`" not in SCENES] == []
 
 
 @pytest.mark.parametrize(

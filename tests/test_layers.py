@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -35,6 +36,11 @@ HEAVY = ("torch", "sapien", "mani_skill", "ray", "pymoo", "matplotlib", "pandas"
 ROOT = Path(vlafuzz.__file__).parent
 LOADED = re.compile(r"vlafuzz(\.\w+)+(:\w+)?")  # a string that import_module may get
 FILES = sorted(path for path in ROOT.rglob("*.py") if "_shipped" not in path.parts)
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
 
 
 def room(module: str) -> str:
@@ -86,9 +92,8 @@ def complaints(importer: str, tree: ast.AST) -> list[str]:
     return found
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_imports_only_its_own_package_and_rows_above(path: Path):
-    assert complaints(top(path), ast.parse(path.read_text())) == []
+def test_every_module_imports_only_its_own_package_and_rows_above():
+    assert {path: found for path in FILES if (found := complaints(top(path), tree_of(path)))} == {}
 
 
 def modules_imported(tree: ast.AST) -> set[str]:
@@ -98,16 +103,14 @@ def modules_imported(tree: ast.AST) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_only_worlds_and_commands_about_objects_and_machines_import_a_world(path: Path):
-    rooms = {name for _, name in imported(ast.parse(path.read_text()))}
-    assert not rooms & set(WORLDS) or top(path) in (*WORLDS, "cli", "doctor")
+def test_only_worlds_and_commands_about_objects_and_machines_import_a_world():
+    others = [path for path in FILES if top(path) not in (*WORLDS, "cli", "doctor")]
+    assert [path for path in others if {name for _, name in imported(tree_of(path))} & set(WORLDS)] == []
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: str(path.relative_to(ROOT)))
-def test_only_the_command_line_knows_of_a_terminal(path: Path):
-    terminal = {"typer", "rich", "click"} & modules_imported(ast.parse(path.read_text()))
-    assert terminal == set() or top(path) in ("cli", "__main__")
+def test_only_the_command_line_knows_of_a_terminal():
+    others = [path for path in FILES if top(path) not in ("cli", "__main__")]
+    assert [path for path in others if modules_imported(tree_of(path)) & {"typer", "rich", "click"}] == []
 
 
 @pytest.mark.parametrize(
@@ -153,7 +156,7 @@ def imported_modules(tree: ast.AST, known: set[str]) -> set[str]:
 
 def test_no_modules_import_each_other_in_a_circle():
     modules = {module(path): path for path in FILES}
-    graph = {name: imported_modules(ast.parse(path.read_text()), set(modules)) for name, path in modules.items()}
+    graph = {name: imported_modules(tree_of(path), set(modules)) for name, path in modules.items()}
     TopologicalSorter({name: names - {name} for name, names in graph.items()}).prepare()  # raises CycleError
 
 

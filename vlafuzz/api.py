@@ -28,7 +28,6 @@ from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
-from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.diff import Difference, diff_policies
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.policies import compare_policies
@@ -118,13 +117,6 @@ def film(
     if made is None:
         raise UsageError(f"{finding.scene}: cannot be rolled out", hint="`vlafuzz replay` says why")
     return made
-
-
-def causes(store: Path | str, run: int | None = None) -> CauseList | None:
-    """The causes of a run, by default of the last one that looked for causes; None if there is none."""
-    with Store.open(Path(store)) as opened:
-        lists = [one for one in all_causes(opened) if run in (None, one.run)]
-    return lists[-1] if lists else None
 
 
 def triage(

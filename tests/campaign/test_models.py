@@ -91,11 +91,6 @@ def test_built_in_policies_and_your_own_are_known_by_their_code():
     assert plan(RunConfig(policy="frozen")).manifest.label == ""
 
 
-def test_a_label_is_a_short_name(capsys):
-    assert main(["run", "--policy", "frozen", "--label", "a b\x1b"]) == 2
-    assert "--label 'a b\\x1b': expected up to 100 letters" in capsys.readouterr().err
-
-
 def test_conventions_that_nobody_declares_are_said_one_by_one(server: str, capsys):
     address, _, options = server.partition("?")
     declared = [each for each in options.split("&") if each.startswith(("camera", "state", "deterministic"))]

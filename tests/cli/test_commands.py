@@ -60,11 +60,8 @@ def test_every_command_that_is_there_has_help():
         assert main([*name.split(), "--help"]) == 0
 
 
-def test_there_are_at_most_15_commands():
+def test_there_are_at_most_15_commands_and_run_has_at_most_22_options():
     assert len({name.split()[0] for name in COMMANDS}) <= 15
-
-
-def test_run_has_at_most_22_options():
     shown = [param for param in load("run").params if not param.hidden and param.name != "help"]
     assert len(shown) <= 22
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from tests.cli.typed import complaint
 from tests.doubles import ClosedForm, Gone, Raising
 from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.campaign import launch
@@ -46,12 +47,8 @@ def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
         return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
 
 
-def complaint(capsys, *flags: str, code: int = 2) -> str:
-    capsys.readouterr()
-    assert main(["compare", *SMALL, *HERE, *flags]) == code
-    shown = capsys.readouterr().err.splitlines()
-    assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
-    return shown[0]
+def refused(capsys, *flags: str, code: int = 2) -> str:
+    return complaint(capsys, ["compare", *SMALL, *HERE, *flags], code=code)
 
 
 @pytest.fixture(autouse=True)
@@ -105,24 +102,15 @@ def test_every_run_pays_for_its_own_rollouts(capsys):
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
-def test_the_json_has_all_figures(capsys, folder: Path):
-    compare("--json")
-    document = json.loads(capsys.readouterr().out)
+def test_the_json_has_all_figures_and_is_in_the_folder(plain: Made):
+    assert [path.name for path in (plain.folder / "out").iterdir()] == ["compare.json"]
+    assert "written: out/compare.json" in plain.said
+    document = plain.document
     assert (document["budget"], document["repeats"]) == (12, 2)
     assert (document["seeds"], document["reference"]) == ([3, 4], "random")
     standing = document["standings"][1]
     assert (standing["strategy"], standing["means"]["causes"]) == ("nsga2", None)
     assert standing["means"]["failures"]["value"] > 0
-    assert json.loads((folder / "out/compare.json").read_text()) == document
-
-
-def test_with_two_repeats_it_says_that_they_are_too_few(plain: Made):
-    assert "2 repeats are too few to tell, p is never below 0.5; 6 could" in plain.printed
-
-
-def test_the_json_is_in_the_folder(plain: Made):
-    assert [path.name for path in (plain.folder / "out").iterdir()] == ["compare.json"]
-    assert "written: out/compare.json" in plain.said
 
 
 def test_one_strategy_alone_is_not_tested(capsys):
@@ -155,7 +143,8 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
 
 def test_without_triage_failures_judge_and_it_says_so(plain: Made):
     assert "Nothing was triaged (--triage-rollouts 0)" in plain.printed
-    assert "nsga2: failures beside random" in plain.printed
+    too_few = "2 repeats are too few to tell, p is never below 0.5; 6 could"
+    assert f"nsga2: failures beside random: {too_few}" in " ".join(plain.printed.split())
     assert "certified causes" not in plain.printed
     with Store.open(plain.folder / "a.db") as store:
         assert store.triaged() == []
@@ -173,10 +162,14 @@ class Breaking(PlantedRunner):
         return [Outcome.error("refused") for _ in scenes]
 
 
-def test_failures_that_cannot_be_judged_are_told(monkeypatch, capsys):
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
-    compare("--strategies", "random", "--triage-rollouts", "50")
+def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monkeypatch, capsys):
+    flags = ("--strategies", "random", "--triage-rollouts", "50")
+    with monkeypatch.context() as patched:
+        patched.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
+        compare(*flags)
     assert "failures could not be judged: the policy broke" in capsys.readouterr().err
+    compare(*flags, "--json")
+    assert all(run["triaged"] for run in json.loads(capsys.readouterr().out)["runs"])
 
 
 @pytest.mark.parametrize(
@@ -199,7 +192,7 @@ def test_failures_that_cannot_be_judged_are_told(monkeypatch, capsys):
 def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
     capsys, folder: Path, flags: tuple[str, ...], says: str
 ):
-    assert says in complaint(capsys, *flags)
+    assert says in refused(capsys, *flags)
     assert list(folder.iterdir()) == []
 
 
@@ -211,12 +204,13 @@ def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
 
 def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
-    assert "ended in an error, first: ConnectionError: refused" in complaint(capsys, code=3)
+    assert "ended in an error, first: ConnectionError: refused" in refused(capsys, code=3)
 
 
-def test_done_twice_nothing_is_run_again(capsys, monkeypatch):
+def test_done_twice_nothing_is_run_again(capsys, monkeypatch, folder: Path):
     compare("--json")
     first = capsys.readouterr().out
+    assert json.loads(first) == json.loads((folder / "out/compare.json").read_text())
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--json")
@@ -297,13 +291,13 @@ def test_a_run_that_others_answered_is_refused(capsys):
         args = ("--budget", "12", "--seed", "3", "--store", "a.db")
         for strategy in ("random", "python:tests.doubles:make_random_again"):
             assert main(["run", *IDLE, "--unchecked", "--strategy", strategy, *args]) == 0
-    message = complaint(capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1")
+    message = refused(capsys, "--strategies", "random,python:tests.doubles:make_random_again", "--repeats", "1")
     assert "run 2 reused" in message
 
 
 def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys, folder: Path):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
-    assert "8 scenes in a row had no answer" in complaint(capsys, code=3)
+    assert "8 scenes in a row had no answer" in refused(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]
     assert not (folder / "out" / "compare.json").exists()
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())

@@ -85,11 +85,8 @@ def test_causes_are_fixed_remaining_or_new(capsys):
     }
     assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (4, 6, True)
     assert (printed["new"]["changed"], printed["new"]["of"], printed["broken"]["changed"]) == (4, 6, 0)
-
-
-def test_the_other_way_round_what_was_fixed_is_new(capsys):
-    printed = diff("new", "old", capsys=capsys)
-    standings = {each["signature"].split("|")[-1]: each["standing"] for each in printed["causes"]}
+    back = diff("new", "old", capsys=capsys)
+    standings = {each["signature"].split("|")[-1]: each["standing"] for each in back["causes"]}
     assert (standings["light:dark"], standings["light:bright"]) == ("new", "fixed")
 
 

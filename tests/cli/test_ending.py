@@ -51,17 +51,14 @@ def chatty() -> Idle:
     return Idle()
 
 
-def test_sigterm_ends_a_run_in_order(monkeypatch, capsys):
+def test_sigterm_ends_a_run_in_order_and_names_what_is_stored_to_go_on(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Signalled())
     before = signal.getsignal(signal.SIGTERM)
     assert main(["run", "--policy", "frozen", *FLAGS]) == 130
     assert "interrupted: all trials so far are stored in a.db\nhint: continue with" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-def test_an_interruption_before_anything_is_stored_names_no_run_to_resume(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: signal.raise_signal(signal.SIGTERM))
-    said = typed(capsys, ["run", "--policy", "frozen", *FLAGS], code=130).err
+    said = typed(capsys, ["run", "--policy", "frozen", *FLAGS[:-1], "b.db"], code=130).err
     assert "interrupted: nothing is stored yet" in said
     assert "--resume" not in said
 

@@ -140,9 +140,14 @@ def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(tmp_path: Path, 
     assert not (tmp_path / "a.db").exists()
 
 
-def test_a_run_that_was_not_to_look_says_so(tmp_path: Path, capsys):
-    assert run(tmp_path, f"{HERE}:constant", "--unchecked") == 0
-    assert json.loads(capsys.readouterr().out)["checkup"] == "unchecked"
+@pytest.mark.parametrize(
+    ("name", "flags", "checkup"), [(f"{HERE}:constant", ["--unchecked"], "unchecked"), ("frozen", [], "")]
+)
+def test_a_run_that_was_not_to_look_says_so_and_policies_that_come_along_are_not_asked(
+    tmp_path: Path, capsys, name: str, flags: list[str], checkup: str
+):
+    assert run(tmp_path, name, *flags) == 0
+    assert json.loads(capsys.readouterr().out)["checkup"] == checkup
 
 
 def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(tmp_path: Path, capsys):
@@ -155,11 +160,6 @@ def test_a_run_is_labelled_with_what_is_wrong_with_its_policy(tmp_path: Path, ca
         assert store.runs()[0].manifest.checkup == label
         (runs,) = (table for table in view_of_store(store).tables if table.title == "Runs")
         assert runs.rows[0]["checkup"] == label
-
-
-def test_policies_that_come_along_are_not_asked(tmp_path: Path, capsys):
-    assert run(tmp_path, "frozen") == 0
-    assert json.loads(capsys.readouterr().out)["checkup"] == ""
 
 
 @pytest.mark.slow

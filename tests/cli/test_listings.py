@@ -36,21 +36,15 @@ def test_an_object_that_a_run_refuses_is_refused(tmp_path: Path, capsys, names: 
     assert says in typed(capsys, ["list", "operators", "--operators", str(tmp_path / "mine.yaml"), *flags], code=2).err
 
 
-def test_objects_are_listed(capsys):
+def test_objects_are_listed_with_the_narrowest_grasp_in_each_rest_pose(capsys):
     rows = told(capsys, ["list", "objects", "--json"])
     assert [row["object"] for row in rows] == list(load_catalogue().names())
     can = next(row for row in rows if row["object"] == "coke_can")
     assert can["rest poses"] == {"standing": pytest.approx(0.065, abs=1e-3), "lying": pytest.approx(0.065, abs=1e-3)}
-
-
-def test_a_table_shows_the_narrowest_grasp(capsys):
     assert "standing 6.5 cm, lying 6.5 cm" in typed(capsys, ["list", "objects"]).out
 
 
-def test_policies_are_listed(capsys):
+def test_policies_and_strategies_are_listed_the_default_strategy_first(capsys):
     assert "pinhole" in [row["policy"] for row in told(capsys, ["list", "policies", "--json"])]
-
-
-def test_the_default_strategy_comes_first(capsys):
     assert "causes (default)" in typed(capsys, ["list", "strategies"]).out.splitlines()[4]
     assert told(capsys, ["list", "strategies", "--json"])[0]["strategy"] == "causes"

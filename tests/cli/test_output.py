@@ -19,33 +19,17 @@ class Lines(list[str]):
         self.some.set()
 
 
-def test_a_line_says_what_is_done_and_how_long_the_rest_takes():
+def test_lines_say_what_is_done_and_how_long_the_rest_takes_until_the_end():
     lines = Lines()
     beat = Heartbeat(lines, every=0.01)
     beat.tell("findings", 0, 8)
     beat.tell("findings", 2, 8)
-    assert lines.some.wait(SOON)
-    beat.stop()
-    assert lines[-1].startswith("findings: 2 of 8, ")
-    assert "left" in lines[-1]
-
-
-def test_lines_come_while_one_step_takes_long():
-    lines = Lines()
-    beat = Heartbeat(lines, every=0.01)
-    beat.tell("films", 0, None)
-    for _ in range(3):
+    for _ in range(3):  # one step takes long
         lines.some.clear()
         assert lines.some.wait(SOON)
     beat.stop()
-
-
-def test_no_line_comes_after_the_end():
-    lines = Lines()
-    beat = Heartbeat(lines, every=0.01)
-    beat.tell("films", 1, 2)
-    assert lines.some.wait(SOON)
-    beat.stop()
+    assert lines[-1].startswith("findings: 2 of 8, ")
+    assert "left" in lines[-1]
     lines.some.clear()
     assert not lines.some.wait(0.1)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import told, typed
+from tests.cli.typed import complaint, told, typed
 from tests.doubles import Raising
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.forecast import Forecast, Speed
@@ -44,14 +44,6 @@ def proposed(store: str, number: int = 1) -> list[tuple[object, ...]]:
 
 def printed(capsys) -> str:
     return capsys.readouterr().out
-
-
-def complaint(capsys, *arguments: str) -> str:
-    """The one sentence and the hint that a wrong use ends with."""
-    capsys.readouterr()
-    shown = typed(capsys, [*arguments], code=2).err.splitlines()
-    assert [line.partition(": ")[0] for line in shown] == ["error", "hint"], shown
-    return "\n".join(shown)
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
@@ -125,7 +117,7 @@ def test_the_newest_run_that_fits_the_flags_is_gone_on_with(monkeypatch):
 )
 def test_other_flags_than_then_are_refused(monkeypatch, capsys, flags: list[str], says: str):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db", *flags)
+    message = complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db", *flags])
     assert "a.db: no run that ended early fits: run 1 has" in message
     assert says in message
 
@@ -133,35 +125,32 @@ def test_other_flags_than_then_are_refused(monkeypatch, capsys, flags: list[str]
 def test_another_version_than_then_is_refused(monkeypatch, capsys):
     cut(monkeypatch, "--budget", "20", "--store", "a.db")
     monkeypatch.setattr("vlafuzz.worlds.provenance.commit", lambda: "another")
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
+    message = complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db"])
     assert "run 1 was made by another version: its commit differs (" in message
     assert "another now)" in message
 
 
-def test_a_run_of_another_place_is_not_resumed_and_answers_nothing(monkeypatch, capsys):
+def test_a_run_of_another_or_an_unknown_place_is_not_resumed_and_answers_nothing(monkeypatch, capsys):
     flags = ("--budget", "20", "--strategy", "random", "--store", "a.db")
     cut(monkeypatch, *flags)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
+    message = complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db"])
     assert "a.db: run 1 was made at another place: " in message
     assert "resume it there, or leave out --resume to start a new run" in message
     run(*flags)
     assert not any(duplicate for _, _, duplicate, _ in proposed("a.db", 2))
-
-
-def test_a_run_of_an_unknown_place_can_only_be_started_anew(monkeypatch, capsys):
     with monkeypatch.context() as earlier:
         earlier.setattr("vlafuzz.worlds.provenance.here", lambda *_, **__: "")
-        cut(monkeypatch, "--budget", "20", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
-    assert "a.db: run 1 was made at a place that is not known" in message
+        cut(monkeypatch, "--budget", "20", "--store", "b.db")
+    message = complaint(capsys, ["run", "--resume", "--trust", "--store", "b.db"])
+    assert "b.db: run 1 was made at a place that is not known" in message
     assert "hint: leave out --resume to start a new run, which reuses none of its outcomes" in message
 
 
 def test_there_must_be_something_to_go_on_with(capsys):
-    assert "a.db: no such store" in complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
+    assert "a.db: no such store" in complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db"])
     run("--budget", "3", "--store", "a.db")
-    message = complaint(capsys, "run", "--resume", "--trust", "--store", "a.db")
+    message = complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db"])
     assert "no run ended early (runs: 1 finished)" in message
     assert "leave out --resume" in message
 
@@ -169,7 +158,7 @@ def test_there_must_be_something_to_go_on_with(capsys):
 def test_a_second_run_in_a_store_is_told_at_once_who_writes(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
     with Store.open(Path("a.db"), "write"):
-        message = complaint(capsys, "run", *IDLE, "--store", "a.db")
+        message = complaint(capsys, ["run", *IDLE, "--store", "a.db"])
     assert "is writing to it" in message
     assert "give another store" in message
 
@@ -179,7 +168,7 @@ def test_a_damaged_store_is_a_sentence(capsys, flags: tuple[str, ...]):
     run("--budget", "60", "--store", "a.db")
     data = Path("a.db").read_bytes()
     Path("a.db").write_bytes(data[: len(data) // 2])
-    assert "a.db: is damaged" in complaint(capsys, "run", *flags, "--store", "a.db")
+    assert "a.db: is damaged" in complaint(capsys, ["run", *flags, "--store", "a.db"])
 
 
 def test_a_strategy_says_what_it_chose_by_itself(capsys):
@@ -209,7 +198,7 @@ def test_stores_are_merged(capsys):
 )
 def test_a_wrong_merge_is_a_sentence(capsys, arguments: list[str], says: str):
     run("--budget", "3", "--store", "a.db")
-    assert says in complaint(capsys, "export", "--format", "store", *arguments)
+    assert says in complaint(capsys, ["export", "--format", "store", *arguments])
     assert not Path("c.db").exists()
 
 
@@ -221,7 +210,7 @@ def test_a_run_of_narrower_ranges_is_gone_on_with_in_these(monkeypatch, capsys):
     assert proposed("parted.db") == proposed("whole.db")
     assert max(abs(trial[0].camera.pitch) for trial in proposed("whole.db")) <= 1.5
     cut(monkeypatch, *flags, "--store", "other.db")
-    said = complaint(capsys, "run", *IDLE, "--resume", "--severity", "0.5", "--store", "other.db")
+    said = complaint(capsys, ["run", *IDLE, "--resume", "--severity", "0.5", "--store", "other.db"])
     assert "severity 0.3, not 0.5" in said
 
 
@@ -242,5 +231,5 @@ def test_the_severity_at_which_one_half_fails_is_found_first(capsys):
 @pytest.mark.parametrize("severity", ["0", "2", "much"])
 def test_a_severity_out_of_range_is_refused(capsys, severity: str):
     assert f"--severity {severity}: expected a number from 0.05 to 1, or auto" in complaint(
-        capsys, "run", *IDLE, "--severity", severity
+        capsys, ["run", *IDLE, "--severity", severity]
     )

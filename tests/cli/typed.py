@@ -15,3 +15,11 @@ def typed(capsys, words: Sequence[str] | str, *, code: int = 0):
 def told(capsys, words: Sequence[str] | str, *, code: int = 0):
     """The JSON that a command prints that ends with this exit code."""
     return json.loads(typed(capsys, words, code=code).out)
+
+
+def complaint(capsys, words: Sequence[str] | str, *, code: int = 2) -> str:
+    """The sentence and the hint with which a command ends, and nothing else on stderr."""
+    capsys.readouterr()
+    said: str = typed(capsys, words, code=code).err
+    assert [line.partition(": ")[0] for line in said.splitlines()] == ["error", "hint"], said
+    return said

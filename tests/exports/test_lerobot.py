@@ -153,7 +153,6 @@ def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, ca
     [
         (["--run", "1"], "--run 1: CORPUS is a corpus, not a store"),
         (["--verdict", "all"], "--verdict all: only failures have witnesses"),
-        (["--minimal"], "--minimal goes with neither --verdict nor --format"),
     ],
 )
 def test_flags_that_do_not_go_with_it(

@@ -10,7 +10,7 @@ from tests.doubles import failed, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.certified import Certified, certified, certify, known_results, uncertified
+from vlafuzz.lab.certified import Certified, certified, certify, known_results
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
@@ -80,21 +80,10 @@ def test_beyond_the_limit_nothing_counts_and_all_of_it_is_spent():
     assert counted == Certified(("dark",), triaged=3, rollouts=154)
 
 
-def test_triage_of_a_run_ends_at_its_limit_and_goes_on_with_a_larger_one(store: Store):
-    runs = store.runs()
-    certify(store, runner, runs[:1], limit=1)
-    assert len(store.triaged()) == 1
-    assert uncertified(store, runs, limit=1) == []
-    assert uncertified(store, runs, limit=1000) == runs
-    certify(store, runner, runs, limit=1000)
-    assert len(store.triaged()) == len(SCENES)
-    causes = certified(findings_in_order(store, 1), known_results(store), 1000).causes
-    assert causes == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
-
-
 def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Store):
     certify(store, runner, store.runs(), limit=1000)
     counted = [certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()]
+    assert counted[0].causes == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
     assert [one.triaged for one in counted] == [4, 2]
     assert counted[1].rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
@@ -117,18 +106,6 @@ def test_an_interruption_and_the_number_of_workers_change_nothing(store: Store, 
         assert 0 < len(other.triaged()) < len(SCENES)
         certify(other, runner, other.runs(), limit=1000, place=Place(2))
         assert results(other) == results(store)
-
-
-class Breaking(PlantedRunner):
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        return [Outcome.error("refused") for _ in scenes]
-
-
-def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(store: Store):
-    assert certify(store, lambda run: Breaking([]), store.runs(), limit=1000) == len(SCENES)
-    assert certified(findings_in_order(store, 1), known_results(store), 1000).triaged == 0
-    assert certify(store, runner, store.runs(), limit=1000) == 0
-    assert len(store.triaged()) == len(SCENES)
 
 
 class Edgy(PlantedRunner):

@@ -1,7 +1,6 @@
 """Which runs of a store a comparison takes, and how it does the others."""
 
 import json
-from functools import partial
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,7 @@ from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.lab import runs
-from vlafuzz.lab.runs import Job, Wanted, complete, note_places, stored
+from vlafuzz.lab.runs import Job, complete, note_places, stored
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -50,27 +49,26 @@ def executors(monkeypatch) -> list[Plan]:
     return plans
 
 
-def wanted(seed: int, strategy: str = "random") -> Wanted:
-    planned = partial(plan, RunConfig(policy="pinhole", strategy=strategy, budget=3, seed=seed))
-    return Wanted(planned().manifest, planned)
+def planned(job: Job) -> Plan:
+    return plan(RunConfig(policy="pinhole", strategy=job.strategy, budget=3, seed=job.seed))
 
 
-def do(store: Store, *needed: Wanted, watch: Watch = SILENT) -> dict[Job, Run]:
-    return complete(store, {Job(one.manifest.strategy, one.manifest.seed): one for one in needed}, watch)
+def do(store: Store, *jobs: Job, watch: Watch = SILENT) -> list[Run]:
+    return complete(store, jobs, planned, planned(jobs[0]).manifest, watch)
 
 
 def test_adjacent_runs_that_differ_in_their_strategy_alone_share_an_executor(store: Store, executors: list[Plan]):
-    do(store, wanted(1), wanted(1, "causes"), wanted(2))
+    do(store, Job("random", 1), Job("causes", 1), Job("random", 2))
     assert [run.manifest.seed for run in store.runs()] == [1, 1, 2]
     assert [planned.manifest.seed for planned in executors] == [1, 2]
 
 
 @pytest.mark.usefixtures("executors")
 def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch):
-    store.begin(wanted(1).plan().manifest)
+    store.begin(planned(Job("random", 1)).manifest)
     told = Told()
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
-    do(store, wanted(1), watch=told)
+    do(store, Job("random", 1), watch=told)
     assert [(run.status, store.count(run.id)) for run in store.runs()] == [("running", 0), ("finished", 3)]
     assert told.notes[0].startswith("random, seed 1: begins anew, since run 1 ended early at another place: ")
 
@@ -89,7 +87,7 @@ def test_runs_of_several_places_are_noted_as_such(store: Store):
 @pytest.mark.usefixtures("executors")
 def test_progress_counts_the_rollouts_of_all_runs(store: Store):
     told = Told()
-    do(store, wanted(1), wanted(2), watch=told)
+    do(store, Job("random", 1), Job("random", 2), watch=told)
     assert told.bars[0] == ("run 1 of 2: random, seed 1", 0, 6)
     assert told.bars[-1] == ("run 2 of 2: random, seed 2", 6, 6)
 

@@ -42,24 +42,7 @@ def test_it_begins_with_the_failure_rate_and_what_is_known_of_causes(triaged: Vi
     assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
     assert head.rate.value == 0.75
     assert [card.badge[0] for card in triaged.causes] == ["certified", "certified"]
-
-
-def test_a_random_run_says_that_nothing_looked_for_causes(tmp_path: Path):
-    (head,) = view(store(tmp_path / "a.db", triaged=0)).heads
-    assert head.sentence == "Fails in 6 of 7 scenes that were tried. Nothing has looked for causes yet."
-
-
-def test_a_page_of_triaged_scenes_has_no_next_step_but_those_of_its_cards(triaged: View):
-    assert triaged.todo == ()
-
-
-def test_the_failures_of_a_guided_run_are_not_given_as_a_rate(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        opened.begin(replace(MANIFEST, strategy="nsga2"))
-        opened.add(1, ended(SPACE.nominal()))
-    (head,) = view(tmp_path / "a.db").heads
-    assert head.rate is None
-    assert "%" not in head.sentence
+    assert triaged.todo == ()  # no next step but those of its cards
 
 
 def test_runs_are_listed_with_verdicts_and_stages_reached(triaged: View):
@@ -126,6 +109,8 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     shown = view(store(tmp_path / "a b.db", triaged=0))
     assert {card.of.bucket for card in shown.cards} == {"observed"}
     assert {card.of.lost_stage for card in shown.cards} == {"grasp"}
+    (head,) = shown.heads
+    assert head.sentence == "Fails in 6 of 7 scenes that were tried. Nothing has looked for causes yet."
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"
@@ -160,12 +145,9 @@ def test_it_names_the_phase_of_a_run(tmp_path: Path):
         opened.finish(run, "finished", 1.0)
         assert view_of_store(opened).phase == "certifying: 0 of 1 cause so far"
     assert view(path).phase == "finished"
-
-
-def test_a_run_that_was_killed_is_not_said_to_go_on(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
+    with Store.open(path, "write") as opened:
         opened.begin(replace(MANIFEST, budget=50))
-    assert view(tmp_path / "a.db").phase == "interrupted: 0 of 50 rollouts done"
+    assert view(path).phase == "interrupted: 0 of 50 rollouts done"  # it was killed: nobody writes
 
 
 def test_it_says_where_each_run_was_made(tmp_path: Path):

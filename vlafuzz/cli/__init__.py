@@ -19,7 +19,7 @@ from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
 BUG = 70  # the exit code of a traceback
 
-# Name of each command, behind that of its group if it has one; where it is, and what it does.
+# Name of each command, behind "list" if it is one of these; where it is, and what it does.
 COMMANDS = {
     "run": ("vlafuzz.cli.run:command", "Fuzz a policy: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
@@ -42,9 +42,6 @@ COMMANDS = {
     "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
     "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
 }
-
-# What the groups of commands do.
-GROUPS = {"list": "List operators, objects, strategies, policies or worlds."}
 
 app = typer.Typer(
     name="vlafuzz",
@@ -166,9 +163,8 @@ def named(command: Any, words: Sequence[str]) -> list[str]:
     return [*found, *[EVERYTHING] * bool(given.get("trust"))]
 
 
-_groups = {name: typer.Typer(help=says, no_args_is_help=True) for name, says in GROUPS.items()}
+_lists = typer.Typer(help="List operators, objects, strategies, policies or worlds.", no_args_is_help=True)
 for _command, (_, _summary) in COMMANDS.items():
     _group, _, _name = _command.rpartition(" ")
-    _register(_groups.get(_group, app), _name, _command, _summary)
-for _name, _made in _groups.items():
-    app.add_typer(_made, name=_name)
+    _register(_lists if _group else app, _name, _command, _summary)
+app.add_typer(_lists, name="list")

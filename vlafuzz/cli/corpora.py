@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, label_option, option, option_of
+from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, option, option_of
 from vlafuzz.cli.output import Bar, print_json, print_lines, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
@@ -108,10 +108,10 @@ def diff(
     policy_a: Annotated[str | None, option("The first policy, if it has another name now.", "as in A")] = None,
     policy_b: Annotated[str | None, option("The second policy, if it has another name now.", "as in B")] = None,
     label_a: Annotated[
-        str | None, label_option("--label-a", "Which model the first policy is, or which of those in A.", "as in A")
+        str | None, option("Which model the first policy is, or which of those in A.", "as in A")
     ] = None,
     label_b: Annotated[
-        str | None, label_option("--label-b", "Which model the second policy is, or which of those in B.", "as in B")
+        str | None, option("Which model the second policy is, or which of those in B.", "as in B")
     ] = None,
     run_a: Annotated[int | None, option("Only this run of A.", "all runs")] = None,
     run_b: Annotated[int | None, option("Only this run of B.", "all runs")] = None,

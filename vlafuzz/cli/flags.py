@@ -42,18 +42,6 @@ def option(text: str, shown: str = "", *, flag: str = "", hidden: bool = False, 
     return typer.Option(*flag.split(), help=text, show_default=shown or True, hidden=hidden, rich_help_panel=panel)
 
 
-def label_option(flag: str, text: str, default: str = "", panel: str | None = None) -> Any:
-    """An option that takes a label, and refuses what does not fit into a line of text."""
-
-    def checked(label: str | None) -> str | None:
-        from vlafuzz.model.conditions import check_label
-
-        check_label(flag, label)
-        return label
-
-    return typer.Option(flag, help=text, show_default=default or False, callback=checked, rich_help_panel=panel)
-
-
 def option_of(name: str, shown: str | None = None, *, more: str = "", panel: str | None = None) -> Any:
     """An option that ``RunConfig`` declares; hidden if only ``--config`` has it.
 
@@ -65,8 +53,6 @@ def option_of(name: str, shown: str | None = None, *, more: str = "", panel: str
     told = OPTIONS[name]
     flag, default = told.flag or f"--{name.replace('_', '-')}", told.shown if shown is None else shown
     text = " ".join(filter(None, (told.help, more)))
-    if name == "label":
-        return label_option(flag, text, default, panel)
     return option(text, default, flag=flag, hidden=not told.flag, panel=panel)
 
 

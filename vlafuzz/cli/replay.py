@@ -5,8 +5,10 @@ from typing import Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, label_option, opened, option
+from vlafuzz.cli.flags import JsonFlag, PackFlag, TrustFlag, opened, option
 from vlafuzz.cli.output import print_json, print_rows, stderr
+
+SIZE = 480  # height of a film, pixels
 
 
 def command(
@@ -16,7 +18,7 @@ def command(
         typer.Argument(help="The first digits of a scene's digest.", show_default="the one that `run` named"),
     ] = None,
     policy: Annotated[str | None, option("Another policy than the store's.")] = None,
-    label: Annotated[str | None, label_option("--label", "Which model the policy is, or whose first failure.")] = None,
+    label: Annotated[str | None, option("Which model the policy is, or whose first failure.")] = None,
     pack: PackFlag = None,
     video: Annotated[Path | None, option("Write an MP4.")] = None,
     seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
@@ -45,7 +47,7 @@ def command(
         video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
     if video:
         world_of(wanted.scene.task).check_pictures()
-    recording = Recording(480 if video else 0)
+    recording = Recording(SIZE if video else 0)
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
     if lost := replayed.outcome.lost_stage:
         recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")

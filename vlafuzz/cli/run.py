@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from vlafuzz.campaign.options import AUTO
+from vlafuzz.campaign.options import AUTO, LEAST
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.errors import PrerequisiteError, UsageError
@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from vlafuzz.campaign.forecast import Speed
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
+
+# Of the budget, to find the severity at which one half fails: with 60 rollouts its 95 % interval is .17 to .28 wide in
+# simulation.
+PROBING, FEWEST = 0.25, 20
 
 
 @with_run_options()
@@ -98,21 +102,26 @@ def command(
 
 
 def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Deadline) -> tuple[RunConfig, Done]:
-    """The configuration with the severity at which about one half fails, and the run that found it out."""
+    """The configuration with the severity at which about one half fails, and the run that found it out.
+
+    What that run leaves of the budget is for the run that follows.
+    """
     from vlafuzz.campaign.config import BUDGET
     from vlafuzz.campaign.config import plan as plan_of
-    from vlafuzz.campaign.severity import probing, settled
     from vlafuzz.report.counts import half_of_run
+    from vlafuzz.search.severity import NAME
     from vlafuzz.store.store import Store
 
     budget = config.budget or BUDGET
-    plan = plan_of(probing(config, budget))
+    probing = replace(config, severity=1.0, strategy=NAME, budget=max(FEWEST, int(budget * PROBING)))
+    plan = plan_of(probing)
     done = run_plan(plan, None, until.after(0.5), certify=False)
     with Store.open(plan.store) as store:
         half = half_of_run(store, done.summary.run)
-    found = settled(replace(config, store=plan.store), half, budget - done.summary.rollouts)
-    Bar.note(f"severity {found.severity:g}: about one half fails there")
-    return found, done
+    severity = min(max(round(half.value, 2), LEAST), 1.0)
+    Bar.note(f"severity {severity:g}: about one half fails there")
+    left = max(budget - done.summary.rollouts, config.repeats)
+    return replace(config, store=plan.store, severity=severity, budget=left), done
 
 
 def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:

@@ -231,10 +231,6 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
         return
     with closing(policy):
         manifest = config.plan(run, policy=policy).manifest
-        watch.note(
-            f"{run.policy}: a few seconds of questions, then {n} rollouts; "
-            f"where they fail, up to some 150 more, with corrections; --time bounds it"
-        )
         most = longest(policy.spec, manifest)
         watch.progress("checks", 0, None)
         with closing(Exam(manifest, policy, watch, deadline)) as exam:
@@ -245,7 +241,8 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
                     speed = exam.speed(1)
                     seconds = most / speed.actions * (speed.answer + speed.simulator)
                     first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
-                    watch.note(f"{first}, for 150 more {duration(150 * seconds)}; {speed.words}")
+                    more = f"where they fail, up to {duration(150 * seconds)} more, with corrections"
+                    watch.note(f"{first}; {more}; --time bounds it; {speed.words}")
 
 
 def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple[Plan, Speed | None]:

@@ -18,7 +18,7 @@ import pyarrow
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from vlafuzz.exports.packed import Levels, Packed, Stats, summary
+from vlafuzz.exports.packed import Levels, Packed, Stats, summary, summary_of_levels
 
 VERSION = "v3.0"
 FILE_BYTES = 100 << 20  # of images in a file, before the next file begins
@@ -57,12 +57,12 @@ class Dataset:
         columns = self._numbered(shown, task)
         self._sizes = dict(shown.sizes)
         self._write(shown.pictures, columns)
-        stats = {key: level.summary() for key, level in shown.levels.items()}
+        stats = {key: summary_of_levels(counts, len(shown.actions)) for key, counts in shown.levels.items()}
         stats |= {key: summary(values) for key, values in columns.items()}
         self._rows.append(self._row(shown, len(shown.actions), stats))
         self._columns.append(columns)
-        for key, level in shown.levels.items():
-            self._levels[key] = self._levels[key] + level if key in self._levels else level
+        for key, counts in shown.levels.items():
+            self._levels[key] = self._levels.get(key, 0) + counts
         self._frames += len(shown.actions)
 
     def close(self) -> None:
@@ -74,7 +74,7 @@ class Dataset:
         episodes.parent.mkdir(parents=True, exist_ok=True)
         tasks.to_parquet(self._folder / TASKS)
         pyarrow.parquet.write_table(pyarrow.Table.from_pylist(self._rows), episodes)
-        stats = {key: level.summary() for key, level in self._levels.items()}
+        stats = {key: summary_of_levels(counts, self._frames) for key, counts in self._levels.items()}
         for key in self._columns[0]:
             stats[key] = summary(np.concatenate([columns[key] for columns in self._columns]))
         for name, content in (("stats", stats), ("info", self._info())):

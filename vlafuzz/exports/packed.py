@@ -15,6 +15,7 @@ from vlafuzz.model.scene import Scene
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 Stats = dict[str, Any]  # nested lists of numbers
+Levels = NDArray[np.int64]
 
 
 def summary(values: NDArray[Any]) -> Stats:
@@ -25,36 +26,23 @@ def summary(values: NDArray[Any]) -> Stats:
     return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
 
 
-@dataclass(frozen=True, eq=False)
-class Levels:
-    """Histogram of the levels 0 to 255 by channel over some images: ``counts`` (3, 256)."""
+def levels(pictures: NDArray[np.uint8]) -> Levels:
+    """How often each level from 0 to 255 occurs, by channel, in images ``(n, height, width, 3)``: ``(3, 256)``."""
+    return np.array([np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)])
 
-    counts: NDArray[np.int64]
-    pictures: int
 
-    @staticmethod
-    def of(pictures: NDArray[np.uint8]) -> Levels:
-        """The histogram of images ``(n, height, width, 3)``."""
-        channels = [np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)]
-        return Levels(np.array(channels), len(pictures))
-
-    def __add__(self, other: Levels) -> Levels:
-        return Levels(self.counts + other.counts, self.pictures + other.pictures)
-
-    def summary(self) -> Stats:
-        """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
-        levels, share = np.arange(256) / 255, self.counts / self.counts.sum(1, keepdims=True)
-        mean, below = share @ levels, np.cumsum(share, axis=1)
-        stats = {
-            "min": levels[(share > 0).argmax(1)],
-            "max": levels[255 - (share[:, ::-1] > 0).argmax(1)],
-            "mean": mean,
-            "std": np.sqrt(((levels - mean[:, None]) ** 2 * share).sum(1)),
-        }
-        for quantile in QUANTILES:
-            stats[_named(quantile)] = levels[(below >= quantile - 1e-12).argmax(1)]
-        lists = {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()}
-        return lists | {"count": [self.pictures]}
+def summary_of_levels(counts: Levels, pictures: int) -> Stats:
+    """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
+    level, share = np.arange(256) / 255, counts / counts.sum(1, keepdims=True)
+    mean, below = share @ level, np.cumsum(share, axis=1)
+    stats = {
+        "min": level[(share > 0).argmax(1)],
+        "max": level[255 - (share[:, ::-1] > 0).argmax(1)],
+        "mean": mean,
+        "std": np.sqrt(((level - mean[:, None]) ** 2 * share).sum(1)),
+        **{_named(quantile): level[(below >= quantile - 1e-12).argmax(1)] for quantile in QUANTILES},
+    }
+    return {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()} | {"count": [pictures]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +50,7 @@ class Packed:
     """A demonstration, a solution from the start to success with one item per control step, its pictures as PNG.
 
     Attributes:
-        pictures: by name, before the action; ``sizes``: their height, width and channels; ``levels``: their histograms.
+        pictures: by name, before the action; ``sizes``: their height, width and channels; ``levels``: see ``levels``.
         states: float32 ``(steps, m)``, in the policy's layout; ``actions``: ``(steps, n)``, as it writes them.
         finding: digest of the failing scene that it is for; empty for a random scene.
     """
@@ -86,8 +74,8 @@ def packed(
     """A demonstration with its ``images``, ``(steps, height, width, 3)`` by name, compressed."""
     pictures = {name: [_png(frame) for frame in frames] for name, frames in images.items()}
     sizes = {name: frames.shape[1:] for name, frames in images.items()}
-    levels = {name: Levels.of(frames) for name, frames in images.items()}
-    return Packed(scene, pictures, sizes, levels, states, actions, finding)
+    counts = {name: levels(frames) for name, frames in images.items()}
+    return Packed(scene, pictures, sizes, counts, states, actions, finding)
 
 
 def _png(frame: NDArray[np.uint8]) -> bytes:

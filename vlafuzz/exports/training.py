@@ -6,22 +6,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from vlafuzz.common.text import duration, plural
+from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
 from vlafuzz.exports.selection import Failure, Which, around, at_random, failures_of_corpus, failures_of_store, split
 from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
 from vlafuzz.model.scene_lines import write_scenes
-from vlafuzz.policies.base import ActionSpec
 from vlafuzz.policies.clients.model import Interface, interface_of
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
 TRIES = 4  # scenes that the expert tries for each demonstration, at most
-# Seconds on a core of a usual server: a solution at the expert's own rate; a picture of so many pixels.
-SOLVING, PICTURE, PIXELS = 0.05, 0.03, 224 * 224
-STEPS = 12  # of a solution at the expert's own rate, about
 
 
 class Written(NamedTuple):
@@ -81,7 +77,8 @@ def write_demonstrations(
     scenes = sum(len(failure.scenes) for failure in failures)
     total = number or scenes
     shown = Demonstrations(workers, watch)
-    watch.note(_forecast(failures, held_out, total, interface, hz, workers))
+    held = f", {len(held_out)} more held out" if held_out else ""
+    watch.note(f"{plural(total, 'demonstration')} for {plural(len(failures), 'failure')}{held}")
     wanted = at_random(source, failures) if which == "random" else around(source, failures)
     most = total if number is None and which != "random" else TRIES * max(total, scenes)
     solved = shown.solved(wanted, total, most)
@@ -119,14 +116,3 @@ def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, i
     ((robot, *_),), (interface,) = kinds, kinds.values()
     hz = world_of(failures[0].scene.task).robot(str(robot)).control_hz
     return interface, str(robot), hz or interface.spec.action.hz
-
-
-def _forecast(
-    failures: Sequence[Failure], held_out: Sequence[Failure], total: int, interface: Interface, hz: int, workers: int
-) -> str:
-    pixels = sum(camera.width * camera.height for camera in interface.spec.cameras)
-    finer = max(1.0, hz / ActionSpec().hz)
-    seconds = total * finer * (SOLVING + STEPS * PICTURE * pixels / PIXELS) / workers
-    held = f", {len(held_out)} more held out" if held_out else ""
-    of = f"{plural(len(failures), 'failure')}{held}"
-    return f"about {duration(seconds)}: {plural(total, 'demonstration')} for {of}"

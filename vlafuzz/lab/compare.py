@@ -17,7 +17,7 @@ from vlafuzz.failures.triage.jobs import runner_of_run
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.certified import Known, certified, certify, known_results, uncertified
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
-from vlafuzz.lab.runs import Job, SpeedOf, Wanted, complete
+from vlafuzz.lab.runs import Job, SpeedOf, complete
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Run, Trial
@@ -49,14 +49,11 @@ def compare(
         # What is committed in the meantime does not change the code that is loaded.
         return replace(planned, manifest=replace(planned.manifest, commit=first.manifest.commit))
 
-    wanted = {
-        job: Wanted(replace(first.manifest, strategy=job.strategy, seed=job.seed), partial(plan, job))
-        # One of every strategy before the second of any: an interrupted comparison is balanced.
-        for job in (Job(name, run.seed + number) for number in range(repeats) for name in strategies)
-    }
+    # One of every strategy before the second of any: an interrupted comparison is balanced.
+    jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
     make_folder(folder)
     with Store.open(run.store, "write") as store:
-        runs = list(complete(store, wanted, watch, speed_of, limit).values())
+        runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)

@@ -45,11 +45,6 @@ class Counted:
     failures: int
     probability: Estimate | None
 
-    def value(self, measure: str) -> float | None:
-        """One of ``MEASURES``; None where there is nothing to measure."""
-        found: float | None = getattr(self, measure)
-        return found
-
 
 # The figures by which strategies are compared, in words, in the order in which they judge.
 MEASURES = {"causes": "certified causes", "failures": "failures"}
@@ -157,7 +152,7 @@ def _standing(name: str, runs: Sequence[Counted]) -> Standing:
 
 def _known(runs: Sequence[Counted], measure: str) -> list[float] | None:
     """A measure of all runs; None if one lacks it."""
-    known = [value for run in runs if (value := run.value(measure)) is not None]
+    known = [value for run in runs if (value := getattr(run, measure)) is not None]
     return known if len(known) == len(runs) else None
 
 

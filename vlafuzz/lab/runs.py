@@ -1,6 +1,6 @@
 """The runs of a comparison: what its store lacks is done, the rest is taken from there."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -34,38 +34,36 @@ class Job(NamedTuple):
         return f"{self.strategy}, seed {self.seed}"
 
 
-class Wanted(NamedTuple):
-    """A run that is needed.
-
-    ``manifest``: as the run would have it if it began now; batches may differ, as they suit the strategy.
-    """
-
-    manifest: Manifest
-    plan: Callable[[], Plan]
-
-
 def complete(
-    store: Store, wanted: Mapping[Job, Wanted], watch: Watch, speed_of: SpeedOf = usual_speed, triage: int = 0
-) -> dict[Job, Run]:
+    store: Store,
+    jobs: Sequence[Job],
+    plan_of: Callable[[Job], Plan],
+    wanted: Manifest,
+    watch: Watch,
+    speed_of: SpeedOf = usual_speed,
+    triage: int = 0,
+) -> list[Run]:
     """Begin or resume the runs that a store lacks, in order; all of them that have a trial. They share no outcomes.
 
-    Adjacent runs that differ in what searches alone share an executor.
+    Adjacent runs of one seed differ in what searches alone, and share an executor.
 
     Args:
+        wanted: what every run would have if it began now, but for strategy and seed; batches may differ, as they suit
+            the strategy.
         speed_of: the speed of a plan's policy, for a forecast.
         triage: rollouts for triage of each run, afterwards.
     """
-    before = {job: stored(store, one.manifest) for job, one in wanted.items()}
-    missing = {job: one for job, one in wanted.items() if (run := before[job]) is None or run.status in UNFINISHED}
-    total, done, number = sum(one.manifest.budget for one in missing.values()), 0, 0  # rollouts, and runs
-    for _, group in groupby(missing, key=lambda job: replace(missing[job].manifest, strategy="", batch=0)):
+    before = {job: stored(store, replace(wanted, **job._asdict())) for job in jobs}
+    missing = [job for job, run in before.items() if run is None or run.status in UNFINISHED]
+    total, done, number = wanted.budget * len(missing), 0, 0  # rollouts, and runs
+    for _, group in groupby(missing, key=lambda job: job.seed):
         with ExitStack() as stack:
             executor: Executor | None = None
             for job in group:
                 number += 1
                 show = partial(watch.progress, f"run {number} of {len(missing)}: {job}", total=total)
                 show(done)
-                plan = _resumed(store, missing[job].plan(), before[job], str(job), watch)
+                plan = _resumed(store, plan_of(job), before[job], str(job), watch)
                 if number == 1:
                     if plan.manifest.alone:
                         watch.note(stands_alone(plan.manifest.policy))
@@ -76,9 +74,9 @@ def complete(
                 _check_judged(summary)
                 if summary.stopped:
                     watch.note(f"{job} stopped: {summary.stopped}")
-    runs = {job: stored(store, one.manifest) for job, one in wanted.items()}
-    tried = {job: run for job, run in runs.items() if run and store.count(run.id)}
-    note_places(tried.values(), watch)
+    runs = (stored(store, replace(wanted, **job._asdict())) for job in jobs)
+    tried = [run for run in runs if run and store.count(run.id)]
+    note_places(tried, watch)
     return tried
 
 
