@@ -47,14 +47,6 @@ def test_all_runs_and_trials_are_there_as_they_were(two: list[Path], tmp_path: P
         ]  # fmt: skip
 
 
-def test_findings_of_two_places_are_kept_apart(tmp_path: Path):
-    for name in ("here", "there"):
-        with Store.open(tmp_path / name, "write") as opened:
-            opened.add(opened.begin(manifest(place=name)), trial(0, failed()))
-    merged = merge([tmp_path / "here", tmp_path / "there"], tmp_path / "out.db")
-    assert merged.findings == 2
-
-
 def test_a_finding_known_in_both_is_kept_once_for_its_policy(two: list[Path], tmp_path: Path):
     merge(two, tmp_path / "out.db")
     with Store.open(tmp_path / "out.db") as store:

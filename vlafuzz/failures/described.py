@@ -99,11 +99,6 @@ class DescribedFailure(Failure):
     picture: bytes | None = None
 
     @property
-    def key(self) -> tuple[str, str]:
-        """See ``Finding.key``; of several failures that of the first."""
-        return self.found[0], self.run.key()
-
-    @property
     def title(self) -> str:
         """Say in words what the failure takes; before triage, name the values that are farthest off."""
         parts = self.deviations
