@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Self
+from typing import Self, cast
 
 import numpy as np
 
@@ -115,7 +115,7 @@ class Selection:
         self, make: Factory, space: Source, scenes: Sequence[Scene], seed: int, budget: int | None = None
     ) -> None:
         self._left = Left(space, scenes)
-        self._strategy = make(self._left, seed, budget)
+        self._strategy = make(cast(Source, self._left), seed, budget)
 
     def ask(self, n: int) -> list[Proposal]:
         """The nearest unused scenes, fewer at the end of the pool."""

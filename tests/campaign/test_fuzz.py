@@ -26,8 +26,7 @@ from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.search.pool import InOrder, Pool
-from vlafuzz.search.proposals import Random
+from vlafuzz.search.proposals import InOrder, Pool, Random
 from vlafuzz.store.store import Store
 
 SPACE = TinySpace()

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from tests.doubles import TinySpace, scene
-from tests.search.climb import Climb
 from tests.search.worlds import CATALOGUE
 from tests.search.worlds import space as tabletop
 from tests.worlds.reacher import Reacher
 from vlafuzz.errors import UsageError
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import Proposal, Strategy
-from vlafuzz.search.pool import InOrder, Pool
+from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import STRATEGIES, strategy_factory
 from vlafuzz.search.scoring import Score
 from vlafuzz.worlds.base import Wanted
@@ -25,7 +24,6 @@ MAKERS: dict[str, Callable[[int], Strategy]] = {
     name: lambda seed, factory=factory: factory(SPACE, seed, 120) for name, factory in STRATEGIES.items()
 }
 MAKERS["pool"] = lambda seed: InOrder(500)
-MAKERS["own"] = lambda seed: Climb(SPACE, seed, 120)
 strategies = pytest.mark.parametrize("name", MAKERS)
 shipped = pytest.mark.parametrize("name", STRATEGIES)
 guided = pytest.mark.parametrize("name", [name for name in STRATEGIES if name not in ("random", "severity")])
@@ -118,10 +116,6 @@ def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
         asked = strategy.ask(16)
         strategy.tell(asked, [scores.setdefault(tiny.decode(p.genome).digest, mixed(p)) for p in asked])
     assert len(scores) == 10
-
-
-def test_random_scenes_are_the_same_whatever_the_batch():
-    assert genomes(play(MAKERS["random"](3), 5, 15)) == genomes(play(MAKERS["random"](3), 20))
 
 
 @guided

@@ -18,10 +18,10 @@ from vlafuzz.store.store import Store
 
 
 def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
-    strategy = strategy_factory("python:tests.search.climb:make")(space(), 0, 60)
+    strategy = strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60)
     with Store.open(tmp_path / "own.db", "write") as store:
         summary = fuzz(
-            manifest=manifest(strategy="python:tests.search.climb:make", budget=60),
+            manifest=manifest(strategy="python:tests.doubles:make_random_again", budget=60),
             stages=STAGES,
             space=space(),
             strategy=strategy,
@@ -29,7 +29,7 @@ def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
             store=store,
         )
     assert (summary.rollouts, summary.proposals) == (60, 60)
-    assert summary.findings > 10
+    assert summary.findings > 0
 
 
 class Given:
@@ -102,4 +102,4 @@ def test_what_it_raises_is_a_sentence_that_says_where():
 
 def test_it_may_say_something_of_itself():
     assert about(Own("python:mine:make", Given([0.5]), 1)) == "nothing new"
-    assert about(strategy_factory("python:tests.search.climb:make")(space(), 0, 60)) == ""
+    assert about(strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60)) == ""

@@ -25,7 +25,7 @@ from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_at
 from vlafuzz.rollouts.setup import here
 from vlafuzz.search.base import POOL, Strategy, batch_of
-from vlafuzz.search.pool import InOrder, Pool
+from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import default_task, provenance, world_of

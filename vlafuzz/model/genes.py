@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -162,3 +164,28 @@ class Gene:
         if self.neutral:
             return 0.0
         return float(value != self.grid.nominal) if self.kind == "category" else self.grid.distance(value)
+
+
+def embedded(genes: Sequence[Gene], values: Mapping[str, float]) -> list[float]:
+    """The embedding of the values of a scene; genes without a value give zeros.
+
+    Two scenes that differ in a single operator are at most 1 apart. Numbers are centred, so that zero, for an unused
+    slot, is equally far from both ends of a range. Angles are on a circle, categories one-hot.
+    """
+    count = Counter(gene.operator for gene in genes)
+    numbers: list[float] = []
+    for gene in genes:
+        weight = 1 / math.sqrt(count[gene.operator])
+        numbers += [weight * number for number in _numbers(gene, values.get(gene.path, math.nan))]
+    return numbers
+
+
+def _numbers(gene: Gene, value: float) -> list[float]:
+    """A value as numbers at most 1 away from those of any other value; zeros for no value."""
+    if gene.kind == "category":
+        return [math.sqrt(0.5) * (index == value) for index in range(gene.grid.size)]
+    if math.isnan(value):
+        return [0.0, 0.0] if gene.kind == "angle" else [0.0]
+    if gene.kind == "angle":
+        return [math.sin(math.radians(value)) / 2, math.cos(math.radians(value)) / 2]
+    return [gene.grid.share(value) - 0.5]

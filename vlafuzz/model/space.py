@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.errors import SceneError
 from vlafuzz.model import evidence
-from vlafuzz.model.genes import Gene, Genome
+from vlafuzz.model.genes import Gene, Genome, embedded
 from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Scene, in_words
@@ -381,28 +380,3 @@ def _difference(expected: Any, actual: Any, path: str = "") -> tuple[str, Any]:
         return path, expected
     key, a, b = next(pair for pair in pairs if pair[1] != pair[2])
     return _difference(a, b, f"{path}.{key}" if path else key)
-
-
-def embedded(genes: Sequence[Gene], values: Mapping[str, float]) -> list[float]:
-    """The embedding of the values of a scene; genes without a value give zeros.
-
-    Two scenes that differ in a single operator are at most 1 apart. Numbers are centred, so that zero, for an unused
-    slot, is equally far from both ends of a range. Angles are on a circle, categories one-hot.
-    """
-    count = Counter(gene.operator for gene in genes)
-    numbers: list[float] = []
-    for gene in genes:
-        weight = 1 / math.sqrt(count[gene.operator])
-        numbers += [weight * number for number in _numbers(gene, values.get(gene.path, math.nan))]
-    return numbers
-
-
-def _numbers(gene: Gene, value: float) -> list[float]:
-    """A value as numbers at most 1 away from those of any other value; zeros for no value."""
-    if gene.kind == "category":
-        return [math.sqrt(0.5) * (index == value) for index in range(gene.grid.size)]
-    if math.isnan(value):
-        return [0.0, 0.0] if gene.kind == "angle" else [0.0]
-    if gene.kind == "angle":
-        return [math.sin(math.radians(value)) / 2, math.cos(math.radians(value)) / 2]
-    return [gene.grid.share(value) - 0.5]

@@ -1,18 +1,15 @@
 """Strategy: proposes scenes. It sees numbers only: genomes out, scores in."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.genes import Genome as Genome
+from vlafuzz.model.space import Space
 from vlafuzz.search.probability import Probability
-from vlafuzz.search.scoring import Measure, Score
+from vlafuzz.search.scoring import Score
 
-Genome = NDArray[np.float64]
+Source = Space  # of scenes, as strategies call it: they sample, encode, decode and repair there
 BATCH = 16  # proposals
 RANDOM = "random"  # the strategy whose share of failures is the policy's failure rate
 POOL = "pool"  # all scenes of a file, which may be picked because they failed
@@ -24,42 +21,6 @@ class Proposal:
 
     id: int
     genome: Genome
-
-
-class Source(Measure, Protocol):
-    """What a strategy may know of the search space."""
-
-    @property
-    def genes(self) -> Sequence[Gene]:
-        """The coordinates of a genome, in order."""
-
-    @property
-    def dim(self) -> int:
-        """The length of a genome."""
-
-    def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that keeps the preconditions."""
-
-    def narrowed(self, severity: float) -> Self:
-        """The space with all ranges scaled towards nominal, by a factor in (0, 1]."""
-
-    def encode(self, scene: Scene) -> Genome:
-        """The scene's coordinates, ``(dim,)``."""
-
-    def decode(self, genome: Genome) -> Scene:
-        """The scene at these coordinates."""
-
-    def nearest(self, scene: Scene) -> Genome:
-        """The genome of the nearest scene on the grid: for scenes from elsewhere."""
-
-    def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        """A scene near this one that keeps the preconditions; None when there is no room for it."""
-
-    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """Where in the space a scene lies: failures at one site may well have one cause."""
-
-    def embed(self, scene: Scene) -> NDArray[np.float64]:
-        """A ``(k,)`` embedding: its Euclidean distance says how different two scenes are."""
 
 
 @dataclass(frozen=True, eq=False)

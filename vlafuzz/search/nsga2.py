@@ -5,9 +5,6 @@ from itertools import compress
 from typing import Any
 
 import numpy as np
-from pymoo.core.population import Population
-from pymoo.core.problem import Problem
-from pymoo.operators.survival.rank_and_crowding import RankAndCrowding
 
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.proposals import Archive, ProposalFactory
@@ -27,14 +24,17 @@ Rng = np.random.Generator
 
 
 class Nsga2:
-    """Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's survival.
+    """Evolves scenes toward early failures, near nominal and unlike known ones.
 
-    Failures are ranked by progress, severity and novelty among the failures; every failure dominates every pass. Each
-    batch competes with the population at once, so batches may have any size. Children are repaired, and not proposed
-    twice unless the space is exhausted.
+    Deb, Pratap, Agarwal, Meyarivan 2002 <https://doi.org/10.1109/4235.996017>, with pymoo's survival. Failures are
+    ranked by progress, severity and novelty among the failures; every failure dominates every pass. Each batch competes
+    with the population at once, so batches may have any size. Children are repaired, and not proposed twice unless the
+    space is exhausted.
     """
 
     def __init__(self, space: Source, seed: int, budget: int | None = None) -> None:
+        from pymoo.core.population import Population  # which takes half a second to import
+
         self._space, self._seed, self._asked = space, seed, 0
         rollouts = budget or 10**9
         self._size = min(max(rollouts // GENERATIONS, SMALLEST), max(rollouts // FEWEST, TINIEST), LARGEST)
@@ -63,6 +63,10 @@ class Nsga2:
         """Let the batch compete with the population; before there is one, all of it is."""
         if not proposals:
             return
+        from pymoo.core.population import Population
+        from pymoo.core.problem import Problem
+        from pymoo.operators.survival.rank_and_crowding import RankAndCrowding
+
         size = self._size if len(self._population) else len(proposals)
         batch = Population.new("X", np.array([proposal.genome for proposal in proposals]))
         for individual, score in zip(batch, scores, strict=True):

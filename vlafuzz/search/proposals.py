@@ -1,4 +1,4 @@
-"""What strategies share: fair and new genomes, an archive of recent scenes, numbered proposals."""
+"""What strategies share: fair and new genomes, numbered proposals; strategies that learn nothing."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.scoring import Score
+from vlafuzz.search.scoring import Measure, Score
 
 REDRAWS = 20  # draws of known scenes before one is proposed again: tiny spaces run out
 UNLIMITED = 64  # outstanding proposals of a strategy that learns nothing: it could do with any number
@@ -112,6 +113,37 @@ class Random(OneByOne):
 
     def _genome(self, number: int, rng: Rng) -> Genome:
         return self._space.encode(self._space.sample(rng))
+
+
+class Pool:
+    """Scenes from a file: a genome is a scene's index, not in [0, 1]."""
+
+    dim = 1
+
+    def __init__(self, scenes: Sequence[Scene], measure: Measure) -> None:
+        self.scenes = tuple(scenes)
+        self.severity, self.severities = measure.severity, measure.severities
+        self.groups, self.site = measure.groups, measure.site
+
+    def decode(self, genome: Genome) -> Scene:
+        return self.scenes[int(genome[0])]
+
+
+class InOrder:
+    """Proposes the scenes of a pool in order, each once."""
+
+    outstanding = UNLIMITED
+
+    def __init__(self, size: int) -> None:
+        self._size, self._asked = size, 0
+
+    def ask(self, n: int) -> list[Proposal]:
+        """The next ``n`` scenes, fewer at the end."""
+        first, self._asked = self._asked, min(self._asked + n, self._size)
+        return [Proposal(index, np.array([index], dtype=np.float64)) for index in range(first, self._asked)]
+
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
+        """Scores change nothing."""
 
 
 class Archive:

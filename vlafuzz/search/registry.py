@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from importlib import import_module
 from typing import Any, cast
 
 import numpy as np
@@ -10,8 +9,11 @@ import numpy as np
 from vlafuzz.common.plugins import is_reference, load_factory, users_code
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
+from vlafuzz.search.causes.strategy import Causes
+from vlafuzz.search.nsga2 import Nsga2
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
+from vlafuzz.search.severity import Severity
 
 Factory = Callable[[Source, int, int | None], Strategy]
 """``(space, seed, budget)`` to a strategy: what ``python:pkg.mod:factory`` has to name.
@@ -20,32 +22,7 @@ Factory = Callable[[Source, int, int | None], Strategy]
 """
 
 
-def _later(place: str, says: str) -> Factory:
-    """A factory that imports its strategy when it is called, as packages take up to a second to import."""
-
-    def make(space: Source, seed: int, budget: int | None) -> Strategy:
-        module, _, name = place.partition(":")
-        return cast(Strategy, getattr(import_module(module), name)(space, seed, budget))
-
-    make.__doc__ = says
-    return make
-
-
-STRATEGIES: dict[str, Factory] = {
-    "random": Random,
-    "nsga2": _later(
-        "vlafuzz.search.nsga2:Nsga2",
-        "Evolves scenes toward early failures, near nominal and unlike known ones: Deb et al. 2002.",
-    ),
-    "severity": _later(
-        "vlafuzz.search.severity:Severity",
-        "Random scenes of narrower ranges: how far they have to reach for the policy to fail in one half.",
-    ),
-    "causes": _later(
-        "vlafuzz.search.causes.strategy:Causes",
-        "Attributes failures to operators as they come, and looks where no known cause explains a failure.",
-    ),
-}
+STRATEGIES: dict[str, Factory] = {"random": Random, "nsga2": Nsga2, "severity": Severity, "causes": Causes}
 _HINT = "see vlafuzz.search.base.Strategy"
 
 

@@ -27,7 +27,7 @@ def severity_of(number: int) -> float:
 
 
 class Severity(OneByOne):
-    """Draws scenes of ranges at all severities, independently of earlier outcomes."""
+    """Draws scenes of narrower ranges: how far they have to reach for the policy to fail in one half."""
 
     outstanding = 64  # it learns nothing: as ``Random``
 

@@ -16,7 +16,7 @@ from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack
 from vlafuzz.rollouts.policies import make_policy
 
-GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: see test_conformance
+GOLDEN = Path(__file__).parent / "golden"  # by msgpack-numpy 0.4.8: scripts/make_frames.py
 STILL = np.array([[0.0] * 6 + [1.0]], dtype=np.float32)
 pytestmark = pytest.mark.usefixtures("no_pause")
 

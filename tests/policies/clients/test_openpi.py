@@ -17,7 +17,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.rollouts.policies import make_policy
 
-GOLDEN = Path(__file__).parent / "golden"  # by openpi-client 0.1.2: see test_conformance
+GOLDEN = Path(__file__).parent / "golden"  # by openpi-client 0.1.2: scripts/make_frames.py
 PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
 OF_OBJECTS = {b"__ndarray__": True, b"data": b"1", b"dtype": "|O", b"shape": [1]}
 STILL = np.array([[0.0] * 6 + [1.0]])

@@ -15,7 +15,7 @@ from tests.policies.clients.served import black, check_failure, failure, seen, s
 from vlafuzz.policies.clients.openvla import decode, encode, request
 from vlafuzz.rollouts.policies import make_policy
 
-GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: see test_conformance
+GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: scripts/make_frames.py
 PICTURE = np.arange(18, dtype=np.uint8).reshape(2, 3, 3)
 STILL = [0.0] * 6 + [1.0]
 pytestmark = pytest.mark.usefixtures("no_pause")

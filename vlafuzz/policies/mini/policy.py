@@ -71,7 +71,7 @@ class Memory:
 
 
 class Mini:
-    """A small learned vision-language-action model that runs on a CPU.
+    """A small learned vision-language-action model that runs on a CPU; mini:FOLDER has other weights.
 
     It was trained in these very simulators: something to try a fuzzer on, no evidence about other models. Observations
     go through the network one at a time, since batching would change the last bits.
@@ -155,11 +155,6 @@ class Mini:
             tokens = torch.from_numpy(encode(instruction, self._card.words))[None]
             self._told[instruction] = self._network.read(tokens)
         return self._told[instruction]
-
-
-def mini(folder: Path = SHIPPED) -> Mini:
-    """A small learned vision-language-action model that runs on a CPU; mini:FOLDER has other weights."""
-    return Mini(folder)
 
 
 def read_card(folder: Path = SHIPPED) -> Card:

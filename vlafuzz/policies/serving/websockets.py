@@ -2,24 +2,28 @@
 
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from http import HTTPStatus
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from pydantic import BaseModel
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
 from vlafuzz.common.reading import array_of, decoded
-from vlafuzz.policies.batching import ServedPolicy
+from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation
+from vlafuzz.policies.batching import Request, ServedPolicy
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.vla_eval import PICTURE, PROTOCOL_VERSION, declared_actions
 from vlafuzz.policies.clients.wire import short
-from vlafuzz.policies.serving.sessions import MAX_BYTES, ClientSession
 
+MAX_BYTES = 64 << 20  # of an observation
 INTERNAL_ERROR = 1011  # close code of WebSockets
 HEALTH = {"/health": '{"status":"ok"}\n', "/config": "{}\n"}  # of vla-eval
 LOG = logging.getLogger(__name__)
@@ -67,12 +71,12 @@ def listening(served: ServedPolicy, address: str, port: int) -> Iterator[int]:
 
 def _talk(served: ServedPolicy, connection: ServerConnection) -> None:
     """Reply to every greeting and observation. An error is sent as a message, and the session goes on."""
-    session = ClientSession(served)
+    session = _Session(served)
     try:
         for frame in connection:
             kind, payload, number = unpack_vla_eval(frame)
             try:
-                reply = _reply(served, session, kind, payload)
+                reply = session.reply(kind, payload)
             except Exception as error:  # the client gets the policy's error, and the session goes on
                 reply = "error", {"error": f"{kind}_failed: {type(error).__name__}: {short(error)}"}
             if reply:
@@ -83,35 +87,77 @@ def _talk(served: ServedPolicy, connection: ServerConnection) -> None:
         session.end()
 
 
-def _reply(
-    served: ServedPolicy, session: ClientSession, kind: str, payload: Mapping[str, Any]
-) -> tuple[str, Mapping[str, Any]] | None:
-    spec = served.spec
-    if kind == "hello":
-        wrist = any(camera.role == "wrist" for camera in spec.cameras)
-        observed = [(camera.name, 0, PICTURE) for camera in spec.cameras]
-        observed += [("state", 7, OWN)] * spec.state + [("language", 0, "language")]
-        return kind, {
-            "harness_version": __version__,
-            "protocol_version": PROTOCOL_VERSION,
-            "model_server": f"vlafuzz {spec.name}",
-            "capabilities": {},
-            "observation_params": {"send_state": spec.state, "send_wrist_image": wrist},
-            "action_spec": declared_actions(spec.action),
-            "observation_spec": {name: {"name": name, "dims": dims, "format": kind} for name, dims, kind in observed},
-        }
-    if kind == "episode_start":
-        session.begin(payload.get("task", {}))
-    elif kind == "episode_end":
-        session.end()
-    elif kind == "observation":
-        pictures = [_picture(picture) for picture in payload.get("images", {}).values()]
-        state = payload.get("states", payload.get("state"))
-        actions = session.act(payload.get("task_description"), pictures, state)
-        return "action", {"actions": actions if len(actions) > 1 else actions[0]}
-    else:
-        raise ValueError(f"unknown type {kind!r}")
-    return None
+class _Begun(BaseModel, frozen=True):
+    """What a client says when a rollout begins."""
+
+    task: str = ""
+    seed: int = 0
+
+
+class _Session:
+    """A connection with its rollout."""
+
+    def __init__(self, policy: ServedPolicy) -> None:
+        self._spec, self._policy, self._number = policy.spec, policy, policy.newcomer()
+        self._said = _Begun()
+        self._start: EpisodeStart | None = None
+        self._begun = self._step = 0
+
+    def reply(self, kind: str, payload: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]] | None:
+        """Kind and content of the answer to a message, if it needs one; ValueError for one that makes no sense."""
+        spec = self._spec
+        if kind == "hello":
+            wrist = any(camera.role == "wrist" for camera in spec.cameras)
+            observed = [(camera.name, 0, PICTURE) for camera in spec.cameras]
+            observed += [("state", 7, OWN)] * spec.state + [("language", 0, "language")]
+            return kind, {
+                "harness_version": __version__,
+                "protocol_version": PROTOCOL_VERSION,
+                "model_server": f"vlafuzz {spec.name}",
+                "capabilities": {},
+                "observation_params": {"send_state": spec.state, "send_wrist_image": wrist},
+                "action_spec": declared_actions(spec.action),
+                "observation_spec": {name: {"name": name, "dims": dims, "format": of} for name, dims, of in observed},
+            }
+        if kind == "episode_start":
+            self.end()
+            self._said = _Begun.model_validate(payload.get("task", {}))
+        elif kind == "episode_end":
+            self.end()
+        elif kind == "observation":
+            pictures = [_picture(picture) for picture in payload.get("images", {}).values()]
+            state = payload.get("states", payload.get("state"))
+            actions = self._act(payload.get("task_description"), pictures, state)
+            return "action", {"actions": actions if len(actions) > 1 else actions[0]}
+        else:
+            raise ValueError(f"unknown type {kind!r}")
+        return None
+
+    def end(self) -> None:
+        """End the rollout, whatever its outcome."""
+        if self._start is not None:
+            self._policy.ask(self._number, Request(over=[self._start.episode]))
+        self._start = None
+
+    def _act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
+        """The actions ``(steps, 7)`` to execute; ValueError when the spec asks for another observation."""
+        spec = self._spec
+        if not isinstance(instruction, str):
+            raise ValueError(f"an instruction that is no text: {type(instruction).__name__}")
+        if len(pictures) < len(spec.cameras):
+            wanted = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in spec.cameras)
+            raise ValueError(f"{len(pictures)} pictures, expected {wanted}")
+        pairs = zip(spec.cameras, pictures, strict=False)
+        images = {camera.name: _fitting(picture, camera) for camera, picture in pairs}
+        proprioception = _proprioception(state) if spec.state else None
+        if self._start is None:
+            start = EpisodeStart(f"served-{self._begun}", instruction, self._said.task, self._said.seed)
+            self._policy.ask(self._number, Request(begin=[start]))
+            self._start, self._step, self._begun = start, 0, self._begun + 1
+        seen = Observation(self._start.episode, self._step, instruction, images=images, state=proprioception)
+        (chunk,) = self._policy.ask(self._number, Request(act=[seen]))
+        self._step += 1
+        return chunk.actions[: spec.execute]
 
 
 def _picture(sent: Any) -> Any:
@@ -121,3 +167,24 @@ def _picture(sent: Any) -> Any:
     if sent.get("format") == "raw":
         return array_of(sent["data"], np.uint8, sent["shape"])
     return np.array(decoded(sent["data"], "PNG", "JPEG").convert("RGB"))
+
+
+def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
+    """A picture resized to the camera's size, since other clients send what their own models take."""
+    is_array = isinstance(picture, np.ndarray)
+    if not is_array or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+        kind = f"{picture.dtype} {picture.shape}" if is_array else type(picture).__name__
+        raise ValueError(f"the picture {camera.name!r} is {kind}, expected uint8 (height, width, 3)")
+    if picture.shape[:2] == (camera.height, camera.width):
+        return np.asarray(picture)
+    resized = Image.fromarray(picture).resize((camera.width, camera.height), Image.Resampling.BILINEAR)
+    return np.array(resized, dtype=np.uint8)
+
+
+def _proprioception(numbers: object) -> NDArray[np.float32]:
+    state = np.asarray([] if numbers is None else numbers)
+    if state.shape != (7,) or state.dtype.kind not in "iuf":
+        raise ValueError(
+            f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"
+        )
+    return state.astype(np.float32)

@@ -11,10 +11,10 @@ import numpy as np
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.model import scene as model
 from vlafuzz.model.conditions import Setting
-from vlafuzz.model.genes import Gene
+from vlafuzz.model.genes import Gene, embedded
 from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Range, Space, Values, Vector, embedded
+from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation import operators as kinds

@@ -16,7 +16,7 @@ from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
-from vlafuzz.policies.mini.policy import mini
+from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -44,7 +44,7 @@ class Tabletop(TableWorld):
     usual = True
     tasks, robots = tuple(TASKS), tuple(RIGS)
     policies: ClassVar[Mapping[str, Callable[..., Policy]]] = {
-        "mini": mini,
+        "mini": Mini,
         "pinhole": Pinhole,
         "expert": Expert,
         "seeing": SeeingExpert,
