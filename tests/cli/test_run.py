@@ -145,7 +145,8 @@ def test_a_label_is_named_before_the_policy(capsys):
 
 def test_a_run_whose_policy_goes_away_says_how_to_go_on(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
-    assert typed(capsys, ["run", *IDLE, "--store", "a.db", "--json"], code=3).err.splitlines() == [
+    asked = ["run", *IDLE, "--budget", "40", "--store", "a.db", "--json"]
+    assert typed(capsys, asked, code=3).err.splitlines() == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db --trust`",
     ]
