@@ -11,6 +11,7 @@ from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
+from vlafuzz.failures import regions
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
@@ -190,7 +191,8 @@ def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     assert tilted.step[1].endswith("--minimal --out corpus")
 
 
-def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path):
+def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(regions, "DRAWN", 500)  # random scenes, and as many to compare with: fewer are quicker
     rng = np.random.default_rng(0)
     scenes = [only("light", 1), *(SPACE.sample(rng) for _ in range(80))]
     with Store.open(tmp_path / "a.db", "write") as opened:
@@ -200,14 +202,15 @@ def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path):
         rough = FoundCause(scenes[0], ("light",), 5, SHARE)  # of the range that the strategy has in mind
         opened.keep_causes(1, Attribution((rough,), 0, Probability(0.9, 0.8, 1.0), tuple(range(1, 81))))
         triage(opened, lambda run: PlantedRunner([DARK]), findings=cause_findings(opened, 1))
-        (card,), (plot,) = view_of_store(opened).causes, view_of_store(opened).plots
+        view = view_of_store(opened)
+    (card,), (plot,) = view.causes, view.plots
     ((axis, _, (band,)),) = card.strips
     assert (axis.quantity, band.quantity) == ("light.intensity", "light.intensity")
     rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(SPACE, scene)]
     assert all(rolled)
-    inside = np.mean([band.holds(SPACE, SPACE.sample(rng)) for _ in range(1500)])
+    inside = np.mean([band.holds(SPACE, SPACE.sample(rng)) for _ in range(500)])
     assert 0.2 < inside < 0.5
-    assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.05
+    assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.07
 
 
 def test_a_policy_that_fails_in_nominal_scenes_is_told_so_where_no_cause_was_found(store: Store):
