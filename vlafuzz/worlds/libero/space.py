@@ -56,14 +56,14 @@ class LiberoComposer(TableComposer):
     """Composes scenes of one task. The targets' places are offsets from an initial state: nominal is zero."""
 
     def __init__(self, operators: OperatorSet, task: LiberoTask, robot: str) -> None:
-        self._libero, self._nominal = task, nominal_scene(str(task), robot)
+        self._libero = task
         slots = _slots(operators, task)
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
         layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
         shared = [gene for name in _SHARED for gene in operators.operators[name].genes(layout)]
         genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
-        super().__init__(layout, genes)
+        super().__init__(str(task), robot, layout, genes)
 
     def _placing(self, operator: Operator) -> Iterator[Gene]:
         concerned, name = self._libero.concerned, operator.name
@@ -78,37 +78,17 @@ class LiberoComposer(TableComposer):
             elif isinstance(operator, (kinds.TargetOrientation, kinds.BystanderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
-    def compose(self, values: Mapping[str, float]) -> Scene:
-        names, around = list[str](), list[str]()
-        for slot in self.layout.of("targets"):
-            names.append(self._chosen(values, slot, names))
-        task = recast(self._libero, tuple(names))
-        for slot in self.layout.of("confounders")[: int(values["confounders"])]:
-            around.append(self._chosen(values, slot, around, task))
-        placed = [
-            Placement(name, REST, *(values.get(f"{slot}.{part}", 0.0) for part in ("x", "y", "yaw")))
-            for slot, name in zip(self.layout.used(len(around)), [*names, *around], strict=True)
-        ]
-        return Scene(
-            task=self._nominal.task,
-            targets=tuple(placed[: len(names)]),
-            instruction=_said(task)[int(values.get("instruction", 0))],
-            confounders=tuple(placed[len(names) :]),
-            robot=self._nominal.robot,
-            **self.parts(values),
-        )
+    def is_free(self, slot: str, name: str, taken: Sequence[str]) -> bool:
+        things = len(self._libero.things)
+        own = len(taken) < things or not doubles(recast(self._libero, tuple(taken[:things])), name)
+        return own and name not in taken
 
-    def _chosen(
-        self, values: Mapping[str, float], slot: str, taken: list[str], beside: LiberoTask | None = None
-    ) -> str:
-        """The name that a slot's value stands for, or the next one that is free."""
-        options, index = self.layout.slots[slot], int(values.get(f"{slot}.object", 0))
-        names = (name for name in options[index:] + options[:index] if name not in taken)
-        return next((name for name in names if not (beside and doubles(beside, name))), options[index])
+    def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
+        return Placement(name, REST, *(values.get(f"{slot}.{part}", 0.0) for part in ("x", "y", "yaw")))
 
-    def wordings(self, scene: Scene) -> Sequence[str]:
+    def wordings(self, targets: Sequence[str]) -> Sequence[str]:
         try:
-            return _said(recast(self._libero, tuple(placed.object for placed in scene.targets)))
+            return _said(recast(self._libero, tuple(targets)))
         except SceneError:  # other things, which stand for no index either
             return ()
 

@@ -58,21 +58,43 @@ PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a s
 class TableComposer(ABC):
     """Composes the scenes of one task. A world says how things are placed, and what is said."""
 
-    def __init__(self, layout: Layout, genes: Iterable[Gene]) -> None:
-        self.layout, self.genes = layout, tuple(genes)
+    def __init__(self, task: str, robot: str, layout: Layout, genes: Iterable[Gene]) -> None:
+        self._task_name, self._robot, self.layout, self.genes = task, robot, layout, tuple(genes)
         self._parts = {part: [gene for gene in self.genes if gene.slot == part] for part in PARTS}
 
     @abstractmethod
-    def compose(self, values: Mapping[str, float]) -> Scene:
-        """The scene with these values. A name that is taken is replaced by the next free one."""
+    def is_free(self, slot: str, name: str, taken: Sequence[str]) -> bool:
+        """Whether an object may stand in a slot beside those of the slots before it."""
+
+    @abstractmethod
+    def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
+        """The placement of an object in a slot."""
 
     @abstractmethod
     def placed(self, slot: str, placement: Placement) -> Values:
         """The values of what is in a slot; NaN where no index stands for it."""
 
     @abstractmethod
-    def wordings(self, scene: Scene) -> Sequence[str]:
-        """The instructions that the scene's targets may have."""
+    def wordings(self, targets: Sequence[str]) -> Sequence[str]:
+        """The instructions that a scene with these targets may have."""
+
+    def compose(self, values: Mapping[str, float]) -> Scene:
+        """The scene with these values. A name that is taken is replaced by the next free one."""
+        slots, names = self.layout.used(int(values["confounders"])), list[str]()
+        for slot in slots:
+            known, index = self.layout.slots[slot], int(values.get(f"{slot}.object", 0))
+            free = (name for name in known[index:] + known[:index] if self.is_free(slot, name, names))
+            names.append(next(free, known[index]))
+        placed = tuple(self.placement(values, slot, name) for slot, name in zip(slots, names, strict=True))
+        targets = len(self.layout.of("targets"))
+        return Scene(
+            task=self._task_name,
+            targets=placed[:targets],
+            instruction=self.wordings(names[:targets])[int(values.get("instruction", 0))],
+            confounders=placed[targets:],
+            robot=self._robot,
+            **self.parts(values),
+        )
 
     def values(self, scene: Scene) -> Values:
         """The values of everything that a scene has; NaN where no index stands for it."""
@@ -84,8 +106,8 @@ class TableComposer(ABC):
         for part, placements in (("targets", scene.targets), ("confounders", scene.confounders)):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self.placed(slot, placement)
-        said = math.nan if scene.then else index_of(self.wordings(scene), scene.instruction)
-        return values | {"instruction": said}
+        wordings = self.wordings([target.object for target in scene.targets])
+        return values | {"instruction": math.nan if scene.then else index_of(wordings, scene.instruction)}
 
     def parts(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Camera, light and extras with these values, by the names of the scene's fields."""

@@ -7,7 +7,7 @@ Rejection is bounded: first a position is redrawn, then the whole scene, then ge
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -39,8 +39,7 @@ class Composer(TableComposer):
     """Composes the scenes of one task, from the genes of all operators, in their order."""
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: TableTask, robot: str) -> None:
-        self._catalogue, self._task, self._robot = catalogue, task, robot
-        self._wordings = load_wordings()[task.name]
+        self._catalogue = catalogue
         self._fixed = {
             "targets": operators.get(kinds.TargetOrientation).fixed,
             "confounders": operators.get(kinds.ConfounderOrientation).fixed,
@@ -48,37 +47,23 @@ class Composer(TableComposer):
         setup = rig(robot)
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
-        layout = Layout(slots, _distinct(slots), stable_poses, len(self._wordings), setup)
-        super().__init__(layout, (gene for name in kinds.OPERATORS for gene in operators.operators[name].genes(layout)))
+        layout = Layout(slots, _distinct(slots), stable_poses, len(load_wordings()[task.name]), setup)
+        genes = (gene for name in kinds.OPERATORS for gene in operators.operators[name].genes(layout))
+        super().__init__(task.name, robot, layout, genes)
 
-    def compose(self, values: Mapping[str, float]) -> Scene:
-        slots = self.layout.used(int(values["confounders"]))
-        names: list[str] = []
-        for slot in slots:
-            names.append(self._free_name(slot, int(values[f"{slot}.object"]), names))
-        placed = tuple(self.placement(values, slot, name) for slot, name in zip(slots, names, strict=True))
-        targets = placed[: self._task.targets]
-        spoken = [self._catalogue[target.object].spoken for target in targets]
-        return Scene(
-            task=self._task.name,
-            targets=targets,
-            instruction=say(self._wordings[int(values["instruction"])], spoken),
-            confounders=placed[self._task.targets :],
-            robot=self._robot,
-            **self.parts(values),
-        )
+    def is_free(self, slot: str, name: str, taken: Sequence[str]) -> bool:
+        return self._catalogue[name].spoken not in {self._catalogue[other].spoken for other in taken}
 
     def placement(self, values: Mapping[str, float], slot: str, name: str) -> Placement:
-        """The placement of an object in a slot."""
         poses = self._catalogue[name].stable_poses
         rest = poses[int(values[f"{slot}.rest"]) % len(poses)].name
         yaw = 0.0 if rest in self._fixed[slot.partition(".")[0]] else values[f"{slot}.yaw"]
         return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
 
-    def wordings(self, scene: Scene) -> Sequence[str]:
-        known = [target.object for target in scene.targets if target.object in self._catalogue]
-        spoken = [self._catalogue[name].spoken for name in known]
-        return [say(wording, spoken) for wording in self._wordings]
+    def wordings(self, targets: Sequence[str]) -> Sequence[str]:
+        return _said(
+            self._task_name, tuple(self._catalogue[name].spoken for name in targets if name in self._catalogue)
+        )
 
     def placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None
@@ -91,11 +76,10 @@ class Composer(TableComposer):
             f"{slot}.yaw": placement.yaw if placement.quaternion is None else math.nan,
         }
 
-    def _free_name(self, slot: str, index: int, taken: Sequence[str]) -> str:
-        names = self.layout.slots[slot]
-        spoken = {self._catalogue[name].spoken for name in taken}
-        free = (name for name in names[index:] + names[:index] if self._catalogue[name].spoken not in spoken)
-        return next(free, names[index])
+
+@cache
+def _said(task: str, spoken: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(say(wording, spoken) for wording in load_wordings()[task])
 
 
 def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:

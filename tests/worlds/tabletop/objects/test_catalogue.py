@@ -18,22 +18,9 @@ from vlafuzz.worlds.tabletop.objects.catalogue import INDEX, NUMBERS
 
 SCRIPTS = Path(__file__).parents[4] / "scripts"
 GRASPABLE = [
-    "pepsi_can",
-    "coke_can",
-    "sprite_can",
-    "7up_can",
-    "fanta_can",
-    "redbull_can",
-    "blue_plastic_bottle",
-    "apple",
-    "orange",
-    "sponge",
-    "spoon",
-    "carrot",
-    "green_cube",
-    "yellow_cube",
-    "eggplant",
-]
+    "pepsi_can", "coke_can", "sprite_can", "7up_can", "fanta_can", "redbull_can", "blue_plastic_bottle", "apple",
+    "orange", "sponge", "spoon", "carrot", "green_cube", "yellow_cube", "eggplant",
+]  # fmt: skip
 PLACES = ["plate", "large_plate", "table_cloth", "short_table_cloth", "basket"]
 
 

@@ -1,11 +1,11 @@
-"""Pictures: light, camera and objects are seen as the scene says."""
+"""Pictures: light, camera and objects are seen as the scene says; those for people have shadows."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, FRONT, NOT_MOVED, SIZE, make_env, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, FRONT, NOT_MOVED, SIZE, make_env, nominal, pick_up, put
 from vlafuzz.errors import SimulatorError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Camera, Light, Scene
@@ -130,3 +130,27 @@ def test_a_wrist_camera_looks_at_what_is_between_the_fingers():
     greener = [(picture[..., 1] - picture[..., 0] > 40).sum() for picture in (near, far)]
     assert greener[0] > 10
     assert greener[1] == 0
+
+
+BASKET = nominal("put-in")
+BOTH = (CameraRequest("policy", 64, 64), CameraRequest("film", 96, 96))
+
+
+def pictures(light: float, shown: str | None) -> list[np.ndarray]:
+    env = TabletopEnv("put-in", CATALOGUE, BOTH, shown=shown)
+    env.begin(replace(BASKET, light=Light(light)))
+    seen = [env.picture("film").copy(), env.picture("policy").copy()]
+    env.close()
+    return seen
+
+
+def test_a_film_changes_nothing_that_the_policy_sees():
+    (film, seen), (_, alone) = pictures(1.0, "film"), pictures(1.0, None)
+    assert np.array_equal(seen, alone)
+    assert film.shape == (96, 96, 3)
+
+
+def test_bright_light_is_no_white_sheet_in_a_film():
+    shares = [(pictures(6.0, shown)[0].min(axis=2) > 250).mean() for shown in ("film", None)]
+    assert shares[0] < 0.02
+    assert shares[1] > 0.3
