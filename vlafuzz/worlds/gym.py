@@ -164,7 +164,10 @@ class GymWorld(ValuesWorld[Now]):
         module = type(self._kept.unwrapped).__module__.partition(".")[0]
         found = (metadata.packages_distributions().get(module) or [])[:1]
         names = dict.fromkeys(["gymnasium", *found, *self.packages])
-        return ", ".join(f"{name} {version}" for name, version in _versions(names))
+        try:
+            return ", ".join(f"{name} {metadata.version(name)}" for name in names)
+        except metadata.PackageNotFoundError as missing:
+            raise PrerequisiteError(f"there is no package {missing.name}", hint=f"pip install {missing.name}") from None
 
     def reset(self, values: Mapping[str, Value], seed: int) -> Now:
         env = self._ready()
@@ -198,8 +201,9 @@ class GymWorld(ValuesWorld[Now]):
 
     def observe(self, state: Now) -> Array:
         """All numbers of the observation, pictures left out."""
-        parts = [part.ravel() for part in _leaves(state.observation) if not _is_picture(part)]
-        return np.concatenate([np.zeros(0), *parts])
+        leaves = _leaves(state.observation)
+        numbers = [part.ravel() for part in leaves if part.dtype != np.uint8 or part.ndim < 2]
+        return np.concatenate([np.zeros(0), *numbers])
 
     def fingerprint(self, state: Now) -> bytes:
         seen = b"".join(np.ascontiguousarray(part).tobytes() for part in _leaves(state.observation))
@@ -313,15 +317,3 @@ def _leaves(observation: Any) -> Iterator[NDArray[Any]]:
             yield from _leaves(part)
     elif not isinstance(observation, str):
         yield np.asarray(observation)
-
-
-def _is_picture(part: NDArray[Any]) -> bool:
-    return part.dtype == np.uint8 and part.ndim >= 2
-
-
-def _versions(names: Mapping[str, None]) -> Iterator[tuple[str, str]]:
-    for name in names:
-        try:
-            yield name, metadata.version(name)
-        except metadata.PackageNotFoundError:
-            raise PrerequisiteError(f"there is no package {name}", hint=f"pip install {name}") from None

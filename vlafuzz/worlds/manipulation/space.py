@@ -235,7 +235,8 @@ class TableSpace(Space):
     def described(self, scene: Scene, operators: str, other: Scene) -> str:
         if operators == CONFOUNDERS:
             same = scene.confounders == other.confounders
-            return "" if same else "; ".join(map(_described, scene.confounders)) or "none"
+            placed = [f"{_name(one)} at x {one.x:g} m, y {one.y:g} m" for one in scene.confounders]
+            return "" if same else "; ".join(placed) or "none"
         if operators == kinds.Light.name:
             return "" if scene.light == other.light else f"× {scene.light.intensity:.3g}"
         if operators == kinds.CameraPosition.name:
@@ -331,10 +332,6 @@ def _words(operator: str, target: Placement, other: Placement) -> list[str]:
         if target.quaternion != other.quaternion:
             words.append("turned freely" if target.quaternion else f"rests {target.rest}")
     return words
-
-
-def _described(placement: Placement) -> str:
-    return f"{_name(placement)} at x {placement.x:g} m, y {placement.y:g} m"
 
 
 def _name(placement: Placement) -> str:

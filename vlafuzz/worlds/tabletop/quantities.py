@@ -36,12 +36,11 @@ _NEAREST = Quantity("confounders are â‰¥ {} from the target", "a confounder is â
 
 def quantities_of(targets: int) -> dict[str, Quantity]:
     """The quantities of scenes with so many targets, by name; of the second one with ``-2`` behind it."""
-    second = {f"{name}-2": _of_second(kind) for name, kind in _OF_TARGET.items()} if targets > 1 else {}
-    return {**_OF_TARGET, **second, "nearest": _NEAREST}
-
-
-def _of_second(kind: Quantity) -> Quantity:
-    return replace(kind, above=kind.above.replace(_TARGET, _OTHER), below=kind.below.replace(_TARGET, _OTHER))
+    second = {
+        f"{name}-2": replace(one, above=one.above.replace(_TARGET, _OTHER), below=one.below.replace(_TARGET, _OTHER))
+        for name, one in _OF_TARGET.items()
+    }
+    return {**_OF_TARGET, **(second if targets > 1 else {}), "nearest": _NEAREST}
 
 
 def places(picture: Picture, targets: int) -> Array:

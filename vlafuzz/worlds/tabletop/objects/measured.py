@@ -100,15 +100,12 @@ def _reading(file: Path) -> Iterator[None]:
         raise CatalogueError(f"{file}: no mesh: {error}") from None
 
 
-def _mesh(file: Path, data: bytes) -> Any:
-    return trimesh.load_mesh(io.BytesIO(data), file_type=file.suffix[1:], process=False, skip_materials=True)
-
-
 def _parts(spec: PackObject) -> list[Array]:
     """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
     data = _read(spec.collision)
     with _reading(spec.collision):
-        loaded = _mesh(spec.collision, data)
+        kind = spec.collision.suffix[1:]
+        loaded: Any = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
         whole = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
         _check_bounds(whole, spec.scale)
         whole.merge_vertices()

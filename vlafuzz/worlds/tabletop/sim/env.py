@@ -208,19 +208,15 @@ class TabletopEnv(BaseEnv):
             if request.role == "third_person":
                 pose, fov = sapien_pose(camera_pose(view)), np.radians(view.fov)
                 width = width if view.aspect == 1 else view.width(request.height)
+            elif self.agent.wrist is None:
+                raise UsageError(f"{self.rig.robot}: it has no wrist camera", hint="ask for third_person only")
             else:
-                mount = self._wrist()
+                mount = self.agent.robot.links_map[self.agent.wrist]
             made = CameraConfig(
                 name, pose, width, request.height, fov, mount=mount, shader_config=rendering.use_shaders()
             )
             configs.append(made)
         return configs
-
-    def _wrist(self) -> Any:
-        """The link that carries the wrist camera; a UsageError if the robot has none."""
-        if self.agent.wrist is None:
-            raise UsageError(f"{self.rig.robot}: it has no wrist camera", hint="ask for third_person only")
-        return self.agent.robot.links_map[self.agent.wrist]
 
     def _load_agent(self, options: dict[str, Any]) -> None:
         super()._load_agent(options, sapien.Pose(self.rig.base))
