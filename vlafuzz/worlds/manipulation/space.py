@@ -259,36 +259,26 @@ class TableSpace(Space):
         if group == kinds.CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
             far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
             return f"the camera is {_moved(self.rig.view, scene.camera, far)}"
-        if group in (kinds.CameraOrientation.name, kinds.TargetPosition.name, kinds.TargetOrientation.name):
-            return self._turned_or_placed(scene, group, other, fails)
+        if group == kinds.CameraOrientation.name:
+            return self._turns(scene, other, fails)
+        if group in (kinds.TargetPosition.name, kinds.TargetOrientation.name) and not fails:
+            said = self.described(scene, group, other).replace("yaw", "turned to").replace("; ", " and ")
+            named = said if ":" in said else f"the target: {said}"  # of several targets each has its name
+            if group == kinds.TargetPosition.name:
+                return named.replace(": ", " is at ")
+            return named.replace(": rests", " rests").replace(": ", " is ")
         return super().clause(scene, group, other, fails)
 
-    def _turned_or_placed(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range]) -> str:
+    def _turns(self, scene: Scene, other: Scene, fails: Sequence[Range]) -> str:
+        """How the camera turns, a clause of ``clause``."""
         values, usual = self.values(scene), self.values(other)
-        if group == kinds.CameraOrientation.name:
-            turned = [path for path in (dict(fails[0][0]) if fails else _TURNED) if values[path] != usual[path]]
-            ways = []
-            for path in turned:
-                own = [
-                    (tuple((name, value) for name, value in ends if name == path) for ends in pair) for pair in fails
-                ]
+        ways = []
+        for path in dict(fails[0][0]) if fails else _TURNED:
+            if values[path] != usual[path]:
+                own = [[tuple(end for end in ends if end[0] == path) for ends in pair] for pair in fails]
                 amounts = [beyond(low, high, usual, away=True) for low, high in own] or [f"{abs(values[path]):g}°"]
                 ways.append(_TURNED[path][values[path] < usual[path]].format(" or ".join(amounts)))
-            return " and ".join(ways).replace(" and the camera", " and")
-        described = self.described(scene, group, other)
-        if fails:
-            return super().clause(scene, group, other, fails)
-        several = ":" in described  # each target behind its name
-        if group == kinds.TargetPosition.name:
-            return (
-                described.replace(": ", " is at ").replace("; ", " and ")
-                if several
-                else f"the target is at {described}"
-            )
-        words = described.replace("yaw", "turned to").replace("; ", " and ")
-        if several:
-            return words.replace(": rests", " rests").replace(": ", " is ")
-        return f"the target {'' if words.startswith('rests') else 'is '}{words}"
+        return " and ".join(ways).replace(" and the camera", " and")
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:
         ways = seen_from(self.rig.view, scene.camera)
