@@ -1,9 +1,15 @@
 """One policy for many callers gives each of them the answers that it would get alone."""
 
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
 from tests.rollouts.models import Counter
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.policies.batching import Answer, BatchingPolicy, Request
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
+from vlafuzz.policies.batching import Answer, BatchingPolicy, Request, ServedPolicy
 
 START = EpisodeStart("1/scene", "move", "pick-up", 0)
 
@@ -63,3 +69,54 @@ def test_a_rollout_is_finished_when_it_is_over_or_its_caller_gone():
     assert policy.finished == ["2/1/scene"]
     batching.leave(1)
     assert policy.finished == ["2/1/scene", "1/1/scene"]
+
+
+LONG = 60.0  # seconds: whoever waits that long is stuck
+
+
+def rolling(policy: Counter, callers: int, wait: float = LONG) -> ServedPolicy:
+    """A policy with as many live rollouts, whose callers are threads."""
+    served = ServedPolicy(policy, wait)
+    for caller in range(callers):
+        served.ask(caller, Request(begin=[START]))
+    return served
+
+
+def at_once(served: ServedPolicy, callers: int) -> list[float]:
+    with ThreadPoolExecutor(callers) as pool:
+        answers = pool.map(lambda caller: served.ask(caller, act()), range(callers), timeout=LONG)
+        return [float(chunk.actions[0, 0]) for (chunk,) in answers]
+
+
+def test_a_question_waits_for_all_rollouts_that_there_are():
+    assert at_once(rolling(policy := Counter(), 3), 3) == [1.0, 1.0, 1.0]
+    assert policy.batches == [3]
+
+
+def test_no_more_than_the_policy_takes_is_waited_for():
+    at_once(rolling(policy := Counter(max_batch=2), 3), 2)
+    assert policy.batches == [2]
+
+
+def test_rollouts_that_are_over_and_callers_that_are_gone_are_not_waited_for():
+    served = rolling(policy := Counter(), 3)
+    served.ask(1, Request(over=[START.episode]))
+    served.leave(2)
+    served.ask(0, act())
+    assert (policy.batches, policy.finished) == ([1], ["1/1/scene", "2/1/scene"])
+
+
+def test_one_that_says_nothing_is_not_waited_for_long():
+    assert at_once(rolling(policy := Counter(), 2, wait=0.01), 1) == [1.0]
+    assert policy.batches == [1]
+
+
+def test_what_breaks_the_policy_for_good_leaves_nobody_waiting():
+    class Gone(Counter):
+        def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+            raise KeyboardInterrupt
+
+    served = rolling(Gone(), 1)
+    with pytest.raises(KeyboardInterrupt):
+        served.ask(0, act())
+    assert np.array_equal(served.ask(0, Request(over=[START.episode])), [])

@@ -5,6 +5,9 @@ import json
 import signal
 import subprocess
 import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from urllib.parse import urlsplit
 from urllib.request import urlopen
@@ -17,12 +20,12 @@ from vla_eval.connection import Connection
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from tests.policies.clients.served import STATE, Attentive, asked, failure
+from tests.policies.clients.served import STATE, Attentive, asked, failure, seen, start
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, PolicySpec
+from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen, Random
@@ -31,7 +34,6 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
-
 
 CONVENTIONS = ActionSpec(
     rotation="euler_xyz",
@@ -92,6 +94,34 @@ def picture(value: int) -> np.ndarray:
 @pytest.fixture
 def echo() -> Echo:
     return Echo(CAMERAS[0])
+
+
+class Slow(Attentive):
+    """A slow policy, so that others send requests meanwhile."""
+
+    def __init__(self, **more: object) -> None:
+        super().__init__(**more)
+        self.batches: list[int] = []
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        self.batches.append(len(observations))
+        time.sleep(0.02)
+        return super().act(observations)
+
+
+def test_clients_that_ask_at_the_same_time_get_the_answers_that_each_gets_alone():
+    def rollout(policy: Policy, number: int) -> list[list[list[float]]]:
+        policy.reset([start("it", number)])
+        return [policy.act([seen("it", step)])[0].actions.tolist() for step in range(4)]
+
+    with serving(served := Slow(max_batch=8)) as name, ThreadPoolExecutor(8) as pool:
+        clients = [make_policy(name) for _ in range(8)]
+        there = list(pool.map(rollout, clients, range(8), timeout=60))
+        for client in clients:
+            client.close()
+    assert there == [rollout(Attentive(), number) for number in range(8)]
+    assert max(served.batches) > 1
+    assert sum(served.batches) == 8 * 4
 
 
 class TestOthersClients:
