@@ -197,7 +197,8 @@ class Oracle:
     ) -> list[Certificate]:
         """Whether each of other scenes passes more often, by fresh rollouts: as many there as in the scene.
 
-        It passes if the scene is ``shown`` to fail more often, it fails where an effect has become improbable. Stages count in the others; in the scene those of the finding.
+        It passes if the scene is ``shown`` to fail more often, it fails where an effect has become improbable. Stages
+        count in the others; in the scene those of the finding.
         """
         subject = self._tally(scene, CERTIFYING)
         tallies = [self._tally(other, CERTIFYING) for other in others]
