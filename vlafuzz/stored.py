@@ -178,7 +178,7 @@ class StoredResults:
             return Rows(row for one in self._runs(store, run) for row in _trials(store, one, spaces))
 
     def findings(self, run: int | None = None) -> Rows[StoredFinding]:
-        """The failing scenes of a run, by default of all, the oldest first."""
+        """The failing scenes of a run, by default of all, in the order of proposals."""
         with Store.open(self.path) as store:
             return Rows(map(finding_of, failures_of(store, run)))
 

@@ -131,6 +131,14 @@ def test_a_finding_is_kept_once_a_policy_and_listed_in_each_run_that_failed(stor
     assert [found.run for found in store.findings(other)] == [other]
 
 
+def test_findings_come_in_the_order_of_proposals_whichever_was_done_first(store: Store):
+    run = store.begin(manifest())
+    for proposal in (2, 0, 1):
+        store.add(run, trial(proposal, failed()))
+    assert [finding.proposal for finding in store.findings()] == [0, 1, 2]
+    assert [finding.proposal for finding in store.findings(run)] == [0, 1, 2]
+
+
 def test_a_scene_is_found_by_the_beginning_of_its_digest(store: Store):
     kept = trial(0, passed())
     store.add(store.begin(manifest()), kept)

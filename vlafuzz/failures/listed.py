@@ -66,7 +66,7 @@ def listing_of_store(store: Store) -> Listing:
 
 
 def failures_of(store: Store, run: int | None = None) -> Iterator[DescribedFailure]:
-    """Each failure of a store, or of a run in it, the oldest first."""
+    """Each failure of a store, or of a run in it, in the order of proposals."""
     spaces, triaged = Spaces(store.path), {row.key: row for row in store.triaged()}
     manifests = {one.id: one.manifest for one in store.runs()}
     for finding in store.findings(run):

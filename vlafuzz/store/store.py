@@ -216,13 +216,17 @@ class Store:
             return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
 
     def findings(self, run: int | None = None) -> list[Finding]:
-        """All findings, or those that failed in one run whichever run saw them first; the oldest first."""
+        """All findings, or those that failed in one run whichever run saw them first; in the order of proposals.
+
+        That is not the order of completion, which differs with several workers: triage uses what it has learnt from
+        the findings before.
+        """
         query = (
             "SELECT finding.*, json, proposal FROM finding"
             " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
         )
         if run is None:
-            selected = self._select(f"{query} ORDER BY finding.id")
+            selected = self._select(f"{query} ORDER BY finding.run, proposal")
         else:
             self._require(run)
             seen = (
@@ -230,7 +234,7 @@ class Store:
                 " AND seen.verdict = 'failed' AND seen.scene = finding.scene"
                 " AND run.policy_key = finding.policy_key)"
             )
-            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
+            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.run, proposal", run)
         with intact(self.path):
             return [rows.to_finding(row) for row in selected]
 
