@@ -231,7 +231,7 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
         key = (one.signature, types) if one.bucket == "minimal" else number
         merged[key] = _united(merged[key], one) if key in merged else one
         if failure.bucket == "minimal" and cause.mechanism is None:
-            taken = (*failure.operators, *[space.subject] * bool(types))
+            taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
     listed = tuple(sorted(_shared(store, run, space, merged, ranges), key=_rank))
     return CauseList(

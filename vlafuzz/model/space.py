@@ -132,7 +132,9 @@ class Space(ABC):
         return len(self.genes)
 
     def group(self, name: str) -> Sequence[str]:
-        """The operators of a group; a SceneError if there is none of that name."""
+        """The operators of a group, of which ``subject`` alone is one; a SceneError if there is none of that name."""
+        if name == self.subject:
+            return (name,)
         if name not in self.groups:
             raise SceneError(f"operators: {name!r} is none of {self.task.name}")
         return self.groups[name]

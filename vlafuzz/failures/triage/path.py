@@ -126,6 +126,8 @@ def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
     """The direction of one operator from a scene to start from."""
     if (own := space.direction(scene, name, start)) is not None:
         return own
+    if name == space.subject:  # which the scene to start from may have in common
+        return ",".join(space.subjects(scene))
     genes = free_genes(space, scene, space.group(name), start)
     values, before = space.values(scene), space.values(start)
     chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]

@@ -103,9 +103,11 @@ class Triager:
         At a threshold the policy fails in one scene and passes in the next: then a scene farther out is certified.
         """
         space, scene = self.runner.space, finding.scene
-        names = [name for name in self.blamed.get(scene, ()) if name in space.groups]
+        blamed = self.blamed.get(scene, ())
+        names = [name for name in blamed if name in space.groups]
+        subject = [name for name in blamed if name == space.subject and not names]
         deviating = self._deviating(scene)
-        if not names or deviating is None:
+        if not names + subject or deviating is None:
             return 0, None
         oracle = self._oracle()
         oracle.budget = round(self._most(scene) * TO_SHRINK)
@@ -120,7 +122,7 @@ class Triager:
         free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
         if CONFOUNDERS in names or len(free) > len(names):
             firm = drop_values(firm, oracle, space)
-        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages))
+        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
         if not shrunk.minimal:
             return oracle.spent, None
         search, rate = self._search(shrunk.scene), oracle.rate(alone) if farther_out else shrunk.rate
