@@ -225,14 +225,11 @@ def _run_tasks(
 
 
 def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
-    """Say whether runs ended early, with the exit code of their results.
+    """End with the exit code of the results.
 
     Args:
         left: which tasks were not begun, in a sentence.
     """
-    for summary, *_ in runs:
-        if summary.stopped:
-            Bar.note(f"{f'{summary.task} ' * (len(runs) > 1)}stopped: {summary.stopped}")
     if any(done.interrupted for done in runs):
         raise typer.Exit(INTERRUPTED)
     for summary, _, again, _ in runs:

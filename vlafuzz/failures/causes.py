@@ -159,11 +159,16 @@ class CauseList:
         if self.certify:
             suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
             found.append(f"not certified means: {suspected}; {self.certify} certifies them")
-        tried = ", variants tried to explain them not counted" if self.unexplained else ""
-        found.append(f"unexplained failures: {self.unexplained}{tried}")
+        found.append(self.left)
         if self.probability:
             found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
         return tuple(found)
+
+    @property
+    def left(self) -> str:
+        """How many failures are unexplained."""
+        tried = ", variants tried to explain them not counted" if self.unexplained else ""
+        return f"unexplained failures: {self.unexplained}{tried}"
 
     def document(self) -> dict[str, Any]:
         """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""

@@ -82,7 +82,7 @@ def standings_of(store: Store, lists: Sequence[CauseList] | None = None) -> tupl
     for (policy, task), several in groups.items():
         newest = several[::-1]
         found = next((by_run[run.id] for run in newest if run.id in by_run), None)
-        rates = (_rate(store, run, by_run.get(run.id)) for run in newest)
+        rates = (rate_of(store, run, by_run.get(run.id)) for run in newest)
         standings.append(
             Standing(
                 policy=policy,
@@ -96,7 +96,7 @@ def standings_of(store: Store, lists: Sequence[CauseList] | None = None) -> tupl
     return tuple(standings)
 
 
-def _rate(store: Store, run: Run, found: CauseList | None) -> Probability | None:
+def rate_of(store: Store, run: Run, found: CauseList | None) -> Probability | None:
     """How often random scenes fail: the share of a random run, or what a strategy estimates."""
     if run.manifest.strategy != RANDOM:
         return found.probability if found else None

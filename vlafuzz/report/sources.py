@@ -11,7 +11,7 @@ from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, Spaces, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.cards import card_of, sentence
+from vlafuzz.report.cards import card_of, sentence, told
 from vlafuzz.report.counts import Standing, draws, rollouts_of, standings_of
 from vlafuzz.report.plots import Plot, plot_of
 from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
@@ -115,15 +115,7 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) ->
     certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
-    name = f"{one.policy} on {one.task}"
-    if causes:
-        return Head(name, sentence(causes), one.rate)
-    if not judged:
-        return Head(name, "No scene was judged.", one.rate)
-    if not failed:
-        return Head(name, f"Never failed in {plural(judged, 'scene')}.", one.rate)
-    why = f"No cause was found{found.nominal}" if found else "Nothing has looked for causes yet"
-    return Head(name, f"Fails in {failed} of {plural(judged, 'scene')} that were tried. {why}.", one.rate)
+    return Head(f"{one.policy} on {one.task}", told(found, causes, failed, judged), one.rate)
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:
