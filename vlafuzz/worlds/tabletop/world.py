@@ -161,7 +161,7 @@ class Tabletop(TableWorld):
         chosen = load_operators(source or setup.operators)
         check_names(chosen, known.union(*(world.objects for world in known_worlds().values())))
         if task is not None:
-            self.space(Wanted(task=task_named(task).name, robot=setup.robot, packs=packs), chosen)
+            self.space(Wanted(task=task_named(task).name, robot=setup.robot, packs=packs, operators=source))
             chosen = chosen.in_task(task)
         rows = [
             {
