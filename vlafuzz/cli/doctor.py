@@ -83,5 +83,4 @@ def _checks_of(world: str, task: str | None) -> Iterator[Check]:
     made = world_named(name)
     wanted = task or named or next(iter(made.tasks))
     made.task(wanted)
-    for finding in examine(made, wanted, name):
-        yield Check(*finding)
+    yield from examine(made, wanted, name)

@@ -1,21 +1,7 @@
 """Checks of a policy before its failures are believed, and of this machine."""
 
-from typing import Literal, NamedTuple
-
-Rating = Literal["ok", "warn", "refuse"]
-
-
-class Check(NamedTuple):
-    """The result of one check, a row of the doctor's report; ``refuse``: nothing is run before a correction.
-
-    ``found``: the observation, with figures. ``follows``: the consequence, and what to do, if any.
-    """
-
-    check: str
-    found: str
-    verdict: Rating = "ok"
-    follows: str = ""
-
+from vlafuzz.model.outcome import Check as Check
+from vlafuzz.model.outcome import Rating as Rating
 
 # Each fault that a policy may have is rated, with advice on what to do.
 FAULTS: dict[str, tuple[Rating, str]] = {

@@ -115,11 +115,7 @@ def parted(world: str) -> tuple[str, str]:
 
 
 def tasks_named(names: str) -> tuple[str, ...]:
-    """The tasks of a list with commas, or all of the usual world.
-
-    Raises:
-        UsageError: there is no such task.
-    """
+    """The tasks of a list with commas, or all of the usual world; a UsageError if there is no such task."""
     if names == "all":
         return tuple(usual_world().tasks)
     tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))

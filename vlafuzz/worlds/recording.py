@@ -76,11 +76,7 @@ class Recording:
             self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
-        """Write an MP4 in real time.
-
-        Raises:
-            UsageError: the file cannot be written.
-        """
+        """Write an MP4 in real time; a UsageError if that does not work."""
         with writing(path):
             write_whole(path, to_mp4(self.frames, hz))
 
@@ -110,11 +106,7 @@ def _drawn(outlines: Outlines) -> Picture:
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Write a PNG.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
+    """Write a PNG; a UsageError if that does not work."""
     with writing(path):
         write_whole(path, to_png(picture))
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.conditions import Conditions, check_choice
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
@@ -285,8 +285,7 @@ class ValuesWorld(World, Generic[State]):
             raise UsageError(problem, hint="--vary says which of them vary")
         known = operators_of(self.parameters)
         for name in wanted.vary:
-            if name not in known:
-                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, known))
+            check_choice("operator", name, known)
         return self._space(wanted.task, wanted.vary or known)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:

@@ -111,11 +111,7 @@ def pool(task: LiberoTask) -> tuple[str, ...]:
 
 @cache
 def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
-    """The task with other things in the place of its own: goal, start and instruction are about them.
-
-    Raises:
-        SceneError: one of them may not stand there.
-    """
+    """The task about other things in the place of its own; a SceneError if one of them may not stand there."""
     names = dict(zip(task.things, things, strict=False))
     instruction, objects = task.instruction, load_objects()
     for own, options in zip(task.things, swaps(task), strict=True):

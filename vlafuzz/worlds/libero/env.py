@@ -88,11 +88,7 @@ class LiberoEnv:
         return np.array(self.data.xpos[self.bodies[name]])
 
     def reset(self, number: int = 0) -> None:
-        """Restore the suite's own initial state ``number``.
-
-        Raises:
-            UsageError: there is no such state.
-        """
+        """Restore the suite's own initial state ``number``; a UsageError if there is none."""
         if not 0 <= number < len(self.states):
             raise UsageError(f"{self.task} has no initial state {number}", f"0 to {len(self.states) - 1}")
         self.restore(self.states[number])

@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, ValidationError
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions, Setting
+from vlafuzz.model.conditions import Conditions, Setting, check_choice
 from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
 
@@ -63,15 +63,10 @@ class OperatorSet:
     severity: float = 1.0
 
     def only(self, names: Iterable[str]) -> OperatorSet:
-        """The same set with only these operators varying.
-
-        Raises:
-            UsageError: no such operator, or one that has nothing to vary.
-        """
+        """The same set with only these operators varying; a UsageError for one that is none, or has nothing to vary."""
         varied = dict.fromkeys(names)
         for name in varied:
-            if name not in OPERATORS:
-                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, OPERATORS))
+            check_choice("operator", name, OPERATORS)
         idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]
         if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
             raise UsageError(

@@ -167,11 +167,7 @@ OF_LIBERO = {name: replace(LIBERO, robot=name) for name in ("libero", *FORMER)}
 
 
 def rig(robot: str) -> Rig:
-    """The rig of a robot.
-
-    Raises:
-        SceneError: no such robot.
-    """
+    """The rig of a robot; a SceneError if there is none."""
     known = RIGS | OF_LIBERO | _OF_PHOTOS
     if robot not in known:
         raise SceneError(f"robot: unknown robot {robot!r}", hint=suggestion(robot, known))

@@ -152,11 +152,7 @@ class Tabletop(TableWorld):
     def listed_operators(
         self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Pack]
     ) -> tuple[str, list[dict[str, str]], list[str]]:
-        """The operators of a file: a title, a row for each, the tasks with ranges of their own.
-
-        Raises:
-            CatalogueError, UsageError: a run would refuse the file.
-        """
+        """The operators of a file: a title, a row for each, the tasks with ranges of their own; errors as of a run."""
         setup, known = rig(robot or PANDA.robot), set(load_catalogue(packs=packs))
         chosen = load_operators(source or setup.operators)
         check_names(chosen, known.union(*(world.objects for world in known_worlds().values())))
