@@ -102,11 +102,7 @@ class PartlyAnsweredError(PolicyError):
 
 
 def answered(answers: Sequence[ActionChunk | PolicyError]) -> list[ActionChunk]:
-    """The answers of a policy, if there are no errors among them.
-
-    Raises:
-        PolicyError: the only answer is this error. PartlyAnsweredError: one of several is.
-    """
+    """The answers, if no error is among them: a single one is raised, of several answers a PartlyAnsweredError."""
     chunks = [answer for answer in answers if isinstance(answer, ActionChunk)]
     if len(chunks) == len(answers):
         return chunks

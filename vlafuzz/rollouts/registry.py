@@ -25,12 +25,7 @@ EXECUTORS = ("local", "processes", "ray")
 
 @dataclass(frozen=True)
 class Place:
-    """Where scenes are evaluated.
-
-    Attributes:
-        executor: one of ``EXECUTORS``; None for local with one worker, else processes.
-        address: of a ray cluster; None to start one here.
-    """
+    """Where scenes are evaluated. ``executor``: see ``kind``; ``address``: of a ray cluster, None to start one."""
 
     workers: int = 1
     executor: str | None = None

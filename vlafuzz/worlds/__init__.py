@@ -79,11 +79,7 @@ def no_pictures(task: str) -> str:
 
 
 def task_of(world: str | None, task: str | None) -> str | None:
-    """The task that ``--world`` or ``--task`` names; None for the default.
-
-    Raises:
-        UsageError: there is no such world, it needs a task, or there are two of them.
-    """
+    """The task that ``--world`` or ``--task`` names, None for the default; a UsageError for none, or two."""
     if world is None:
         return task
     name, named = parted(world)

@@ -270,11 +270,7 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
 
 
 class GymPolicy:
-    """A policy of a world that acts by the ``Now`` of each observation, or the world's expert.
-
-    Args:
-        begin: is told the seed of each rollout.
-    """
+    """Acts by the ``Now`` of each observation, as a policy or expert; ``begin`` is told the seed of each rollout."""
 
     attempt = 0
 

@@ -61,11 +61,7 @@ class Recording:
         return max(0, min(steps // self._stride, len(self.frames) - 1))
 
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
-        """Frame in red, with a word, all that comes after the last progress of a rollout.
-
-        Args:
-            trace: ``(steps,)`` progress after each control step.
-        """
+        """Frame in red, with a word, all after the last progress; ``trace``: progress after each step."""
         for index in range(self.stuck(trace), len(self.frames)):
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]

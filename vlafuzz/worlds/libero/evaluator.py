@@ -88,11 +88,7 @@ class LiberoEpisode(Episode):
 
 
 def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
-    """What a policy asks for, turned by 180°.
-
-    As in evaluations of LIBERO, pictures have 256 pixels a side, and are made smaller for models that take smaller
-    ones.
-    """
+    """What a policy asks for, turned by 180°: of 256 pixels a side, as LIBERO evaluates, or made smaller from these."""
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:
         return picture

@@ -111,11 +111,7 @@ class OperatorSet:
 
 
 def load_operators(source: str | Path | None = None) -> OperatorSet:
-    """Read a set of operators: a file, or the name of a shipped one (``tabletop`` by default).
-
-    Raises:
-        CatalogueError: the file is wrong; the message names file and key.
-    """
+    """Read operators from a file, or shipped ones by name; a CatalogueError with file and key if they are wrong."""
     path = _find(str(source or DEFAULT), beside=None)
     return _make(path, _with_extras(_read(path, ())))
 

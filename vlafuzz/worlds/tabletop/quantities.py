@@ -49,11 +49,7 @@ def places(picture: Picture, targets: int) -> Array:
 
 
 def measured(scene: Scene, catalogue: Catalogue, usual: Array) -> dict[str, float]:
-    """The quantities of a scene, in 2 ms.
-
-    Args:
-        usual: the ``places`` of the nominal scene.
-    """
+    """The quantities of a scene, in 2 ms; ``usual``: the ``places`` of the nominal scene."""
     picture = Picture(scene, catalogue)
     found: dict[str, float] = {}
     for index in range(len(scene.targets)):
