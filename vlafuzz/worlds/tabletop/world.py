@@ -129,7 +129,7 @@ class Tabletop(TableWorld):
         ]
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
-        """The packs in these folders, measured; UsageError for a folder without any, CatalogueError for a damaged mesh."""
+        """The packs in these folders, measured; UsageError for a folder without any, CatalogueError for a bad mesh."""
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
         packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
         catalogue = load_catalogue(packs=packs)
