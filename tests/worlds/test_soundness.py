@@ -4,7 +4,7 @@ import pytest
 
 from tests.worlds import carts
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Check
+from vlafuzz.model.check import Check
 from vlafuzz.worlds.soundness import examine
 
 MODULE = "python:tests.worlds.carts"

@@ -1,7 +1,7 @@
 """Checks of a policy before its failures are believed, and of this machine."""
 
-from vlafuzz.model.outcome import Check as Check
-from vlafuzz.model.outcome import Rating as Rating
+from vlafuzz.model.check import Check as Check
+from vlafuzz.model.check import Rating as Rating
 
 # Each fault that a policy may have is rated, with advice on what to do.
 FAULTS: dict[str, tuple[Rating, str]] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,21 +91,6 @@ class Outcome:
             return Outcome(verdict=Verdict.PASSED, rollouts=rollouts, progress=worst.progress)
         lost = next(stage for stage in stages if stage not in worst.reached)
         return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)
-
-
-Rating = Literal["ok", "warn", "refuse"]
-
-
-class Check(NamedTuple):
-    """The result of one check of a policy, a machine or a world; ``refuse``: nothing is run before a correction.
-
-    ``found``: the observation, with figures. ``follows``: the consequence, and what to do, if any.
-    """
-
-    check: str
-    found: str
-    verdict: Rating = "ok"
-    follows: str = ""
 
 
 @dataclass(frozen=True)
