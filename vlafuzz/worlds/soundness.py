@@ -60,11 +60,7 @@ class Trace:
 def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
     """All checks of a world of values in one task, up to the first after which the others would mean nothing.
 
-    Args:
-        reference: ``python:module:factory`` of the world, for a process of its own; empty to do without.
-
-    Raises:
-        UsageError: the world is none of values.
+    ``reference``: ``python:module:factory`` of the world, for a process of its own; empty to do without.
     """
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")

@@ -112,13 +112,9 @@ class LiberoEnv:
         self._mujoco.mj_kinematics(self.model, self.data)
 
     def step(self, action: Array) -> None:
-        """Simulate one control step of 1/20 s.
+        """Simulate one control step of 1/20 s; a SimulatorError if that diverges, or for another action.
 
-        Args:
-            action: ``(7,)`` in [-1, 1]: 5 cm and 0.5 rad a unit, along and about the axes of the base.
-
-        Raises:
-            SimulatorError: the action is not seven finite numbers, or the simulation diverged.
+        ``action``: ``(7,)`` in [-1, 1]: 5 cm and 0.5 rad a unit, along and about the axes of the base.
         """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (ACTION,) or not np.isfinite(action).all():
