@@ -207,8 +207,12 @@ class TestAddress:
     def test_nothing_is_guessed(self, action):
         with serving(Attentive(action=action)) as name, closing(make_policy(name)) as client:
             assert guesses(name, client.spec) == {}
-            assert "gripper=" not in name  # the server declares it
             assert client.spec.action == action
+
+    def test_what_the_server_declares_is_not_repeated(self):
+        with serving(Frozen()) as name:
+            assert "rotation=" not in name
+            assert "gripper=" not in name
 
     def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
         assert says_of(Frozen().spec).startswith(
