@@ -97,7 +97,7 @@ class Triages:
     def _triage(self, scene: Scene) -> Done:
         if scene.digest not in self._done:
             runner = Runner(self._world)
-            triaged = Triager(runner, trials=self._trials).triage(Finding(scene, "", 0, 0, ""))
+            triaged = Triager(runner, trials=self._trials).triage(Finding(scene, "", 0, ""))
             verdict = None
             if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)

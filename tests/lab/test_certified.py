@@ -10,7 +10,7 @@ from tests.doubles import failed, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.certified import Certified, certified, certify, known_results
+from vlafuzz.lab.compare import Certified, certified, certify, known_results
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
@@ -64,28 +64,28 @@ def made(number: int, bucket: str, signature: str | None = None, rollouts: int =
     )
 
 
-FINDINGS = [Finding(scene, "key", run=1, proposal=0, cell="") for scene in SCENES]
+FINDINGS = [Finding(scene, "key", run=1, cell="") for scene in SCENES]
 MADE = [made(0, "minimal", "dark"), made(1, "flaky", rollouts=5), made(2, "minimal", "dark"),
         made(3, "minimal", "tilted")]  # fmt: skip
 
 
 def test_a_signature_counts_once_and_only_where_it_is_certified():
     counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=200)
-    assert counted == Certified(("dark", "tilted"), triaged=4, rollouts=155)
-    assert certified(FINDINGS, {MADE[0].key: made(0, "witnessed", "nominal")}, limit=200).causes == ()
+    assert counted == Certified(("dark", "tilted"), triaged=4, triage_rollouts=155)
+    assert certified(FINDINGS, {MADE[0].key: made(0, "witnessed", "nominal")}, limit=200).signatures == ()
 
 
 def test_beyond_the_limit_nothing_counts_and_all_of_it_is_spent():
     counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=154)
-    assert counted == Certified(("dark",), triaged=3, rollouts=154)
+    assert counted == Certified(("dark",), triaged=3, triage_rollouts=154)
 
 
 def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Store):
     certify(store, runner, store.runs(), limit=1000)
     counted = [certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()]
-    assert counted[0].causes == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
+    assert counted[0].signatures == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
     assert [one.triaged for one in counted] == [4, 2]
-    assert counted[1].rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
+    assert counted[1].triage_rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
 
 class Interrupted(PlantedRunner):
@@ -124,4 +124,4 @@ def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: 
         store.keep_causes(1, Attribution((FoundCause(SLIGHT, ("camera-orientation",), 1),)))
         certify(store, lambda run: Edgy([TILTED]), store.runs(), limit=1000)
         counted = certified(findings_in_order(store, 1), known_results(store), 1000)
-    assert counted.causes == ("pick-up|grasp|camera-orientation:+yaw",)
+    assert counted.signatures == ("pick-up|grasp|camera-orientation:+yaw",)

@@ -14,7 +14,7 @@ from pathlib import Path
 from vlafuzz import __version__
 from vlafuzz.common import assets
 from vlafuzz.common.text import plural
-from vlafuzz.doctor import Check, Rating
+from vlafuzz.model.check import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 
 # Each package of the simulator, and what does not work if it cannot be imported.

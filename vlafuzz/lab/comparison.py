@@ -38,9 +38,9 @@ class Counted:
     strategy: str
     seed: int
     rollouts: int
-    triage_rollouts: int | None
-    triaged: int | None
-    signatures: Sequence[str]
+    triage_rollouts: int | None = None
+    triaged: int | None = None
+    signatures: Sequence[str] = ()
     causes: int | None
     failures: int
     probability: Estimate | None

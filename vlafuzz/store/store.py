@@ -222,7 +222,7 @@ class Store:
         the findings before.
         """
         query = (
-            "SELECT finding.*, json, proposal FROM finding"
+            "SELECT finding.*, json FROM finding"
             " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
         )
         if run is None:

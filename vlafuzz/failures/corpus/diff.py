@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Literal
 
 from vlafuzz.common.plugins import check_trusted
+from vlafuzz.common.statistics import sign_p
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
-from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.conditions import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene

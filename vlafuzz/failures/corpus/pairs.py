@@ -9,9 +9,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from vlafuzz.common.statistics import Share
+from vlafuzz.common.statistics import Share, sign_p
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 
