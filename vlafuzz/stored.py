@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vlafuzz.errors import PrerequisiteError, SceneError, install
 from vlafuzz.failures.causes import ListedCause, causes_of
-from vlafuzz.failures.described import DescribedFailure, Spaces
+from vlafuzz.failures.described import DescribedFailure, space_of
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
@@ -174,8 +174,7 @@ class StoredResults:
     def trials(self, run: int | None = None) -> Rows[StoredTrial]:
         """The trials of a run, by default of all, in the order of their proposals."""
         with Store.open(self.path) as store:
-            spaces = Spaces(self.path)
-            return Rows(row for one in self._runs(store, run) for row in _trials(store, one, spaces))
+            return Rows(row for one in self._runs(store, run) for row in _trials(store, one))
 
     def findings(self, run: int | None = None) -> Rows[StoredFinding]:
         """The failing scenes of a run, by default of all, in the order of proposals."""
@@ -201,8 +200,8 @@ class StoredResults:
         return [one for one in store.runs() if run in (None, one.id)]
 
 
-def _trials(store: Store, run: Run, spaces: Spaces) -> Iterator[StoredTrial]:
-    drawn, space, manifest = draws(store, run), spaces.of(run.manifest), run.manifest
+def _trials(store: Store, run: Run) -> Iterator[StoredTrial]:
+    drawn, space, manifest = draws(store, run), space_of(store.path, run.manifest), run.manifest
     for trial in store.trials(run.id):
         outcome, severities = trial.outcome, dict[str, float]()
         with suppress(SceneError):  # an imported scene

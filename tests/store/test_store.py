@@ -126,7 +126,7 @@ def test_a_finding_is_kept_once_a_policy_and_listed_in_each_run_that_failed(stor
     for run in (first, second, other):
         store.add(run, trial(0, failed(), duplicate=run == second))
         store.add(run, trial(1, passed()))
-    assert [(finding.run, finding.proposal) for finding in store.findings()] == [(first, 0), (other, 0)]
+    assert [found.run for found in store.findings()] == [first, other]
     assert [found.run for found in store.findings(second)] == [first]
     assert [found.run for found in store.findings(other)] == [other]
 
@@ -135,8 +135,9 @@ def test_findings_come_in_the_order_of_proposals_whichever_was_done_first(store:
     run = store.begin(manifest())
     for proposal in (2, 0, 1):
         store.add(run, trial(proposal, failed()))
-    assert [finding.proposal for finding in store.findings()] == [0, 1, 2]
-    assert [finding.proposal for finding in store.findings(run)] == [0, 1, 2]
+    scenes = [trial(proposal, failed()).scene for proposal in range(3)]
+    assert [finding.scene for finding in store.findings()] == scenes
+    assert [finding.scene for finding in store.findings(run)] == scenes
 
 
 def test_a_scene_is_found_by_the_beginning_of_its_digest(store: Store):

@@ -101,8 +101,7 @@ class Past:
 
     def __init__(self, store: Store, run: int) -> None:
         self._store, self._run = store, run
-        self.left = store.count(run)
-        self._last = store.last_proposal(run) if self.left else -1
+        self.left, self._last = store.extent(run)
 
     def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
         """The stored trials of these proposals by index; those that were in progress are missing."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from vlafuzz.errors import CorpusError, StoreError, UsageError
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.described import Spaces
+from vlafuzz.failures.described import space_of
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes
@@ -148,17 +148,15 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
 def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
     scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
-    spaces = Spaces(source)
     for number in count():
         for scene, failure in scenes:
-            shown = spaces.of(failure.run).jittered(scene, DEMONSTRATE + number) if number else scene
+            shown = space_of(source, failure.run).jittered(scene, DEMONSTRATE + number) if number else scene
             yield Wanted(shown, failure.run, number, failure.scene.digest)
 
 
 def at_random(source: Path, failures: Sequence[Failure]) -> Iterator[Wanted]:
     """Random scenes under the conditions of the failures' runs in turn, with the same first attempts."""
-    spaces = Spaces(source)
     for number in count():
         run = failures[number % len(failures)].run
-        scene = spaces.of(run).sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))
+        scene = space_of(source, run).sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))
         yield Wanted(scene, run, number // len(failures), "")

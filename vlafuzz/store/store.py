@@ -178,13 +178,13 @@ class Store:
 
     def count(self, run: int) -> int:
         """Number of trials of a run."""
-        (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)
-        return int(row["trials"])
+        return self.extent(run)[0]
 
-    def last_proposal(self, run: int) -> int:
-        """The largest id of a proposal of a run that has trials."""
-        (row,) = self._select("SELECT max(proposal) AS last FROM trial WHERE run = ?", run)
-        return int(row["last"])
+    def extent(self, run: int) -> tuple[int, int]:
+        """Number of trials of a run, and the largest id of a proposal among them, -1 without any."""
+        query = "SELECT count(*), coalesce(max(proposal), -1) FROM trial WHERE run = ?"
+        ((trials, last),) = self._select(query, run)
+        return trials, last
 
     def judged(self, runs: Sequence[int]) -> tuple[int, int]:
         """Number of scenes of some runs that failed, and that failed or passed, by their last verdict."""

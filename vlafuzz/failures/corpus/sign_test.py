@@ -75,13 +75,12 @@ class SignTest:
     @property
     def needed(self) -> int:
         """The number of further pairs, all of them worse, that would raise an alarm."""
-        if self.alarm:
-            return 0
-        return next(more for more in count() if self._alarms(self.worse + more, self.better))
 
-    def _alarms(self, worse: int, better: int) -> bool:
-        early = log_wealth(worse, better) >= -np.log(self.alpha * EARLY)
-        return bool(early or (self.whole and sign_p(worse, better) <= self.alpha * (1 - EARLY)))
+        def alarms(worse: int) -> bool:
+            early = log_wealth(worse, self.better) >= -np.log(self.alpha * EARLY)
+            return bool(early or (self.whole and sign_p(worse, self.better) <= self.alpha * (1 - EARLY)))
+
+        return 0 if self.alarm else next(more for more in count() if alarms(self.worse + more))
 
 
 @dataclass(frozen=True)

@@ -148,17 +148,13 @@ class _Certifier:
 
     def simplest(self, shrunk: Shrunk) -> Shrunk:
         """The evidence for the scene with as few operators as are firm."""
-        while shrunk.firm and (simpler := self._simpler(shrunk)):
+        while shrunk.firm and len(shrunk.operators) > 1:
+            tested = (self.test(self._without(shrunk.scene, name)) for name in shrunk.unresolved)
+            simpler = next((one for one in tested if one.firm), None)
+            if simpler is None:
+                break
             shrunk = simpler
         return shrunk
-
-    def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
-        """The evidence for a scene with one operator less that is firm, too."""
-        for name in shrunk.unresolved if len(shrunk.operators) > 1 else ():
-            simpler = self.test(self._without(shrunk.scene, name))
-            if simpler.firm:
-                return simpler
-        return None
 
     def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""

@@ -68,8 +68,7 @@ class Job(NamedTuple):
     repeats: Repeats
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
-        until = deadline or Deadline()
-        return Triager(runner, self.trials, self.blamed, repeats=self.repeats, deadline=until)
+        return Triager(runner, self.trials, self.blamed, repeats=self.repeats, deadline=deadline or Deadline())
 
 
 def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
