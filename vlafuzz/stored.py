@@ -16,7 +16,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.counts import Standing, draws, standings_of
+from vlafuzz.report.tables import Standing, draws, standings_of
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
@@ -73,7 +73,6 @@ class StoredTrial:
     """A proposal of a run with its outcome.
 
     Attributes:
-        label: the name that the user gave the policy with ``--label``; empty without one.
         scene: digest.
         random: whether the scene was drawn at random, without regard to outcomes: only such trials give a failure rate.
             Of a guided run, those that passed or failed.
@@ -113,7 +112,6 @@ class StoredFinding:
     Attributes:
         scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
         run: the one that found it; None in a corpus.
-        label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
         operators: in which the scene differs from a passing one, the confounders' as one.
         conditions: the range that fails, or the value in the scene, by operator, in words with units.
@@ -164,11 +162,9 @@ class StoredResults:
             rows = []
             for run in store.runs():
                 (failed, judged), of = store.judged([run.id]), run.manifest
-                kept: dict[str, Any] = {
-                    name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")
-                }
-                told = {"label": of.named, "seconds": run.seconds, **kept}
-                rows.append(StoredRun(run=run.id, status=run.status, failed=failed, judged=judged, **told))
+                asked = {name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")}
+                came = {"status": run.status, "seconds": run.seconds, "failed": failed, "judged": judged}
+                rows.append(StoredRun(run=run.id, label=of.named, **asked, **came))
             return Rows(rows)
 
     def trials(self, run: int | None = None) -> Rows[StoredTrial]:

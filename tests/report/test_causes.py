@@ -170,12 +170,7 @@ def test_a_report_begins_with_the_causes(store: Store):
     found = certified(store, TILTED, DARK)
     view = view_of_store(store)
     assert not view.todo
-    (head,) = view.heads
-    assert re.fullmatch(
-        r"Fails when the camera turns left by at least 2\.\d+°, or the light is at most × 0\.\d+\.", head.sentence
-    )
     assert [card.title for card in view.causes] == [f"T{cause.title[1:]}" for cause in found.causes]
-    assert [card.badge[0] for card in view.causes] == ["certified", "certified"]
     page = render(view)
     assert page.index("Fails when the camera") < page.index(view.causes[0].title) < page.index("Causes of run 1")
     assert "light (dark): fails from intensity" in page

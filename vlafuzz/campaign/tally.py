@@ -18,18 +18,14 @@ class Summary:
     """The result of a run. Scenes are counted once, however often they were proposed.
 
     Attributes:
-        label: the name that the user gave the policy with ``--label``; empty without one.
         budget: of rollouts; a scene takes ``repeats`` of them.
-        rollouts: of the policy, in this run.
         duplicates: proposals answered with a stored outcome, of this run or an earlier one.
         earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
-        findings: distinct scenes that failed.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
-        first_error: the first ERROR, in a sentence.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
     """

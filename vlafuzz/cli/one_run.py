@@ -28,7 +28,7 @@ from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.cards import told
-from vlafuzz.report.counts import half_in_words, half_of_run, rate_of
+from vlafuzz.report.tables import half_in_words, half_of_run, rate_of
 from vlafuzz.search.base import about, looks_for_causes
 from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED

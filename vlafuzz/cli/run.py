@@ -108,7 +108,7 @@ def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Dead
     """
     from vlafuzz.campaign.config import BUDGET
     from vlafuzz.campaign.config import plan as plan_of
-    from vlafuzz.report.counts import half_of_run
+    from vlafuzz.report.tables import half_of_run
     from vlafuzz.search.severity import NAME
     from vlafuzz.store.store import Store
 
@@ -178,7 +178,7 @@ def _run_tasks(
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import begun
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.report.counts import standings_of
+    from vlafuzz.report.tables import standings_of
     from vlafuzz.store.records import UNFINISHED
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import default_policy, tasks_named

@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from vlafuzz.errors import CorpusError, StoreError, UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.described import space_of
 from vlafuzz.model.outcome import Verdict
@@ -101,10 +101,8 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
     return list(failures.values())
 
 
-def failures_of_corpus(folder: Path, corpus: Corpus, which: Which) -> list[Failure]:
+def failures_of_corpus(corpus: Corpus, which: Which) -> list[Failure]:
     """The cases of a corpus."""
-    if not corpus.cases:
-        raise CorpusError(f"{folder}: has no failing scene", hint="`vlafuzz export --minimal` writes some")
     return [
         Failure(
             case.scene,

@@ -79,8 +79,6 @@ class DescribedFailure(Failure):
         reference: the passing scene that it is compared with; None for the nominal one.
         counterparts: of a certified one, by operator the scene without it, in which the policy passes.
         rate: how often the policy fails around the scene; None if unknown.
-        detail: the evidence, in a sentence.
-        replay: the command that replays the scene.
         picture: PNG of the scene; None in a store.
     """
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.common.files import make_folder
+from vlafuzz.common.files import writing
 from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
@@ -57,7 +57,8 @@ def compare(
 
     # One of every strategy before the second of any: an interrupted comparison is balanced.
     jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
-    make_folder(folder)
+    with writing(folder, "give --out another folder"):
+        folder.mkdir(parents=True, exist_ok=True)
     with Store.open(run.store, "write") as store:
         runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
         trials = {done.id: _own_trials(store, done) for done in runs}

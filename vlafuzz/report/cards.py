@@ -52,15 +52,7 @@ def card_of(
     cause: ListedCause | None = None,
     failures: int = 0,
 ) -> Card:
-    """The card of a failure, or of a cause.
-
-    Args:
-        source: the store or corpus.
-        name: the anchor.
-        of: the failure that shows the cause, if there is one.
-        plot: the scenes among which it is.
-        failures: of the run that found the cause.
-    """
+    """The card of a failure, or of a cause with the failure that shows it, and how many its run has."""
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity

@@ -12,9 +12,8 @@ from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.cards import card_of, sentence, told
-from vlafuzz.report.counts import Standing, draws, rollouts_of, standings_of
 from vlafuzz.report.plots import Plot, plot_of
-from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
+from vlafuzz.report.tables import Standing, Table, cause_table, draws, rollouts_of, row_of_run, run_table, standings_of
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Run

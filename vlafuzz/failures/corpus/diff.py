@@ -249,29 +249,20 @@ def diff(
         in_a: the first policy and the second one, in the scenes of ``a``; ``in_b`` likewise.
         alpha: bound on the probability that a cause is called fixed, or new, if both fail there as often.
     """
+
+    def roll_out(known: Known, other: Side, own: Side) -> Comparison:
+        """Roll out the other policy and the one whose failures these are, in their scenes."""
+        doing, repeats = "rollouts where one of the policies fails", known.repeats
+        return compare(known.probes, other, own, alpha=alpha, repeats=repeats, whole=True, watch=watch, doing=doing)
+
     first, second = in_a
-    on_a = roll_out(a, second, first, alpha, watch)
-    on_b = roll_out(b, in_b[0], in_b[1], alpha, watch)
+    on_a, on_b = roll_out(a, second, first), roll_out(b, *in_b)
     theirs = _changes(a, on_a, "fixed", alpha)
     known_already = {change.signature for change in theirs if change.standing == "remaining"}
     ours = [change for change in _changes(b, on_b, "new", alpha) if change.signature not in known_already]
     causes = sorted([*theirs, *ours], key=lambda change: ORDER.index(change.standing))
     return Difference(
         first=first.name, second=second.name, causes=tuple(causes), fixed=on_a.fixed, broken=on_a.broken, new=on_b.fixed
-    )
-
-
-def roll_out(known: Known, other: Side, own: Side, alpha: float, watch: Watch) -> Comparison:
-    """Roll out the other policy and the one whose failures these are, in their scenes."""
-    return compare(
-        known.probes,
-        other,
-        own,
-        alpha=alpha,
-        repeats=known.repeats,
-        whole=True,
-        watch=watch,
-        doing="rollouts where one of the policies fails",
     )
 
 
