@@ -163,8 +163,8 @@ class StoredResults:
             for run in store.runs():
                 (failed, judged), of = store.judged([run.id]), run.manifest
                 asked = {name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")}
-                came = {"status": run.status, "seconds": run.seconds, "failed": failed, "judged": judged}
-                rows.append(StoredRun(run=run.id, label=of.named, **asked, **came))
+                told: dict[str, Any] = {"label": of.named, "seconds": run.seconds, **asked}
+                rows.append(StoredRun(run=run.id, status=run.status, failed=failed, judged=judged, **told))
             return Rows(rows)
 
     def trials(self, run: int | None = None) -> Rows[StoredTrial]:
