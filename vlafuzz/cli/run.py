@@ -150,8 +150,9 @@ def note_policy(plan: Plan, flags: Mapping[str, Any]) -> None:
     """Say why a policy was chosen that needs no pictures."""
     from vlafuzz.worlds import no_pictures, world_of
 
-    usual = next(iter(world_of(plan.task.name).robots))
-    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
+    task = plan.manifest.task
+    usual = next(iter(world_of(task).robots))
+    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(task):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
 

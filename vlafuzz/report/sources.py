@@ -67,10 +67,9 @@ def _comparable(runs: Sequence[Run]) -> list[list[Run]]:
     """The runs, those that differ in search and seed only together."""
     groups: list[list[Run]] = []
     for run in runs:
-        for group in groups:
-            if run.manifest.comparable(group[0].manifest):
-                group.append(run)
-                break
+        alike = (group for group in groups if run.manifest.comparable(group[0].manifest))
+        if group := next(alike, None):
+            group.append(run)
         else:
             groups.append([run])
     return groups
