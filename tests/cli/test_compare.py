@@ -150,17 +150,10 @@ def test_a_limit_that_is_too_low_for_one_failure_is_told(capsys):
     assert "in 4 of 4 runs 5 rollouts are too few to triage one failure" in capsys.readouterr().out
 
 
-class Breaking(PlantedRunner):
-    """The policy broke."""
-
-    def evaluate(self, scenes, numbers):  # type: ignore[no-untyped-def]
-        return [Outcome.error("refused") for _ in scenes]
-
-
 def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monkeypatch, capsys):
     flags = ("--strategies", "random", "--triage-rollouts", "50")
     with monkeypatch.context() as patched:
-        patched.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Breaking([]))
+        patched.setattr(PlantedRunner, "evaluate", lambda _, scenes, numbers: [Outcome.error("refused")] * len(scenes))
         compare(*flags)
     assert "failures could not be judged: the policy broke" in capsys.readouterr().err
     compare(*flags, "--json")
@@ -242,24 +235,12 @@ def test_more_repeats_and_strategies_only_add_runs():
     ]  # fmt: skip
 
 
-class Stopping(ClosedForm):
-    """Ctrl-C in the 15th scene, counted over all runs."""
-
-    left = 15
-
-    def outcome(self, scene) -> Outcome:  # type: ignore[no-untyped-def]
-        Stopping.left -= 1
-        if Stopping.left < 0:
-            raise KeyboardInterrupt
-        return super().outcome(scene)
-
-
 def test_the_same_command_goes_on_after_an_interruption(monkeypatch, capsys):
     compare("--store", "whole.db", "--json")
     whole = json.loads(capsys.readouterr().out)
     with monkeypatch.context() as patched:
-        patched.setattr(Stopping, "left", 20)
-        patched.setattr(launch, "make_evaluator", lambda *_: Stopping())
+        stopping = Raising(KeyboardInterrupt(), after=20)  # scenes of all runs
+        patched.setattr(launch, "make_evaluator", lambda *_: stopping)
         compare(code=130)
     assert "hint: the same command continues" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]

@@ -1,17 +1,16 @@
 """Triage of runs within a limit of rollouts, with a policy whose faults are planted."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, passed
-from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
-from tests.failures.triage.runners import PlantedRunner
+from tests.doubles import failed, manifest
+from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.failures.triage.runners import PlantedRunner, interrupted
+from tests.failures.triage.test_certify_causes import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare import Certified, certified, certify, known_results
-from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
@@ -19,8 +18,6 @@ from vlafuzz.store.store import Store
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]
-
-SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))
 
 
 def fails(scene: Scene) -> bool:
@@ -88,34 +85,16 @@ def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Stor
     assert counted[1].triage_rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
 
-class Interrupted(PlantedRunner):
-    """Ctrl-C after some rollouts."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        if self.policy_rollouts > 80:
-            raise KeyboardInterrupt
-        return super().evaluate(scenes, numbers)
-
-
 def test_an_interruption_and_the_number_of_workers_change_nothing(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as store, Store.open(tmp_path / "b.db", "write") as other:
         fill(store, SCENES[:2])
         certify(store, runner, store.runs(), limit=1000)
         fill(other, SCENES[:2])
-        with pytest.raises(KeyboardInterrupt):
-            certify(other, lambda run: Interrupted([fails]), other.runs(), limit=1000)
+        with interrupted(), pytest.raises(KeyboardInterrupt):
+            certify(other, runner, other.runs(), limit=1000)
         assert len(other.triaged()) == 1
         certify(other, runner, other.runs(), limit=1000, place=Place(2))
         assert results(other) == results(store)
-
-
-class Edgy(PlantedRunner):
-    """Fails if tilted, by less than 4 degrees in some rollouts only."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
-        lucky = [s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)]
-        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
 
 
 def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: Path):

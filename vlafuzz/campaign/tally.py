@@ -185,7 +185,12 @@ class Tally:
                 self._barren.append((reason, outcome.detail))
             self._asked.add(scene.digest)
         if patience is not None and len(self._barren) >= patience:
-            self.stopped = self._why()
+            reasons = Counter(reason for reason, _ in self._barren)
+            often = reasons.most_common(1)[0][0]
+            last = next(detail for reason, detail in reversed(self._barren) if reason == often)
+            counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+            example = f"; the last of them: {last}" if last else ""
+            self.stopped = f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"
 
     @property
     def spent(self) -> Spent:
@@ -212,11 +217,3 @@ class Tally:
             store_seconds=self.store.seconds,
             store=store,
         )
-
-    def _why(self) -> str:
-        reasons = Counter(reason for reason, _ in self._barren)
-        often = reasons.most_common(1)[0][0]
-        last = next(detail for reason, detail in reversed(self._barren) if reason == often)
-        counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
-        example = f"; the last of them: {last}" if last else ""
-        return f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"

@@ -19,7 +19,7 @@ from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, FoundCause, Judged, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -174,11 +174,6 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
         states_hash=row["states_hash"],
         seconds=row["seconds"],
     )
-
-
-def to_finding(row: sqlite3.Row) -> Finding:
-    """The finding in a row of ``finding`` joined with its scene's JSON."""
-    return Finding(to_scene(row, "scene"), row["policy_key"], row["run"], row["cell"])
 
 
 def attribution_row(run: int, found: Attribution) -> Row:

@@ -236,7 +236,9 @@ class Store:
             )
             selected = self._select(f"{query} WHERE {seen} ORDER BY finding.run, proposal", run)
         with intact(self.path):
-            return [rows.to_finding(row) for row in selected]
+            return [
+                Finding(rows.to_scene(row, "scene"), row["policy_key"], row["run"], row["cell"]) for row in selected
+            ]
 
     def causes(self, run: int) -> Attribution | None:
         """The causes that a run has found; None if its strategy does not look for causes."""
