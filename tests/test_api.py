@@ -94,7 +94,7 @@ def test_it_works_in_this_process_only(tmp_path: Path):
         fuzz(AfraidOfTheDark(), budget=4, workers=2, store=tmp_path / "a.db")
 
 
-def test_policies_are_compared_with_a_corpus(tmp_path: Path, monkeypatch):
+def test_a_corpus_is_compared_and_checkpoints_are_searched(tmp_path: Path, monkeypatch):
     bright = {"old": 0.0, "new": 0.0, "newer": 9.0}  # light from which they pass
     monkeypatch.setattr("vlafuzz.rollouts.policies.built_in", lambda: dict.fromkeys(bright, object))
     monkeypatch.setattr(
@@ -104,6 +104,7 @@ def test_policies_are_compared_with_a_corpus(tmp_path: Path, monkeypatch):
     write_corpus(make_corpus(controls=40), tmp_path / "dark")
     assert not vlafuzz.regress(tmp_path / "dark", "new").alarm
     assert vlafuzz.regress(tmp_path / "dark", "newer", "old").alarm
+    assert vlafuzz.bisect(tmp_path / "dark", ["old", "new", "newer"]).named == "newer"
 
 
 def test_only_a_solved_finding_has_a_film_of_its_witness(tmp_path: Path):

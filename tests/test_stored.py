@@ -86,6 +86,6 @@ def test_importing_vlafuzz_loads_nothing_else():
 
 
 def test_it_lists_what_it_has():
-    assert {"fuzz", "open_store", "regress"} <= set(dir(vlafuzz))
+    assert {"fuzz", "open_store", "regress", "bisect"} <= set(dir(vlafuzz))
     with pytest.raises(AttributeError, match="has no attribute 'fuz'"):
         vlafuzz.fuz  # noqa: B018

@@ -103,6 +103,7 @@ def test_trust_ends_with_the_command():
 
 
 POSITIONAL = {
+    "bisect": ["corpus", "--checkpoints", "mini", "{}"],
     "diff": ["{}", "b.db"],
     "export": ["a.db", "{}", "--out", "b.db"],
     "report": ["{}"],
@@ -132,6 +133,7 @@ def test_no_positional_word_grants_trust():
         (["compare", "--strategies", "random, python:a:b"], ["random", "python:a:b"]),
         (["diff", "a.db", "b.db", "--policy-b", "a,python:x:y", "--trust"], ["a,python:x:y", EVERYTHING]),
         (["replay", "a.db", "--video", OWN], []),
+        (["bisect", "corpus", "--checkpoints", OWN, OWN], []),
     ],
 )
 def test_the_values_of_flags_for_policies_and_strategies_do(words: list[str], trusted: list[str]):
@@ -147,8 +149,8 @@ def test_the_name_of_a_store_is_no_trust(folder: Path):
 
 
 def test_a_file_that_is_named_like_code_is_no_code(folder: Path, capsys):
-    Path(OWN).touch()  # as `--policy *` would name it
-    assert "is the name of a file here" in typed(capsys, ["regress", "corpus", "--policy", OWN], code=2).err
+    Path(OWN).touch()  # as `bisect corpus --checkpoints *` would name it
+    assert "is the name of a file here" in typed(capsys, ["bisect", "corpus", "--checkpoints", "mini", OWN], code=2).err
     assert not (folder / RAN).exists()
 
 

@@ -4,7 +4,7 @@ What is imported from here is described in ``vlafuzz.api``, which is loaded when
 """
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "demonstrate", "diff", "film", "fuzz", "open_store", "regress"]
+__all__ = ["__version__", "bisect", "demonstrate", "diff", "film", "fuzz", "open_store", "regress"]
 
 
 def __getattr__(name: str) -> object:

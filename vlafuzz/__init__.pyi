@@ -1,3 +1,4 @@
+from vlafuzz.api import bisect as bisect
 from vlafuzz.api import demonstrate as demonstrate
 from vlafuzz.api import diff as diff
 from vlafuzz.api import film as film

@@ -30,7 +30,7 @@ from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
 from vlafuzz.failures.corpus.diff import Difference, diff_policies
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.failures.corpus.policies import compare_policies
+from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies
 from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
@@ -193,6 +193,9 @@ def diff(
     """
     with trusting(*[EVERYTHING] * trust):
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
+
+
+bisect = bisect_checkpoints
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

@@ -84,11 +84,12 @@ def test_the_nights_share_alpha(capsys):
     assert printed["groups"]["control"]["worse"] == 15
 
 
-def test_where_no_alarm_is_possible_nothing_is_run(capsys):
+@pytest.mark.parametrize("words", ["regress rarely --policy pinhole", "bisect rarely --checkpoints idle pinhole"])
+def test_where_no_alarm_is_possible_nothing_is_run(words: str, capsys):
     rarely = make_corpus(controls=40)
     controls = [replace(control, passed=number < 2) for number, control in enumerate(rarely.controls)]
     write_corpus(replace(rarely, controls=controls), Path("rarely"))
-    said = typed(capsys, ["regress", "rarely", "--policy", "pinhole"], code=3).err
+    said = typed(capsys, words.split(), code=3).err
     assert said.startswith("error: no alarm is possible: 2 of 40 controls pass, and it takes")
     assert "\nhint: export a corpus with more passing controls: run again in narrower ranges" in said
     assert MADE == []

@@ -1,4 +1,4 @@
-"""``vlafuzz regress`` and ``vlafuzz diff``: policies compared in scenes of a corpus or store."""
+"""``vlafuzz regress``, ``diff`` and ``bisect``: policies compared in scenes of a corpus or store."""
 
 from __future__ import annotations
 
@@ -148,3 +148,46 @@ def diff(
     else:
         print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
         print_lines(result.verdict)
+
+
+def bisect(
+    corpus: CorpusFlag,
+    more: Annotated[list[str] | None, typer.Argument(hidden=True, metavar="checkpoint")] = None,
+    checkpoints: Annotated[list[str] | None, option("Checkpoints in the order of their training: A B C …")] = None,
+    policy: Annotated[str, option("How a checkpoint {} is named as a policy: lerobot:{}.")] = "{}",
+    baseline: BaselineFlag = None,
+    alpha: AlphaFlag = 0.05,
+    error: Annotated[float, option("Probability up to which something else may have happened.")] = 0.05,
+    comparisons: Annotated[int | None, option("Most comparisons.", "log2 of the checkpoints, and 2")] = None,
+    time: TimeFlag = None,
+    trust: TrustFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Find out which checkpoint broke a policy: exit code 1 if one did.
+
+    First the last checkpoint is compared with the baseline, as `vlafuzz regress` does. If it is worse, a binary search
+    that expects noise compares few of the others, until it is clear whether all of the loss came in one step.
+    """
+    check_probability("--alpha", alpha)
+    check_probability("--error", error)
+    check_number("--comparisons", comparisons, 1)
+    if "{}" not in policy:
+        hint = "for example --policy lerobot:{} --checkpoints out/010000 out/020000"
+        raise UsageError(f"--policy: {policy!r} has no {{}} for the checkpoint", hint=hint)
+    names = [policy.replace("{}", name) for name in (*(checkpoints or ()), *(more or ()))]
+    _check_policies(*names, baseline)
+    until = deadline("--time", time)
+    from vlafuzz.failures.corpus.policies import bisect_checkpoints
+    from vlafuzz.failures.corpus.tables import bisection_document
+
+    with Bar() as bar:
+        options = {"alpha": alpha, "error": error, "comparisons": comparisons, "deadline": until}
+        result = bisect_checkpoints(corpus, names, baseline, watch=bar, **options)
+    told = bisection_document(result, corpus.resolve().name)
+    if json:
+        print_json(told)
+    else:
+        print_rows(told["compared"], title=f"compared with {result.last.baseline}")
+        print_lines(f"{'' if result.in_time else '--time is over: '}{result.verdict}")
+    if result.alarm:
+        raise typer.Exit(1)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
@@ -22,7 +22,8 @@ from vlafuzz.store.records import Manifest
 UNPLAYED = "a replay of the expert's actions does not solve it"
 
 
-class Solved(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Solved:
     """A scene, and the actions that solve it as the policy of its run would write them."""
 
     wanted: Wanted

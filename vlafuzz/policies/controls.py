@@ -47,7 +47,11 @@ class Random:
 
 
 class Player:
-    """Executes ``actions``, ``(steps, width)``, which are set before a rollout, whatever it sees; then holds still."""
+    """A policy that executes a sequence of actions whatever it sees, and then holds still.
+
+    Attributes:
+        actions: ``(steps, 7)`` or of the width that the spec says, to be set before a rollout.
+    """
 
     def __init__(self, like: PolicySpec) -> None:
         self.spec = PolicySpec("witness", action=like.action)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import metadata
 from math import prod
@@ -186,8 +186,11 @@ class GymWorld(ValuesWorld[Now]):
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        return replace(
-            state,
+        return Now(  # dataclasses.replace takes longer than a step of a simple environment
+            env=state.env,
+            task=state.task,
+            values=state.values,
+            seed=state.seed,
             observation=observation,
             info=info,
             reward=float(reward),
@@ -270,7 +273,11 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
 
 
 class GymPolicy:
-    """Acts by the ``Now`` of each observation, as a policy or expert; ``begin`` is told the seed of each rollout."""
+    """A policy of a world that acts by the ``Now`` of each observation, or the world's expert.
+
+    Args:
+        begin: is told the seed of each rollout.
+    """
 
     attempt = 0
 

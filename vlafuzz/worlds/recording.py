@@ -61,7 +61,11 @@ class Recording:
         return max(0, min(steps // self._stride, len(self.frames) - 1))
 
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
-        """Frame in red, with a word, all after the last progress; ``trace``: progress after each step."""
+        """Frame in red, with a word, all that comes after the last progress of a rollout.
+
+        Args:
+            trace: ``(steps,)`` progress after each control step.
+        """
         for index in range(self.stuck(trace), len(self.frames)):
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]
@@ -72,7 +76,11 @@ class Recording:
             self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
-        """Write an MP4 in real time; a UsageError if that does not work."""
+        """Write an MP4 in real time.
+
+        Raises:
+            UsageError: the file cannot be written.
+        """
         with writing(path):
             write_whole(path, to_mp4(self.frames, hz))
 
@@ -102,7 +110,11 @@ def _drawn(outlines: Outlines) -> Picture:
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Write a PNG; a UsageError if that does not work."""
+    """Write a PNG.
+
+    Raises:
+        UsageError: the file cannot be written.
+    """
     with writing(path):
         write_whole(path, to_png(picture))
 

@@ -1,15 +1,18 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
 from collections.abc import Sequence
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
+from typing import Any
 
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus import regress
+from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.controls import MILDER
 from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import Comparison, Recorded, Rerun, Side, rollouts_of
 from vlafuzz.failures.corpus.sign_test import power_of
@@ -47,30 +50,61 @@ def compare_policies(
         UsageError: the corpus has no controls, or the baseline would have to answer where the policy does.
         PrerequisiteError: no alarm is possible.
     """
-    if not corpus.controls:
-        message = f"{folder}: has no controls, scenes that no outcome selected"
-        raise UsageError(message, hint="`vlafuzz export STORE --minimal` writes corpora with controls")
-    model, other, alpha = Model(policy, label), Model(baseline) if baseline else None, alpha / nights
-    if other and other.replaces(model):
-        problem = f"--baseline {other} cannot answer where {model.which} does"
-        raise UsageError(problem, hint="leave it out for the outcomes that a corpus with controls records")
-    scenes = probes(corpus)
-    _check_power(corpus, scenes[:max_rollouts], baseline, alpha, watch)
+    scenes, model, alpha = probes(corpus), Model(policy, label), alpha / nights
     most = rollouts_of(scenes, max_rollouts)
-
-    with ExitStack() as stack:
-        new = stack.enter_context(closing(_rerun(folder, corpus, model, watch)))
-        old: Side = Recorded(f"{corpus.tested.short} as recorded")
-        if other:
-            old = stack.enter_context(closing(_rerun(folder, corpus, other, watch)))
+    with _baseline(folder, corpus, baseline, watch, model) as old:
+        _check_power(corpus, scenes[:max_rollouts], baseline, alpha, watch)
         controls = sum(probe.group == "control" for probe in scenes)
         watch.note(
             f"{controls} controls and {len(scenes) - controls} other scenes, "
             f"at most {most if baseline is None else 2 * most} rollouts"
         )
-        return regress.compare(
-            scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=watch
-        )
+        with closing(_rerun(folder, corpus, model, watch)) as new:
+            return regress.compare(
+                scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=watch
+            )
+
+
+def bisect_checkpoints(
+    folder: Path | str, checkpoints: Sequence[str], baseline: str | None = None, *, watch: Watch = SILENT, **given: Any
+) -> Bisection:
+    """Find out which of several policies, in the order of their training, broke first.
+
+    Args:
+        baseline: what the corpus recorded, unless one is named.
+        given: ``alpha``, ``error``, ``comparisons`` and ``deadline`` of ``Bisection``.
+
+    Raises:
+        UsageError: as in ``compare_policies``, or there are fewer than two checkpoints, or one twice.
+        PrerequisiteError: no alarm is possible, or rollouts of a checkpoint cannot be judged.
+    """
+    corpus = read_corpus(folder := Path(folder))
+    controls = [probe for probe in probes(corpus) if probe.group == "control"]
+
+    def opened(name: str) -> AbstractContextManager[Side]:
+        # The last one is opened first; the others' notes are the same.
+        return closing(_rerun(folder, corpus, Model(name), watch if name == checkpoints[-1] else SILENT))
+
+    with _baseline(folder, corpus, baseline, watch, *map(Model, checkpoints)) as old:
+        bisection = Bisection(controls, checkpoints, opened, old, watch=watch, **given)
+        _check_power(corpus, controls, baseline, bisection.alpha, watch)
+        return bisection.search()
+
+
+def _baseline(
+    folder: Path, corpus: Corpus, name: str | None, watch: Watch, *new: Model
+) -> AbstractContextManager[Side]:
+    """The policy of that name, or what the corpus recorded; a UsageError if new ones cannot be compared with it."""
+    if not corpus.controls:
+        message = f"{folder}: has no controls, scenes that no outcome selected"
+        raise UsageError(message, hint="`vlafuzz export STORE --minimal` writes corpora with controls")
+    if name is None:
+        return nullcontext(Recorded(f"{corpus.tested.short} as recorded"))
+    for model in new:
+        if Model(name).replaces(model):
+            problem = f"--baseline {name} cannot answer where {model.which} does"
+            raise UsageError(problem, hint="leave it out for the outcomes that a corpus with controls records")
+    return closing(_rerun(folder, corpus, Model(name), watch))
 
 
 def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> bytes | None:

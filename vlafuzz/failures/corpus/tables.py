@@ -9,6 +9,7 @@ from xml.etree import ElementTree as Xml
 
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import Row, markdown_table, markdown_text, points
+from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import ORDER, Difference
 from vlafuzz.failures.corpus.pairs import GROUPS, Change, Compared, Group
@@ -147,6 +148,28 @@ def difference_document(result: Difference) -> dict[str, Any]:
     return {**names, "counts": counts, **tests, "causes": [asdict(change) for change in result.causes]}
 
 
+def bisection_document(result: Bisection, corpus: str) -> dict[str, Any]:
+    """The JSON of ``bisect --json``, with one row for each checkpoint that was compared."""
+    names = ("alarm", "named", "certain", "error", "verdict", "probabilities", "likely", "shape", "shapes", "in_time")
+    return {
+        "corpus": corpus,
+        **{name: getattr(result.last, name) for name in ("baseline", "p_value", "alpha")},
+        **{name: getattr(result, name) for name in names},
+        "rollouts": sum(result.ran),
+        "compared": [
+            {
+                "checkpoint": result.checkpoints[index],
+                "controls": int((judged := result.judged(index)).sum()),
+                "baseline_passed": int(result.of_baseline[judged].sum()),
+                "passed": int(result.outcomes[index, judged].sum()),
+                "broken": result.broken(index),
+            }
+            for index, ran in enumerate(result.ran)
+            if ran
+        ],
+    }
+
+
 def write_junit(comparison: Comparison, path: Path) -> None:
     """Write atomically: a scene is a test case, its group the class; all controls are one.
 
@@ -154,12 +177,8 @@ def write_junit(comparison: Comparison, path: Path) -> None:
     message; there, failures raise no alarm.
     """
     report = Xml.Element("testsuites", name="vlafuzz regress")
-    seconds = sum(control.seconds for control in comparison.of("control"))
-    element = "failure" if comparison.alarm else "" if comparison.tells else "error"
-    name = f"fails no more often than {comparison.baseline}"
-    verdict = _element("control", name, element, comparison.verdict, seconds)
     for group in GROUPS:
-        cases = [verdict] if group == "control" else [_case(scene) for scene in comparison.of(group)]
+        cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
         suite = Xml.SubElement(report, "testsuite", _counts(cases), name=group)
         properties = Xml.SubElement(suite, "properties")
         for field in ("policy", "baseline", "verdict", "changes"):
@@ -177,6 +196,13 @@ def _element(of: str, name: str, element: str, message: str, seconds: float) -> 
     if element:
         Xml.SubElement(case, element, message=_clean(message))
     return case
+
+
+def _verdict(comparison: Comparison) -> Xml.Element:
+    seconds = sum(control.seconds for control in comparison.of("control"))
+    element = "failure" if comparison.alarm else "" if comparison.tells else "error"
+    name = f"fails no more often than {comparison.baseline}"
+    return _element("control", name, element, comparison.verdict, seconds)
 
 
 def _case(scene: Compared) -> Xml.Element:

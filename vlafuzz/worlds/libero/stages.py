@@ -76,6 +76,11 @@ def held(env: LiberoEnv, name: str) -> bool:
 
 @cache
 def task(name: str) -> Task:
-    """The task that ``SUITE/NUMBER`` names, whose situations are a ``Moment`` each; errors as of ``find_tasks``."""
+    """The task that ``SUITE/NUMBER`` names. Its situations are a ``Moment`` each.
+
+    Raises:
+        UsageError: there is no such suite or task.
+        PrerequisiteError: LIBERO is not installed.
+    """
     found = find_task(name)
     return Task(name, len(found.things), find_stages(found))

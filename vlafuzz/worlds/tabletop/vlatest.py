@@ -133,7 +133,12 @@ class _Entry:
 
 @dataclass(frozen=True)
 class Imported:
-    """Scenes, of ``read`` ones in a file; ``missing``: names without a counterpart, with the number of their scenes."""
+    """The scenes of a file of VLATest.
+
+    Attributes:
+        read: number of scenes in the file.
+        missing: names without a counterpart of ours, with the number of scenes that have them.
+    """
 
     path: Path
     read: int
