@@ -77,7 +77,7 @@ def certify(here: World, scenes: Mapping[Scene, Sequence[str]], trials: list[tup
         runner.deterministic = runner.deterministic and not here.background
         known = certified(done[: len(done) // WAVE * WAVE])
         triager = Triager(runner, trials=trials, blamed=scenes, known=known)
-        triaged = triager.triage(Finding(scene, "", 0, 0, ""))
+        triaged = triager.triage(Finding(scene, "", 0, ""))
         if not isinstance(triaged, Triaged):
             continue
         left -= triaged.policy_rollouts

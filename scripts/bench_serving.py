@@ -73,9 +73,9 @@ def begin(policy: Policy, episode: str) -> None:
 
 
 @contextmanager
-def server() -> Iterator[tuple[str, int]]:
+def server(policy: str = "mini") -> Iterator[tuple[str, int]]:
     """A running server: its policy name, and its process id."""
-    command = [sys.executable, "-m", "vlafuzz", "serve", "mini", "--port", "0"]
+    command = [sys.executable, "-m", "vlafuzz", "serve", policy, "--port", "0"]
     with single_threaded(), subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as running:
         try:
             assert running.stdout is not None

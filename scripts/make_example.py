@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 RUN = ("run", "--policy", "mini", "--task", "pick-up", "--budget", "120", "--seed", "1", "--store", "mini.db")
 REPORT = ("report", "mini.db", "--limit", "2", "--out", "example-report.html")  # films of two cards
-_CAUSES = re.compile(r"^Causes of run 1: .*?^unexplained failures: [^\n]*\n", re.DOTALL | re.MULTILINE)
+_CAUSES = re.compile(r"^Causes of run 1: .*?^Next, [^\n]*\n", re.DOTALL | re.MULTILINE)
 _PROBABILITY = re.compile(r"failure probability of random scenes: ([\d.]+)% \(([\d.]+)–([\d.]+)%\)")
 _RATE = re.compile(r"fails in [\d.]+ % \([\d.]+–[\d.]+ %\) of random scenes")
 

@@ -263,7 +263,7 @@ def trial(kind: str, findings: int, seed: int) -> dict[str, object]:
         if scene is None:
             continue
         done += 1
-        triaged = Triager(simulated).triage(Finding(scene, "p", 0, 0, ""))
+        triaged = Triager(simulated).triage(Finding(scene, "p", 0, ""))
         assert isinstance(triaged, Triaged)
         buckets[triaged.bucket] += 1
         spent.append(triaged.policy_rollouts)

@@ -14,7 +14,7 @@ from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.openvla import OpenVla
-from vlafuzz.policies.clients.options import ProfiledOptions, known_profiles
+from vlafuzz.policies.clients.options import ProfiledOptions, known_profiles, profile_options
 from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import client, make_policy
 from vlafuzz.worlds.manipulation.camera import camera_pose
@@ -51,7 +51,7 @@ def wrist() -> str:
 
 
 def profile(name: str, protocol: str) -> str:
-    options = client(protocol).options.model_validate(known_profiles()[name].options_for(protocol))
+    options = client(protocol).options.model_validate(profile_options(name, protocol))
     keys = [options.image_key, *[options.wrist_key] * bool(options.wrist)]
     pictures = f"{', '.join(f'`{key}`' for key in keys)} of {options.camera[0]}"
     state = f"`{options.layout}`" if options.layout else "none"

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from vlafuzz.errors import PrerequisiteError, SceneError, install
 from vlafuzz.failures.causes import ListedCause, causes_of
-from vlafuzz.failures.described import DescribedFailure, Spaces
+from vlafuzz.failures.described import DescribedFailure, space_of
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, value_at
-from vlafuzz.report.counts import Standing, draws, standings_of
+from vlafuzz.report.tables import Standing, draws, standings_of
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
 
@@ -73,7 +73,6 @@ class StoredTrial:
     """A proposal of a run with its outcome.
 
     Attributes:
-        label: the name that the user gave the policy with ``--label``; empty without one.
         scene: digest.
         random: whether the scene was drawn at random, without regard to outcomes: only such trials give a failure rate.
             Of a guided run, those that passed or failed.
@@ -113,7 +112,6 @@ class StoredFinding:
     Attributes:
         scene: digest of the minimal scene if there is one, else of the finding; ``found``: of the finding.
         run: the one that found it; None in a corpus.
-        label: the name that the user gave the policy with ``--label``; empty without one.
         evidence: the bucket of triage, such as ``minimal``; ``observed`` before it.
         operators: in which the scene differs from a passing one, the confounders' as one.
         conditions: the range that fails, or the value in the scene, by operator, in words with units.
@@ -164,21 +162,18 @@ class StoredResults:
             rows = []
             for run in store.runs():
                 (failed, judged), of = store.judged([run.id]), run.manifest
-                kept: dict[str, Any] = {
-                    name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")
-                }
-                told = {"label": of.named, "seconds": run.seconds, **kept}
+                asked = {name: getattr(of, name) for name in ("task", "policy", "strategy", "seed", "budget")}
+                told: dict[str, Any] = {"label": of.named, "seconds": run.seconds, **asked}
                 rows.append(StoredRun(run=run.id, status=run.status, failed=failed, judged=judged, **told))
             return Rows(rows)
 
     def trials(self, run: int | None = None) -> Rows[StoredTrial]:
         """The trials of a run, by default of all, in the order of their proposals."""
         with Store.open(self.path) as store:
-            spaces = Spaces(self.path)
-            return Rows(row for one in self._runs(store, run) for row in _trials(store, one, spaces))
+            return Rows(row for one in self._runs(store, run) for row in _trials(store, one))
 
     def findings(self, run: int | None = None) -> Rows[StoredFinding]:
-        """The failing scenes of a run, by default of all, the oldest first."""
+        """The failing scenes of a run, by default of all, in the order of proposals."""
         with Store.open(self.path) as store:
             return Rows(map(finding_of, failures_of(store, run)))
 
@@ -201,8 +196,8 @@ class StoredResults:
         return [one for one in store.runs() if run in (None, one.id)]
 
 
-def _trials(store: Store, run: Run, spaces: Spaces) -> Iterator[StoredTrial]:
-    drawn, space, manifest = draws(store, run), spaces.of(run.manifest), run.manifest
+def _trials(store: Store, run: Run) -> Iterator[StoredTrial]:
+    drawn, space, manifest = draws(store, run), space_of(store.path, run.manifest), run.manifest
     for trial in store.trials(run.id):
         outcome, severities = trial.outcome, dict[str, float]()
         with suppress(SceneError):  # an imported scene

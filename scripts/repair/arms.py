@@ -34,7 +34,7 @@ def wanted(store: Path, task: str, kind: Kind) -> Iterator[Wanted]:
     """
     if kind == "minimal":
         folder = corpus_dir() / f"mini-{task}"
-        return around(folder, failures_of_corpus(folder, read_corpus(folder), "minimal"))
+        return around(folder, failures_of_corpus(read_corpus(folder), "minimal"))
     with Store.open(store) as opened:
         failures = failures_of_store(opened, None, "failed")
     return at_random(store, failures) if kind == "random" else around(store, failures)

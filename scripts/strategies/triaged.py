@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from strategies.courses import Course, Verdict, judge, touched
@@ -29,7 +29,8 @@ class Runner:
         self.renderer: str | None = None
         self.stages, self.deterministic = TASKS[world.task].stage_names, world.rate == 1.0
         self.tries: list[tuple[str, int]] = []
-        self._world, self._passed = world, world.evaluate(self.space.nominal())
+        self._world = world
+        self._passed = replace(world, faults=(), background=0.0).evaluate(self.space.nominal())
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         outcomes = list(map(self._world.evaluate, scenes, numbers))
@@ -96,7 +97,7 @@ class Triages:
     def _triage(self, scene: Scene) -> Done:
         if scene.digest not in self._done:
             runner = Runner(self._world)
-            triaged = Triager(runner, trials=self._trials).triage(Finding(scene, "", 0, 0, ""))
+            triaged = Triager(runner, trials=self._trials).triage(Finding(scene, "", 0, ""))
             verdict = None
             if isinstance(triaged, Triaged) and triaged.shrunk:
                 verdict = judge(self._world, triaged.shrunk, triaged.operators, NEVER_RESET)

@@ -67,8 +67,8 @@ def test_a_batch_that_is_too_large_is_several(number: int, seconds: float):
 
 def test_certification_is_a_part_of_it(planned: Plan):
     forecast = Forecast(planned, SLOW, certify=True)
-    assert forecast.certification == pytest.approx(6 * 70 * 0.7 * 80 * 0.5)
-    assert "certifying their causes about 3.3 h" in str(forecast)
+    assert forecast.certification == pytest.approx(6 * 50 * 0.7 * 80 * 0.5)
+    assert "certifying their causes about 2.3 h" in str(forecast)
 
 
 def test_built_in_policies_have_a_usual_speed_and_others_are_measured(planned: Plan):
@@ -96,7 +96,7 @@ def test_with_a_time_it_says_whether_certification_fits(planned: Plan):
     hopeless, fits = within(planned, 30, certify=True), within(planned, 240, certify=True)
     assert "; --time ends it after 30 min, probably before a cause is certified; " in str(hopeless)
     assert (hopeless.too_short, fits.too_short) == (True, False)
-    assert "certifying their causes about 3.3 h; --time ends it after 4.0 h; measured" in str(fits)
+    assert "certifying their causes about 2.3 h; --time ends it after 4.0 h; measured" in str(fits)
 
 
 def test_a_time_that_is_long_enough_changes_nothing(planned: Plan):

@@ -310,7 +310,7 @@ class Slow(Random):
 def test_the_time_of_search_and_store_is_kept_apart_from_the_rollouts(store: Store):
     summary = run(store, budget=20, batch=10, strategy=Slow(SPACE, 0))
     (kept,) = store.runs()
-    assert kept.search_seconds == summary.search_seconds >= 4 * 0.01
-    assert kept.store_seconds == summary.store_seconds > 0
+    assert summary.search_seconds >= 4 * 0.01
+    assert summary.store_seconds > 0
     assert kept.seconds is not None
     assert summary.search_seconds + summary.store_seconds <= kept.seconds <= summary.seconds

@@ -65,29 +65,39 @@ def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_next_one(
 
 def test_without_certification_the_causes_are_those_of_the_strategy_and_failures_are_no_rate(capsys):
     shown = typed(capsys, [*CAUSES, "--no-certify"]).out
-    assert re.search(r"failures\W+\d+ among 120 guided scenes, which is not the policy's failure rate", shown)
-    assert re.search(r"failure probability\W+[\d.]+% of random scenes, 95% interval [\d.]+–[\d.]+%", shown)
-    assert shown.count("failure probability") == 1
-    first = re.search(r"· not certified · ([0-9a-f]{12})", " ".join(shown.split()))[1]
-    assert shown.splitlines()[-1] == f"see the first cause: vlafuzz replay a.db {first}"
-    assert "failure share" not in shown
-    assert "not certified means: a few single rollouts suggest these operators" in shown
-    assert re.search(r"`vlafuzz triage a.db --limit \d --trust`.* certifies them", shown)
-    assert "more rollouts" not in shown
-    assert "certified 1 of " in typed(capsys, ["triage", "a.db", "--limit", "1"]).out
+    assert re.search(r"· not certified · [0-9a-f]{12}", " ".join(shown.split()))
+    what, sure, step = shown.splitlines()[-3:]
+    assert re.fullmatch(r"Probably fails when .*\.", what)
+    assert re.fullmatch(
+        r"[\d.]+% of random scenes fail \([\d.]+–[\d.]+%\): 120 rollouts, 0 of \d causes certified", sure
+    )
+    assert re.fullmatch(
+        r"Next, to certify what is left: `vlafuzz triage a.db --limit \d --trust` \(about .*; --time bounds it\)", step
+    )
+    triaged = typed(capsys, ["triage", "a.db", "--limit", "1"]).out
+    assert "certified 1 of " in triaged
+    assert "not certified means: a few single rollouts suggest these operators" in triaged
+
+
+def test_a_run_ends_with_what_fails_how_sure_that_is_and_one_command(capsys):
+    what, sure, step = typed(capsys, CAUSES).out.splitlines()[-3:]
+    assert re.fullmatch(r"Fails when the light is at most × .*, or the camera .*\.", what)
+    rollouts, certified, causes = re.search(r": (\d+) rollouts, (\d) of (\d) causes certified$", sure).groups()
+    assert (int(rollouts) > 120, certified) == (True, causes)
+    assert re.fullmatch(r"Next, to see it: `vlafuzz report a.db --limit \d --out a.html --trust` \(about .*\)", step)
 
 
 def test_after_another_strategy_triage_finds_the_causes(capsys):
     assert main([*RUN, "--strategy", "random", "--budget", "10"]) == 0
-    assert "failures; `vlafuzz triage a.db --trust` finds their causes" in capsys.readouterr().out
+    assert "Next, to find the causes: `vlafuzz triage a.db --trust` (about " in capsys.readouterr().out
     printed = told(capsys, [*RUN, "--strategy", "random", "--budget", "10", "--json"])
     assert [printed[key] for key in ("causes", "unexplained", "probability", "certification")] == [None] * 4
 
 
 def test_a_guided_run_that_draws_nothing_at_random_tells_no_failure_probability(capsys):
     shown = typed(capsys, [*RUN, "--strategy", "nsga2", "--budget", "10"]).out
-    assert "guided scenes" in shown
-    assert "failure probability" not in shown
+    assert "how often it fails is unknown without random scenes: 10 rollouts" in shown
+    assert "% of random scenes fail" not in shown
 
 
 def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(capsys):
@@ -95,7 +105,7 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(cap
         printed = typed(capsys, [*CAUSES], code=130)
     assert printed.out.count("· certified: ") == 1 <= printed.out.count("· not certified")
     assert "interrupted: all finished causes are stored\nhint: `vlafuzz triage a.db --trust` goes on" in printed.err
-    assert re.search(r"`vlafuzz triage a.db --limit \d --trust`.* certifies them", printed.out)
+    assert re.search(r"to certify what is left: `vlafuzz triage a.db --limit \d --trust`", printed.out)
     assert typed(capsys, ["triage", "a.db", "--limit", "1"]).out.count("· certified: ") == 2
 
 

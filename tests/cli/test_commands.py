@@ -8,8 +8,7 @@ import sys
 import pytest
 
 from tests.cli.typed import typed
-from vlafuzz.cli import COMMANDS, load, main
-from vlafuzz.cli.help import EXAMPLES
+from vlafuzz.cli import COMMANDS, EXAMPLES, load, main
 from vlafuzz.rollouts import policies
 
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")

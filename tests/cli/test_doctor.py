@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 from tests.cli.typed import told
 from vlafuzz.cli import doctor, main
-from vlafuzz.doctor import Check, exam, machine
+from vlafuzz.doctor import exam, machine
+from vlafuzz.model.check import Check
 from vlafuzz.worlds.tabletop import renderer
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)

@@ -74,10 +74,6 @@ def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
     assert sorted(Path().iterdir()) == before
 
 
-def test_a_file_of_scenes_has_no_runs(capsys):
-    assert "--run 1: a.jsonl is a file of scenes" in typed(capsys, "export a.jsonl --run 1 --out b.jsonl", code=2).err
-
-
 @pytest.mark.parametrize(("which", "scenes"), [("failed", 1), ("minimal", 2)])
 def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_counterpart(
     store: Path, which: Which, scenes: int

@@ -56,7 +56,7 @@ def test_exported_scenes_are_run_again_and_picked_ones_have_no_failure_rate(stor
     shown = " ".join(
         typed(capsys, ["run", *IDLE, "--scenes", "out.jsonl", "--budget", "2", "--store", "b.db"]).out.split()
     )
-    assert "2 of 2 scenes, a failure rate only where" in shown
+    assert "how often it fails is unknown without random scenes" in shown
     assert "interval" not in shown
 
 
@@ -73,6 +73,7 @@ def test_scenes_are_read_from_a_file_with_verdicts(store: str):
         (["no.db", "--out", "out.jsonl"], "no.db: no such store"),
         (["a.db", "--out", "out.jsonl", "--run", "9"], "a.db: no run 9"),
         (["a.db", "--out", "a.db/out.jsonl"], "cannot be written"),
+        (["a.jsonl", "--out", "out.jsonl", "--run", "1"], "--run 1: a.jsonl is a file of scenes"),
     ],
 )
 def test_export_refuses_what_is_not_there(store: str, capsys, arguments: list[str], says: str):

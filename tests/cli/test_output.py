@@ -1,8 +1,8 @@
-"""Without a terminal, long work says now and then how far it is."""
+"""What a terminal shows, and without one, how far long work is."""
 
 import threading
 
-from vlafuzz.cli.output import Bar, Heartbeat
+from vlafuzz.cli.output import Bar, Heartbeat, print_lines
 
 SOON = 10.0  # seconds, within which a line is certainly written
 
@@ -48,3 +48,13 @@ def test_fewer_steps_than_before_are_another_work():
     beat.tell("causes", 1, 4)
     assert "left" in beat.line()
     beat.stop()
+
+
+def test_in_a_terminal_sentences_are_wrapped_by_words_and_commands_stay_in_one_piece(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")  # as a terminal has it
+    monkeypatch.setenv("COLUMNS", "40")
+    command = "`vlafuzz triage a-store-with-a-name-that-is-long.db --limit 2`"
+    print_lines(f"A sentence that is wider than the terminal, then {command} certifies the rest.")
+    *before, typed, after = capsys.readouterr().out.splitlines()
+    assert before == ["A sentence that is wider than the", "terminal, then"]
+    assert (typed, after) == (command, "certifies the rest.")

@@ -68,9 +68,9 @@ def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys):
 
 
 def test_with_a_time_it_says_how_many_findings_that_is(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.expected", lambda _, findings, __: 60.0 * findings)
+    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 180 / 210)
     said = typed(capsys, ["triage", "a.db", "--time", "2m"]).err
-    assert "about 3 min: 3 failures, about 70 rollouts each" in said
+    assert "about 3 min: 3 failures, about 210 rollouts" in said
     assert "; --time ends it after " in said
 
 

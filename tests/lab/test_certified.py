@@ -1,17 +1,16 @@
 """Triage of runs within a limit of rollouts, with a policy whose faults are planted."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, passed
-from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
-from tests.failures.triage.runners import PlantedRunner
+from tests.doubles import failed, manifest
+from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.failures.triage.runners import PlantedRunner, interrupted
+from tests.failures.triage.test_certify_causes import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.certified import Certified, certified, certify, known_results
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.lab.compare import Certified, certified, certify, known_results
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
@@ -19,8 +18,6 @@ from vlafuzz.store.store import Store
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]
-
-SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))
 
 
 def fails(scene: Scene) -> bool:
@@ -64,37 +61,28 @@ def made(number: int, bucket: str, signature: str | None = None, rollouts: int =
     )
 
 
-FINDINGS = [Finding(scene, "key", run=1, proposal=0, cell="") for scene in SCENES]
+FINDINGS = [Finding(scene, "key", run=1, cell="") for scene in SCENES]
 MADE = [made(0, "minimal", "dark"), made(1, "flaky", rollouts=5), made(2, "minimal", "dark"),
         made(3, "minimal", "tilted")]  # fmt: skip
 
 
 def test_a_signature_counts_once_and_only_where_it_is_certified():
     counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=200)
-    assert counted == Certified(("dark", "tilted"), triaged=4, rollouts=155)
-    assert certified(FINDINGS, {MADE[0].key: made(0, "witnessed", "nominal")}, limit=200).causes == ()
+    assert counted == Certified(("dark", "tilted"), triaged=4, triage_rollouts=155)
+    assert certified(FINDINGS, {MADE[0].key: made(0, "witnessed", "nominal")}, limit=200).signatures == ()
 
 
 def test_beyond_the_limit_nothing_counts_and_all_of_it_is_spent():
     counted = certified(FINDINGS, {row.key: row for row in MADE}, limit=154)
-    assert counted == Certified(("dark",), triaged=3, rollouts=154)
+    assert counted == Certified(("dark",), triaged=3, triage_rollouts=154)
 
 
 def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Store):
     certify(store, runner, store.runs(), limit=1000)
     counted = [certified(findings_in_order(store, run.id), known_results(store), 1000) for run in store.runs()]
-    assert counted[0].causes == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
+    assert counted[0].signatures == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
     assert [one.triaged for one in counted] == [4, 2]
-    assert counted[1].rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
-
-
-class Interrupted(PlantedRunner):
-    """Ctrl-C after some rollouts."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        if self.policy_rollouts > 80:
-            raise KeyboardInterrupt
-        return super().evaluate(scenes, numbers)
+    assert counted[1].triage_rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
 
 def test_an_interruption_and_the_number_of_workers_change_nothing(tmp_path: Path):
@@ -102,20 +90,11 @@ def test_an_interruption_and_the_number_of_workers_change_nothing(tmp_path: Path
         fill(store, SCENES[:2])
         certify(store, runner, store.runs(), limit=1000)
         fill(other, SCENES[:2])
-        with pytest.raises(KeyboardInterrupt):
-            certify(other, lambda run: Interrupted([fails]), other.runs(), limit=1000)
+        with interrupted(), pytest.raises(KeyboardInterrupt):
+            certify(other, runner, other.runs(), limit=1000)
         assert len(other.triaged()) == 1
         certify(other, runner, other.runs(), limit=1000, place=Place(2))
         assert results(other) == results(store)
-
-
-class Edgy(PlantedRunner):
-    """Fails if tilted, by less than 4 degrees in some rollouts only."""
-
-    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
-        lucky = [s != SLIGHT and s.camera.yaw < 4 and n % 2 == 0 for s, n in zip(scenes, numbers, strict=True)]
-        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
 
 
 def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: Path):
@@ -124,4 +103,4 @@ def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: 
         store.keep_causes(1, Attribution((FoundCause(SLIGHT, ("camera-orientation",), 1),)))
         certify(store, lambda run: Edgy([TILTED]), store.runs(), limit=1000)
         counted = certified(findings_in_order(store, 1), known_results(store), 1000)
-    assert counted.causes == ("pick-up|grasp|camera-orientation:+yaw",)
+    assert counted.signatures == ("pick-up|grasp|camera-orientation:+yaw",)

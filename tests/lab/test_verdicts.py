@@ -4,18 +4,7 @@ from vlafuzz.lab.comparison import Counted, Pair, against
 
 
 def counted(strategy: str, seed: int, causes: int | None) -> Counted:
-    return Counted(
-        run=1,
-        strategy=strategy,
-        seed=seed,
-        rollouts=20,
-        triage_rollouts=None,
-        triaged=None,
-        signatures=(),
-        causes=causes,
-        failures=5,
-        probability=None,
-    )
+    return Counted(run=1, strategy=strategy, seed=seed, rollouts=20, causes=causes, failures=5, probability=None)
 
 
 def runs(**causes: list[int]) -> dict[str, list[Counted]]:
@@ -68,3 +57,4 @@ def test_p_values_are_corrected_for_every_strategy_in_every_measure():
 def test_what_a_strategy_does_not_tell_is_not_tested():
     of_both = {"random": [counted("random", 0, None)], "mine": [counted("mine", 0, 4)]}
     assert [pair.measure for pair in against(of_both, "random")] == ["failures"]
+    assert against({"random": of_both["random"]}, "random") == []

@@ -110,7 +110,7 @@ def test_an_untriaged_store_lists_what_was_observed_and_says_what_is_next(tmp_pa
     assert {card.of.bucket for card in shown.cards} == {"observed"}
     assert {card.of.lost_stage for card in shown.cards} == {"grasp"}
     (head,) = shown.heads
-    assert head.sentence == "Fails in 6 of 7 scenes that were tried. Nothing has looked for causes yet."
+    assert head.sentence == "Fails in 6 of 7 scenes that were tried; nothing has looked for causes yet."
     ((sentence, command),) = shown.todo
     assert sentence.startswith("6 findings are not triaged yet")
     assert command == f"vlafuzz triage '{tmp_path}/a b.db'"

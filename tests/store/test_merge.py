@@ -50,8 +50,8 @@ def test_all_runs_and_trials_are_there_as_they_were(two: list[Path], tmp_path: P
 def test_a_finding_known_in_both_is_kept_once_for_its_policy(two: list[Path], tmp_path: Path):
     merge(two, tmp_path / "out.db")
     with Store.open(tmp_path / "out.db") as store:
-        found = [(each.run, each.proposal, each.policy_key.split(":")[0]) for each in store.findings()]
-        assert found == [(1, 0, "idle"), (1, 2, "idle"), (2, 3, "idle"), (3, 0, "else")]
+        found = [(each.run, each.policy_key.split(":")[0]) for each in store.findings()]
+        assert found == [(1, "idle"), (1, "idle"), (2, "idle"), (3, "else")]
         assert len(store.findings(2)) == 2
 
 

@@ -21,9 +21,12 @@ def test_a_run_comes_back_with_its_manifest(store: Store):
     assert (run.id, run.manifest, run.status, run.seconds) == (number, asked, "finished", 1.5)
 
 
-def test_a_run_that_is_gone_on_with_has_what_it_took(store: Store):
-    store.finish(store.begin(manifest()), "interrupted", 1.5, 0.25, 0.5)
-    assert store.reopen(1) == (1.5, 0.25, 0.5)
+def test_a_run_that_is_gone_on_with_has_what_it_took_and_not_its_parallel_rollouts(store: Store):
+    run = store.begin(manifest())
+    for proposal in range(3):
+        store.add(run, trial(proposal, passed()))
+    store.finish(run, "interrupted", 0.25, 0.05, 0.125)
+    assert store.reopen(run) == (0.25, 0.05, 0.125)
 
 
 def test_a_failing_trial_comes_back_bit_by_bit(store: Store):
@@ -126,9 +129,18 @@ def test_a_finding_is_kept_once_a_policy_and_listed_in_each_run_that_failed(stor
     for run in (first, second, other):
         store.add(run, trial(0, failed(), duplicate=run == second))
         store.add(run, trial(1, passed()))
-    assert [(finding.run, finding.proposal) for finding in store.findings()] == [(first, 0), (other, 0)]
+    assert [found.run for found in store.findings()] == [first, other]
     assert [found.run for found in store.findings(second)] == [first]
     assert [found.run for found in store.findings(other)] == [other]
+
+
+def test_findings_come_in_the_order_of_proposals_whichever_was_done_first(store: Store):
+    run = store.begin(manifest())
+    for proposal in (2, 0, 1):
+        store.add(run, trial(proposal, failed()))
+    scenes = [trial(proposal, failed()).scene for proposal in range(3)]
+    assert [finding.scene for finding in store.findings()] == scenes
+    assert [finding.scene for finding in store.findings(run)] == scenes
 
 
 def test_a_scene_is_found_by_the_beginning_of_its_digest(store: Store):
@@ -153,14 +165,6 @@ def test_an_unknown_run_is_refused_with_the_known_ones(store: Store):
     with pytest.raises(StoreError, match="no run 7") as caught:
         list(store.trials(7))
     assert caught.value.hint == "its runs: 1"
-
-
-def test_time_that_a_run_has_noted_counts_and_not_that_of_its_parallel_rollouts(store):
-    number = store.begin(manifest())
-    for proposal in range(3):
-        store.add(number, trial(proposal, passed()))
-    store.finish(number, "interrupted", 0.25, 0.0, 0.0)
-    assert store.reopen(number).seconds == 0.25
 
 
 def test_a_copy_of_the_file_has_everything_although_somebody_follows_the_run(path: Path, tmp_path: Path):

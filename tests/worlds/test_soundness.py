@@ -4,7 +4,8 @@ import pytest
 
 from tests.worlds import carts
 from vlafuzz.cli import main
-from vlafuzz.worlds.soundness import Finding, examine
+from vlafuzz.model.check import Check
+from vlafuzz.worlds.soundness import examine
 
 MODULE = "python:tests.worlds.carts"
 # The world, the check that names its defect, and a word of the sentence.
@@ -31,7 +32,7 @@ DEFECTS = (
 )
 
 
-def findings(name: str) -> dict[str, Finding]:
+def findings(name: str) -> dict[str, Check]:
     own = name == "DependsOnProcess"  # the only check that needs a process, which takes seconds
     world = getattr(carts, name)()
     return {found.check: found for found in examine(world, "reach", f"{MODULE}:{name}" if own else "")}

@@ -3,7 +3,7 @@
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.model.conditions import check_choice, check_label
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
-from vlafuzz.model.space import Space, Vector
+from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
@@ -46,9 +46,7 @@ class Plan:
     """
 
     manifest: Manifest
-    task: Task
     space: Proposed
-    embed: Callable[[Scene], Vector]
     strategy: Strategy
     policy: Policy
     store: Path
@@ -88,9 +86,7 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
     config = replace(config, policy=named.policy, strategy=named.strategy, budget=budget, batch=batch, label=label)
     return Plan(
         manifest=_manifest(config, space, policy, scenes, workers=place.kind != "local"),
-        task=task,
         space=Pool(scenes, space) if scenes else space,
-        embed=space.embed,
         strategy=strategy,
         policy=policy,
         store=named.store,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from vlafuzz.campaign.config import Plan
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import duration, plural
-from vlafuzz.failures.triage.pipeline import PER_CAUSE, PER_FINDING, affordable
+from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.clients.servers import is_remote
 from vlafuzz.rollouts.lockstep import lanes_for
@@ -99,18 +99,19 @@ class Forecast:
     @property
     def certification(self) -> float:
         """Seconds for the causes that a run with this budget certifies, if it finds so many."""
-        return self.certifying(PER_FINDING) * affordable(self.plan.manifest.budget) if self.certify else 0.0
+        return self.of_cause * affordable(self.plan.manifest.budget) if self.certify else 0.0
 
-    def certifying(self, rollouts: int) -> float:
-        """Seconds for so many rollouts of certification."""
+    @property
+    def of_cause(self) -> float:
+        """Seconds to certify a cause."""
         lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        return rollouts * self._answers * self._answer(self.plan.triage_place.workers, lanes)
+        return PER_CAUSE * self._answers * self._answer(self.plan.triage_place.workers, lanes)
 
     @property
     def too_short(self) -> bool:
         """Whether the time that is left after the run probably certifies no cause."""
         rest = self.until.left - min(self.run, self.search.left)
-        return self.certify and rest < self.certifying(PER_CAUSE)
+        return self.certify and rest < self.of_cause
 
     @property
     def left(self) -> int:

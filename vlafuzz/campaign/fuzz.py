@@ -101,8 +101,7 @@ class Past:
 
     def __init__(self, store: Store, run: int) -> None:
         self._store, self._run = store, run
-        self.left = store.count(run)
-        self._last = store.last_proposal(run) if self.left else -1
+        self.left, self._last = store.extent(run)
 
     def take(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
         """The stored trials of these proposals by index; those that were in progress are missing."""
@@ -234,7 +233,8 @@ class _Campaign:
                 asked.outcome, asked.duplicate = trial.outcome, trial.duplicate
                 asked.kept, asked.same = True, None
             elif asked.same is None:
-                asked.outcome = self._known(scene)
+                with self.tally.store:
+                    asked.outcome = self.store.known(scene, self.tally.manifest.key(), self.own)
                 asked.duplicate = asked.outcome is not None
                 if asked.outcome is None:
                     self.todo.append(asked)
@@ -249,10 +249,6 @@ class _Campaign:
         if past and not self.past.left:
             self.watch(self.tally)
         return past
-
-    def _known(self, scene: Scene) -> Outcome | None:
-        with self.tally.store:
-            return self.store.known(scene, self.tally.manifest.key(), self.own)
 
     def _tell(self) -> bool:
         """Tell the strategy about what it proposed first, if that is settled; whether it is."""
@@ -303,19 +299,10 @@ class _Campaign:
         self.unanswered.clear()
 
     def _keep(self, asked: _Asked) -> None:
-        trial, asked.kept = self._trial(asked), True
-        with self.tally.store:
-            self.store.add(self.tally.run, trial)
-        self.tally.count(trial)
-        self.watch(self.tally)
-        if self.patience is not None and self.tally.crashed:
-            raise TimeOverError
-
-    def _trial(self, asked: _Asked) -> Trial:
         scene, place = asked.scene, None
         if asked.result.verdict is Verdict.FAILED:
             place = cell(scene, asked.result, self.space.severities(scene), self.space)
-        return Trial(
+        trial = Trial(
             proposal=asked.proposal.id,
             scene=scene,
             outcome=asked.result,
@@ -324,3 +311,10 @@ class _Campaign:
             cell=place,
             duplicate=asked.duplicate,
         )
+        asked.kept = True
+        with self.tally.store:
+            self.store.add(self.tally.run, trial)
+        self.tally.count(trial)
+        self.watch(self.tally)
+        if self.patience is not None and self.tally.crashed:
+            raise TimeOverError

@@ -18,18 +18,14 @@ class Summary:
     """The result of a run. Scenes are counted once, however often they were proposed.
 
     Attributes:
-        label: the name that the user gave the policy with ``--label``; empty without one.
         budget: of rollouts; a scene takes ``repeats`` of them.
-        rollouts: of the policy, in this run.
         duplicates: proposals answered with a stored outcome, of this run or an earlier one.
         earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
         stages: distinct scenes in which a stage was reached in some rollout.
-        findings: distinct scenes that failed.
         progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
-        first_error: the first ERROR, in a sentence.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
     """
@@ -189,7 +185,12 @@ class Tally:
                 self._barren.append((reason, outcome.detail))
             self._asked.add(scene.digest)
         if patience is not None and len(self._barren) >= patience:
-            self.stopped = self._why()
+            reasons = Counter(reason for reason, _ in self._barren)
+            often = reasons.most_common(1)[0][0]
+            last = next(detail for reason, detail in reversed(self._barren) if reason == often)
+            counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
+            example = f"; the last of them: {last}" if last else ""
+            self.stopped = f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"
 
     @property
     def spent(self) -> Spent:
@@ -216,11 +217,3 @@ class Tally:
             store_seconds=self.store.seconds,
             store=store,
         )
-
-    def _why(self) -> str:
-        reasons = Counter(reason for reason, _ in self._barren)
-        often = reasons.most_common(1)[0][0]
-        last = next(detail for reason, detail in reversed(self._barren) if reason == often)
-        counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
-        example = f"; the last of them: {last}" if last else ""
-        return f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"

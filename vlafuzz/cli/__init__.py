@@ -4,7 +4,7 @@ import importlib
 import re
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -13,7 +13,6 @@ from typer.core import TyperCommand
 
 from vlafuzz import __version__
 from vlafuzz.cli.ending import CLOSED, INTERRUPTED, Checked, StdoutError, ending_in_order, heard
-from vlafuzz.cli.help import epilog
 from vlafuzz.common.plugins import EVERYTHING, trust, trusting
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
 
@@ -42,6 +41,33 @@ COMMANDS = {
     "list strategies": ("vlafuzz.cli.lists:strategies", "The strategies that propose scenes."),
     "list policies": ("vlafuzz.cli.lists:policies", "The policies that can be tested."),
     "list worlds": ("vlafuzz.cli.lists:worlds", "The worlds, with their tasks and robots."),
+}
+
+# Two examples of the commands that are used most, below the flags that `--help` shows.
+EXAMPLES: Mapping[str, tuple[str, str]] = {
+    "run": (
+        "vlafuzz run --policy pinhole --task put-on --budget 100 --store first.db",
+        "vlafuzz run --policy openpi:ws://gpu:8000 --vary light,camera-position --time 1h",
+    ),
+    "triage": ("vlafuzz triage first.db --limit 5", "vlafuzz triage first.db --rollouts 500 --time 30m"),
+    "report": ("vlafuzz report first.db --out page.html", "vlafuzz report mini-pick-up --out corpus.html --no-videos"),
+    "regress": (
+        "vlafuzz regress mini-pick-up --policy mini",
+        "vlafuzz regress my-corpus --policy python:mine:make --baseline python:old:make --junit regress.xml",
+    ),
+    "export": (
+        "vlafuzz export first.db --out failing.jsonl",
+        "vlafuzz export first.db --format lerobot --demos 400 --hold-out 0.2 --out demos",
+    ),
+    "compare": (
+        "vlafuzz compare --policy pinhole --budget 100 --repeats 7",
+        "vlafuzz compare --strategies random,causes,nsga2 --policy pinhole --store compare.db --out compare",
+    ),
+    "replay": (
+        "vlafuzz replay first.db --video failure.mp4",
+        "vlafuzz replay failing.jsonl 3f2a --policy expert --video solved.mp4",
+    ),
+    "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read new.csv --against old.csv --markdown"),
 }
 
 app = typer.Typer(
@@ -144,7 +170,9 @@ def load(name: str) -> Any:
     module, _, attribute = COMMANDS[name][0].partition(":")
     command = getattr(importlib.import_module(module), attribute)
     single = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    single.command(name, epilog=epilog(name))(stdout_for_data()(command))
+    examples = ("Examples:", *EXAMPLES[name]) if name in EXAMPLES else ()
+    epilog = "\n\n".join(line.replace("[", r"\[") for line in examples) or None
+    single.command(name, epilog=epilog)(stdout_for_data()(command))
     return typer.main.get_command(single)
 
 

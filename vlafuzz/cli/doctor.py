@@ -8,9 +8,9 @@ import typer
 from vlafuzz.cli.flags import JsonFlag, TimeFlag, configured, option, with_run_options
 from vlafuzz.cli.output import Bar, print_row, print_rows
 from vlafuzz.common.deadline import deadline
-from vlafuzz.doctor import Check
 from vlafuzz.doctor.machine import machine
 from vlafuzz.errors import UsageError, check_number
+from vlafuzz.model.check import Check
 
 WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "proprioception"
 
@@ -83,5 +83,4 @@ def _checks_of(world: str, task: str | None) -> Iterator[Check]:
     made = world_named(name)
     wanted = task or named or next(iter(made.tasks))
     made.task(wanted)
-    for finding in examine(made, wanted, name):
-        yield Check(*finding)
+    yield from examine(made, wanted, name)

@@ -134,7 +134,7 @@ def export(
             raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(sources[0], out, run, scenes, demos, hold_out, workers)
     else:
-        from vlafuzz.exports.export import SCENE_FILES, scenes_of
+        from vlafuzz.exports.selection import SCENE_FILES, scenes_of
 
         chosen = scenes_of(sources[0], run, verdict)
         with writing(out):

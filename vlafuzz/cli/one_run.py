@@ -16,25 +16,25 @@ from rich.table import Table
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
-from vlafuzz.campaign.tally import Summary, Tally
-from vlafuzz.cli.output import Bar, interruptible, print_lines, stdout
-from vlafuzz.cli.triage import AGAIN, note_unjudged, print_causes, shown_on
+from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
+from vlafuzz.cli.output import Bar, interruptible, print_lines, print_list, stdout
+from vlafuzz.cli.triage import AGAIN, note_unjudged, shown_on
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import trust_flag
-from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, interval, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.counts import half_in_words, half_of_run
-from vlafuzz.search.base import POOL, RANDOM, about, looks_for_causes
-from vlafuzz.search.probability import Probability
+from vlafuzz.report.cards import told
+from vlafuzz.report.tables import half_in_words, half_of_run, rate_of
+from vlafuzz.search.base import about, looks_for_causes
 from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED
 from vlafuzz.store.store import Store
 
+STARTING, FILMS = 10.0, 4  # seconds until the first film of a page; films of a card
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
 
@@ -80,14 +80,19 @@ def run_plan(
     summary = _start(plan, search, again)
     causes, says = _causes(summary), about(plan.strategy)
     document = asdict(summary)
+    if summary.stopped:
+        Bar.note(f"stopped: {summary.stopped}")
     if not json:
-        _print_summary(summary, says, causes.probability if causes else None)
+        _print_summary(summary, says)
     interrupted = False
     if certifying and causes and causes.found and _foresee(plan, causes, until):
         interrupted = not _certify(plan, summary, until)
         causes = _causes(summary)
     if not json:
-        _print_causes(summary, causes)
+        if causes and causes.causes:
+            print_list([(*cause.conditions, cause.says) for cause in causes.causes], title=causes.title)
+            print_lines(causes.left)
+        _print_end(summary, causes, again)
     document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
     return Done(summary, document, again, interrupted)
 
@@ -122,7 +127,7 @@ def _causes(summary: Summary) -> CauseList | None:
         return next(causes_of(store, run) for run in store.runs() if run.id == summary.run)
 
 
-def _print_summary(summary: Summary, about: str, probability: Probability | None) -> None:
+def _print_summary(summary: Summary, about: str) -> None:
     """Print a run in numbers."""
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
@@ -137,17 +142,17 @@ def _print_summary(summary: Summary, about: str, probability: Probability | None
         "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
         "invalid": _counts(summary.invalid),
         "stages reached": _counts(summary.stages) if judged else "",
-        **(_failures(summary, judged, probability) if judged else {}),
         "first error": summary.first_error,
         "mean progress": "" if summary.progress_mean is None else f"{summary.progress_mean:.3f}",
         "store": summary.store,
     }
-    table = Table(show_header=False, title=title, title_justify="left")
+    table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="bold")
     table.add_column()
     for name, line in lines.items():
         if line:
             table.add_row(name, line)
+    print_lines(title, style="italic")
     stdout().print(table)
 
 
@@ -155,39 +160,46 @@ def _counts(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{name} {count}" for name, count in counts.items())
 
 
-def _failures(summary: Summary, judged: int, probability: Probability | None) -> dict[str, str]:
-    """How often the policy fails; the scenes of a guided run do not say so."""
-    failed = summary.verdicts["failed"]
-    if summary.strategy == RANDOM:
-        share = Share.of_counts(failed, judged)
-        return {"failure share": f"{percent(share.share)}, 95% interval {interval(share.low, share.high)}"}
-    if summary.strategy == SEVERITY:
-        with Store.open(Path(summary.store)) as store:
-            return {"one half fails at severity": half_in_words(half_of_run(store, summary.run))}
-    if summary.strategy == POOL:
-        where = "a failure rate only where they are a random sample"
-        return {"failures": f"{failed} of {judged} scenes, {where}"}
-    lines = {"failures": f"{failed} among {judged} guided scenes, which is not the policy's failure rate"}
-    if probability:
-        bounds = interval(probability.low, probability.high)
-        lines["failure probability"] = f"{percent(probability.value)} of random scenes, 95% interval {bounds}"
-    return lines
+def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
+    """End with three lines: what fails, how sure that is, and the next command; without a judged scene with none.
+
+    Args:
+        again: the command that goes on with the run.
+    """
+    failed, judged = summary.findings, summary.findings + summary.verdicts["passed"]
+    if not judged:
+        return
+    causes = found.causes if found else ()
+    with Store.open(Path(summary.store)) as store:
+        rate = rate_of(store, next(run for run in store.runs() if run.id == summary.run), found)
+        sure = "how often it fails is unknown without random scenes"
+        if rate:
+            sure = f"{percent(rate.value)} of random scenes fail ({interval(rate.low, rate.high)})"
+        elif summary.strategy == SEVERITY:
+            sure = f"one half fails at severity {half_in_words(half_of_run(store, summary.run))}"
+        step = _next(store, summary, found, again)
+    rollouts = plural(summary.rollouts + (found.rollouts if found else 0), "rollout")
+    certified = f", {found.certified} of {plural(found.found, 'cause')} certified" if found and found.found else ""
+    print_lines(told(found, causes, failed, judged), style="bold red" if failed else "bold green")
+    print_lines(f"{sure}: {rollouts}{certified}", style="bold")
+    print_lines(f"Next, {step}", style="cyan")
 
 
-def _print_causes(summary: Summary, found: CauseList | None) -> None:
-    """Print the causes, or how to find them; and how to see the first cause or failure."""
-    if found:
-        print_causes(replace(found, probability=None))  # which the summary has said
-    elif summary.findings:
-        with Store.open(Path(summary.store)) as store:
-            takes = hours(store, summary.findings)
-        command = shlex.join(["vlafuzz", "triage", summary.store, *trust_flag(summary.policy)])
-        whose = "its cause" if summary.findings == 1 else "their causes"
-        print_lines(f"{plural(summary.findings, 'failure')}; `{command}` finds {whose}{takes}")
-    shown = found.shown if found else None
-    if scene := shown or summary.first_failure:
-        command = shlex.join(["vlafuzz", "replay", summary.store, scene[:12]])
-        print_lines(f"see the first {'cause' if shown else 'failure'}: {command}")
+def _next(store: Store, summary: Summary, found: CauseList | None, again: str) -> str:
+    """What to do next: the command, and how long it takes."""
+    trust = trust_flag(summary.policy)
+    if summary.stopped == TIME_OVER:
+        left = (summary.budget - summary.rollouts) * summary.seconds / max(summary.rollouts, 1)
+        return f"to go on: `{again}` (about {duration(left)})"
+    if found and found.certify:
+        return f"to certify what is left: {found.certify}"
+    if summary.findings and not found:
+        command = shlex.join(["vlafuzz", "triage", summary.store, *trust])
+        return f"to find the causes: `{command}`{hours(store, summary.findings)}"
+    cards = max(len(found.causes) if found else 0, 1)
+    page = ("--limit", str(cards), "--out", str(Path(summary.store).with_suffix(".html")))
+    command = shlex.join(["vlafuzz", "report", summary.store, *page, *trust])
+    return f"to see it: `{command}` (about {duration(STARTING + FILMS * cards * pace(store, 1))})"
 
 
 def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
@@ -200,8 +212,9 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
         return False
     most, count = affordable(plan.manifest.budget), plural(found.found, "cause")
     some = f"the {'' if most == 1 else f'{most} '}commonest of " if most < found.found else ""
-    each = f"{PER_CAUSE} rollouts or more each, about {duration(one * min(most, found.found))}"
-    Bar.note(f"certifying {some}{count}, {each}; --no-certify leaves this out, --time bounds it")
+    low, high = (duration(one * times * min(most, found.found)) for times in (0.5, 2.0))
+    takes = f"about {PER_CAUSE} rollouts each, {low} to {high}"
+    Bar.note(f"certifying {some}{count}, {takes}; --no-certify leaves this out, --time bounds it")
     return True
 
 

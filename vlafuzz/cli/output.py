@@ -1,6 +1,7 @@
 """Output of commands: data on stdout as a table or JSON; progress and notes on stderr."""
 
 import json as json_format
+import re
 import sys
 import threading
 import time
@@ -9,6 +10,7 @@ from contextlib import contextmanager, redirect_stdout
 from typing import Any, Self
 
 import typer
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -64,10 +66,23 @@ def stderr() -> Console:
     return _SafeConsole(stderr=True)
 
 
-def print_lines(*lines: str) -> None:
-    """Print sentences and commands on stdout, each in one piece; empty ones are left out."""
+def print_lines(*lines: str, style: str = "") -> None:
+    """Print sentences and commands on stdout, see ``_say``; empty ones are left out."""
     for line in filter(None, lines):
-        stdout().print(line, soft_wrap=True)
+        _say(stdout(), line, style)
+
+
+def _say(console: Console, text: str, style: str = "") -> None:
+    """Print lines, in a terminal wrapped by words; commands stay in one piece, to be copied."""
+    width = console.width if console.is_terminal else sys.maxsize
+    for line in text.splitlines():
+        *rows, row = [""]
+        for word in re.findall(r"`[^`]*`\S*|vlafuzz .*|\S+", line):
+            if row and cell_len(f"{row} {word}") > width:
+                rows.append(row)
+                row = ""
+            row = f"{row} {word}".lstrip()
+        console.print("\n".join([*rows, row]), style=style, soft_wrap=True)
 
 
 def print_json(value: Any) -> None:
@@ -125,7 +140,7 @@ def print_list(items: Sequence[Sequence[str]], *, title: str) -> None:
         grid.add_column(overflow="fold")
         for place, line in enumerate(lines):
             grid.add_row(f"{number}." if place == 0 else "", Text(printable(line), style="bold"))
-        grid.add_row("", Text(printable(small)))
+        grid.add_row("", Text(printable(small), style="dim"))
         console.print(grid)
 
 
@@ -159,7 +174,7 @@ class Bar(Watch):
     @staticmethod
     def note(text: str) -> None:
         """A line above the bar."""
-        stderr().print(text, soft_wrap=True)
+        _say(stderr(), text)
 
     def clear(self) -> None:
         """Take the bar away."""

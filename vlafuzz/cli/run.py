@@ -108,7 +108,7 @@ def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Dead
     """
     from vlafuzz.campaign.config import BUDGET
     from vlafuzz.campaign.config import plan as plan_of
-    from vlafuzz.report.counts import half_of_run
+    from vlafuzz.report.tables import half_of_run
     from vlafuzz.search.severity import NAME
     from vlafuzz.store.store import Store
 
@@ -150,8 +150,9 @@ def note_policy(plan: Plan, flags: Mapping[str, Any]) -> None:
     """Say why a policy was chosen that needs no pictures."""
     from vlafuzz.worlds import no_pictures, world_of
 
-    usual = next(iter(world_of(plan.task.name).robots))
-    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(plan.task.name):
+    task = plan.manifest.task
+    usual = next(iter(world_of(task).robots))
+    if "policy" not in flags and plan.manifest.robot == usual and no_pictures(task):
         hint = "`vlafuzz doctor` says what to install"
         Bar.note(f"note: nothing here draws pictures, so the policy is {plan.manifest.policy}; {hint}")
 
@@ -178,7 +179,7 @@ def _run_tasks(
     from vlafuzz.campaign.config import plan as plan_of
     from vlafuzz.campaign.resume import begun
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.report.counts import standings_of
+    from vlafuzz.report.tables import standings_of
     from vlafuzz.store.records import UNFINISHED
     from vlafuzz.store.store import Store
     from vlafuzz.worlds import default_policy, tasks_named
@@ -225,14 +226,11 @@ def _run_tasks(
 
 
 def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
-    """Say whether runs ended early, with the exit code of their results.
+    """End with the exit code of the results.
 
     Args:
         left: which tasks were not begun, in a sentence.
     """
-    for summary, *_ in runs:
-        if summary.stopped:
-            Bar.note(f"{f'{summary.task} ' * (len(runs) > 1)}stopped: {summary.stopped}")
     if any(done.interrupted for done in runs):
         raise typer.Exit(INTERRUPTED)
     for summary, _, again, _ in runs:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
@@ -134,15 +135,14 @@ def shown_on(bar: Bar, kind: str) -> Callable[[Progress], None]:
 def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
     """Say how long triage will take, unless nobody will have to wait."""
     from vlafuzz.campaign.forecast import NOBODY_WAITS
-    from vlafuzz.failures.triage.pipeline import PER_FINDING, expected
+    from vlafuzz.failures.triage.pipeline import expected, pace
 
     done = {triaged.key for triaged in store.triaged()}
     left = len([finding for finding in store.findings() if finding.key not in done][:limit])
-    seconds, within = expected(store, left, workers), allowance.deadline.left
-    if allowance.rollouts:
-        seconds *= min(allowance.rollouts / (PER_FINDING * max(left, 1)), 1.0)
+    rollouts = min(expected(store, left), allowance.rollouts or sys.maxsize)
+    seconds, within = rollouts * pace(store, workers), allowance.deadline.left
     if seconds > min(NOBODY_WAITS, within):
-        basis = f"about {PER_FINDING} rollouts each, which take as long as those of the run"
+        basis = f"about {plural(rollouts, 'rollout')}, which take as long as those of the run"
         end = f"; --time ends it after {duration(within)}" if seconds > within else ""
         Bar.note(f"about {duration(seconds)}: {plural(left, 'failure')}, {basis}{end}")
 

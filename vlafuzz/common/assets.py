@@ -12,8 +12,8 @@ import re
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -87,21 +87,14 @@ def made_once(name: str, fill: Callable[[Path], None], is_complete: Callable[[Pa
     folder = cache_dir() / name
     if is_complete(folder):
         return folder
-    with _explained(folder):
-        _make(folder, fill, is_complete)
-    return folder
-
-
-@contextmanager
-def _explained(folder: Path) -> Iterator[None]:
-    """A PrerequisiteError where the system does not let us write to the cache."""
     try:
-        yield
+        _make(folder, fill, is_complete)
     except OSError as error:
         if error.errno not in _UNWRITABLE:
             raise
         hint = "make room there, or name another folder in VLAFUZZ_CACHE"
         raise PrerequisiteError(f"the cache {folder.parent} cannot be written: {reason(error)}", hint) from None
+    return folder
 
 
 def _make(folder: Path, fill: Callable[[Path], None], is_complete: Callable[[Path], bool]) -> None:

@@ -65,15 +65,6 @@ def is_stream(path: Path) -> bool:
     return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
-def make_folder(folder: Path) -> None:
-    """Make the folder that --out names, unless it exists; UsageError if it cannot be made."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        message = f"--out: {folder}: cannot be made: {reason(error)}"
-        raise UsageError(message, hint="give another folder") from None
-
-
 def _remove(path: Path) -> None:
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.text import interval, percent
 
+Counts = NDArray[np.integer] | int
 _STAKE = 0.7  # share of the wealth that is on a rate near 1
 _TINY = 1e-9
 _TAIL = 0.975  # of intervals of 95 %
@@ -272,9 +273,16 @@ def _effective(groups: Sequence[tuple[int, int, int]]) -> float:
     return float(min(number, few * (squares / number - mean**2) / variance))
 
 
+def sign_p(worse: Counts, better: Counts) -> NDArray[np.float64]:
+    """One-sided p-value of the exact sign test: that so many pairs or more are worse by chance."""
+    from scipy.special import betainc
+
+    return np.where(np.asarray(worse) > 0, betainc(np.maximum(worse, 1), better + 1, 0.5), 1.0)
+
+
 def sign_test(worse: int, better: int) -> float:
     """Two-sided p-value of the exact sign test, which is McNemar's for pairs of yes and no."""
-    return min(1.0, 2 * float(binomial(worse + better, 0.5)[: min(worse, better) + 1].sum()))
+    return min(1.0, 2 * float(sign_p(max(worse, better), min(worse, better))))
 
 
 def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
@@ -282,10 +290,3 @@ def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
     from scipy.stats import fisher_exact
 
     return float(fisher_exact([[k, n - k], [other_k, other_n - other_k]]).pvalue)
-
-
-def binomial(number: int, share: float) -> NDArray[np.float64]:
-    """Probabilities of 0 to ``number`` cases."""
-    from scipy.stats import binom
-
-    return np.asarray(binom.pmf(np.arange(number + 1), number, share))

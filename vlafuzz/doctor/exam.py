@@ -20,10 +20,11 @@ from vlafuzz.campaign.launch import stands_alone
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
-from vlafuzz.doctor import Check, verdicts
+from vlafuzz.doctor import verdicts
 from vlafuzz.doctor.probes import Break, Interview, Recorder, moved, reworded, seconds_at_once, sights
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
 from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
+from vlafuzz.model.check import Check
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space

@@ -8,13 +8,13 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 
 from vlafuzz import __version__
 from vlafuzz.common import assets
 from vlafuzz.common.text import plural
-from vlafuzz.doctor import Check, Rating
+from vlafuzz.model.check import Check, Rating
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 
 # Each package of the simulator, and what does not work if it cannot be imported.
@@ -45,7 +45,7 @@ def machine() -> Iterator[Check]:
     except ImportError as error:  # of what the package itself needs
         yield Check("packages", f"ImportError: {error}", "refuse", "nothing runs; hint: run scripts/setup")
         return
-    yield from check_packages(PACKAGES)
+    yield from _packages()
     workers = plural(most_workers(), "worker")
     yield Check("cores", str(usable_cores()), "ok", f"{workers} by default, if memory stays as free as now")
     probed = renderer.probe()
@@ -58,9 +58,9 @@ def machine() -> Iterator[Check]:
     yield check_cache(assets.cache_dir())
 
 
-def check_packages(packages: Mapping[str, str]) -> Iterator[Check]:
-    problems = _import_problems(list(packages))
-    for name, follows in packages.items():
+def _packages() -> Iterator[Check]:
+    problems = _import_problems(list(PACKAGES))
+    for name, follows in PACKAGES.items():
         try:
             version = importlib.metadata.version(name)
         except importlib.metadata.PackageNotFoundError:

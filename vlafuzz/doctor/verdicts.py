@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.doctor import Check, judged
 from vlafuzz.doctor.probes import Answers, Break, Change
+from vlafuzz.model.check import Check, Rating
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.harness import WIDTH
@@ -22,6 +22,34 @@ SAME = 1e-6
 AT_END = 0.8  # share of steps at an end of its range from which on a number counts as clipped
 CUT = 3  # clipped numbers; fewer may be intended, as in a straight descent at constant speed
 ANYWAY = " (100%: as much as from moment to moment)"
+
+# Each fault that a policy may have is rated, with advice on what to do.
+FAULTS: dict[str, tuple[Rating, str]] = {
+    "guessed": ("warn", "say {options} in the policy's name"),
+    "it sees no picture": ("warn", "pictures of scenes do not matter to it; a policy that sees asks for cameras"),
+    "constant": ("refuse", "its actions do not depend on the scene; look at how pictures are prepared"),
+    "saturated": ("refuse", "they are clipped; look at the statistics by which it scales its actions"),
+    "out of range": ("warn", "{problem}; {scale}=… says what their unit is"),
+    "not deterministic": ("warn", "seed it with each rollout's seed, or say deterministic=False"),
+    "blind": ("refuse", "nothing that it is shown matters; look at its cameras and its libraries' versions"),
+    "nearly blind": ("warn", "it notices darkness, but {view} changes nothing"),
+    "deaf": ("warn", "it ignores its instruction; look at how the instruction gets to it"),
+    "it asks for the pose of the hand and does not use it": ("warn", "look at the layout, state=…"),
+    "mixed up": ("refuse", "{problem}"),
+    "the last digits depend on the rest of the batch": ("warn", "say deterministic=False, or max_batch=1"),
+    "slow": ("warn", "a robot would wait for it, here it only takes long; execute more of a chunk, or lower hz"),
+    "it breaks off at times": ("warn", "the first time {broken.where}: {broken.error.message}"),
+    "it mostly fails": ("warn", "most of its failures will say nothing about the scenes"),
+    "it cannot do the task": ("refuse", "its failures say nothing about the scenes"),
+}
+
+
+def judged(check: str, found: str, fault: str | None = None, **words: object) -> Check:
+    """The check, which is ok without a fault. ``words`` fill in what there is to say about the fault."""
+    if fault is None:
+        return Check(check, found)
+    rating, advice = FAULTS[fault]
+    return Check(check, found, rating, f"{fault}: {advice.format(**words)}")
 
 
 def on_spec(spec: PolicySpec) -> Check:

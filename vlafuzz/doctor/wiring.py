@@ -18,8 +18,8 @@ from statistics import fmean
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.doctor import Check
 from vlafuzz.doctor.probes import Lent
+from vlafuzz.model.check import Check
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec

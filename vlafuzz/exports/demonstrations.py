@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
@@ -22,8 +22,7 @@ from vlafuzz.store.records import Manifest
 UNPLAYED = "a replay of the expert's actions does not solve it"
 
 
-@dataclass(frozen=True, eq=False)
-class Solved:
+class Solved(NamedTuple):
     """A scene, and the actions that solve it as the policy of its run would write them."""
 
     wanted: Wanted

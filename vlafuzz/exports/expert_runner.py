@@ -117,16 +117,12 @@ class _Player:
         self.steps = []
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        chunks = []
+        chunks, still = [], np.append(np.zeros(6, np.float32), self.actions[-1:, -1])  # the gripper as it was
         for seen in observations:
             number = len(self.steps)
-            written: Written = self.actions[number] if number < len(self.actions) else self._still()
+            written: Written = self.actions[number] if number < len(self.actions) else still
             self.steps.append((seen, written))
             chunks.append(ActionChunk(written[None].astype(np.float64)))
         return chunks
 
     def close(self) -> None: ...
-
-    def _still(self) -> Written:
-        """An action that moves nothing, with the gripper of the last one."""
-        return np.append(np.zeros(6, np.float32), self.actions[-1, -1])

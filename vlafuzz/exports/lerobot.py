@@ -48,10 +48,6 @@ class Dataset:
         self._file, self._bytes, self._frames = 0, 0, 0
         self._writer: pyarrow.parquet.ParquetWriter | None = None
 
-    @property
-    def episodes(self) -> int:
-        return len(self._rows)
-
     def add(self, shown: Packed) -> None:
         task = self._tasks.setdefault(shown.scene.instruction, len(self._tasks))
         columns = self._numbered(shown, task)
@@ -65,9 +61,11 @@ class Dataset:
             self._levels[key] = self._levels.get(key, 0) + counts
         self._frames += len(shown.actions)
 
-    def close(self) -> None:
-        if self._writer is not None:
-            self._writer.close()
+    def close(self) -> int:
+        """Complete what was written, if there is anything; the number of episodes."""
+        if self._writer is None:
+            return 0
+        self._writer.close()
         tasks = pandas.DataFrame({"task_index": list(self._tasks.values())}, index=list(self._tasks))
         meta = self._folder / "meta"
         episodes = meta / "episodes" / PATH.format(chunk_index=0, file_index=0)
@@ -79,6 +77,7 @@ class Dataset:
             stats[key] = summary(np.concatenate([columns[key] for columns in self._columns]))
         for name, content in (("stats", stats), ("info", self._info())):
             (meta / f"{name}.json").write_text(json.dumps(content) + "\n", encoding="utf-8")
+        return len(self._rows)
 
     def _numbered(self, shown: Packed, task: int) -> Columns:
         """All columns but the images."""
@@ -156,9 +155,7 @@ def write_dataset(shown: Iterable[Packed], folder: Path, fps: int, robot: str, n
     dataset = Dataset(folder, fps, robot, names)
     for demonstration in shown:
         dataset.add(demonstration)
-    if dataset.episodes:
-        dataset.close()
-    return dataset.episodes
+    return dataset.close()
 
 
 def _image_column(pictures: list[bytes]) -> pyarrow.Array:

@@ -72,16 +72,16 @@ def packed(
     finding: str = "",
 ) -> Packed:
     """A demonstration with its ``images``, ``(steps, height, width, 3)`` by name, compressed."""
-    pictures = {name: [_png(frame) for frame in frames] for name, frames in images.items()}
+
+    def png(frame: NDArray[np.uint8]) -> bytes:
+        file = io.BytesIO()
+        Image.fromarray(frame).save(file, "PNG")
+        return file.getvalue()
+
+    pictures = {name: list(map(png, frames)) for name, frames in images.items()}
     sizes = {name: frames.shape[1:] for name, frames in images.items()}
     counts = {name: levels(frames) for name, frames in images.items()}
     return Packed(scene, pictures, sizes, counts, states, actions, finding)
-
-
-def _png(frame: NDArray[np.uint8]) -> bytes:
-    packed = io.BytesIO()
-    Image.fromarray(frame).save(packed, "PNG")
-    return packed.getvalue()
 
 
 def _named(quantile: float) -> str:

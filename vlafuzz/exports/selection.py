@@ -1,26 +1,53 @@
-"""Which scenes are demonstrated: those of failures, without the causes that are held out, or random ones."""
+"""Which scenes are exported; and which are demonstrated: of failures, but for causes held out, or random ones."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from vlafuzz.errors import CorpusError, StoreError, UsageError
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.described import space_of
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import world_of
 
 Which = Literal["failed", "minimal", "random"]
+Chosen = Literal["failed", "passed", "all"]
+SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``failures.corpus.controls``
+
+
+def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> dict[Scene, str | None]:
+    """The distinct scenes of a store with a verdict; all scenes of a file.
+
+    Beside each scene is whether it failed or passed there; None where that is not known.
+    """
+    if source.suffix in SCENE_FILES:
+        if run is not None:
+            problem = f"--run {run}: {source} is a file of scenes, not a store"
+            raise UsageError(problem, hint="leave out --run")
+        return dict.fromkeys(load_scenes(source))
+    with Store.open(source) as store:
+        if chosen == "failed":
+            return dict.fromkeys((finding.scene for finding in store.findings(run)), chosen)
+        runs = [stored.id for stored in store.runs()] if run is None else [run]
+        verdicts: dict[Scene, str | None] = {}
+        for trial in chain.from_iterable(map(store.trials, runs)):
+            verdict = trial.outcome.verdict.name.lower()
+            if chosen == "all" or verdict == chosen:
+                before = verdicts.get(trial.scene)
+                judged = trial.outcome.verdict >= Verdict.PASSED
+                verdicts[trial.scene] = verdict if judged and before != "failed" else before
+        return verdicts
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +101,8 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
     return list(failures.values())
 
 
-def failures_of_corpus(folder: Path, corpus: Corpus, which: Which) -> list[Failure]:
+def failures_of_corpus(corpus: Corpus, which: Which) -> list[Failure]:
     """The cases of a corpus."""
-    if not corpus.cases:
-        raise CorpusError(f"{folder}: has no failing scene", hint="`vlafuzz export --minimal` writes some")
     return [
         Failure(
             case.scene,
@@ -118,33 +143,18 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
     return [failure for failure in failures if failure.scene not in held], out
 
 
-def _space_of(run: Manifest) -> tuple[str, ...]:
-    return run.task, run.robot, run.operators_digest, run.packs
-
-
-def _spaces(source: Path, runs: Iterable[Manifest]) -> dict[tuple[str, ...], Space]:
-    distinct = {_space_of(run): run for run in runs}
-    return {kind: world_of(run.task).stored_space(source, run) for kind, run in distinct.items()}
-
-
 def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
     scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
-    spaces: Mapping[tuple[str, ...], Space] = {}
     for number in count():
         for scene, failure in scenes:
-            shown = scene
-            if number:
-                spaces = spaces or _spaces(source, (failure.run for _, failure in scenes))
-                shown = spaces[_space_of(failure.run)].jittered(scene, DEMONSTRATE + number)
+            shown = space_of(source, failure.run).jittered(scene, DEMONSTRATE + number) if number else scene
             yield Wanted(shown, failure.run, number, failure.scene.digest)
 
 
 def at_random(source: Path, failures: Sequence[Failure]) -> Iterator[Wanted]:
     """Random scenes under the conditions of the failures' runs in turn, with the same first attempts."""
-    runs = [failure.run for failure in failures]
-    spaces = _spaces(source, runs)
     for number in count():
-        run = runs[number % len(runs)]
-        scene = spaces[_space_of(run)].sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))
-        yield Wanted(scene, run, number // len(runs), "")
+        run = failures[number % len(failures)].run
+        scene = space_of(source, run).sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))
+        yield Wanted(scene, run, number // len(failures), "")

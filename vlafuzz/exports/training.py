@@ -100,7 +100,7 @@ def _failures(source: Path, run: int | None, which: Which) -> list[Failure]:
             return failures_of_store(store, run, which)
     if run is not None:
         raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
-    return failures_of_corpus(source, read_corpus(source), which)
+    return failures_of_corpus(read_corpus(source), which)
 
 
 def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, int]:

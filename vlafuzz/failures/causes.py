@@ -10,7 +10,7 @@ from typing import Any
 
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import count_of, interval, percent, plural
-from vlafuzz.failures.described import DescribedFailure, Spaces, described, title_of
+from vlafuzz.failures.described import DescribedFailure, described, space_of, title_of
 from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
@@ -159,11 +159,16 @@ class CauseList:
         if self.certify:
             suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
             found.append(f"not certified means: {suspected}; {self.certify} certifies them")
-        tried = ", variants tried to explain them not counted" if self.unexplained else ""
-        found.append(f"unexplained failures: {self.unexplained}{tried}")
+        found.append(self.left)
         if self.probability:
             found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
         return tuple(found)
+
+    @property
+    def left(self) -> str:
+        """How many failures are unexplained."""
+        tried = ", variants tried to explain them not counted" if self.unexplained else ""
+        return f"unexplained failures: {self.unexplained}{tried}"
 
     def document(self) -> dict[str, Any]:
         """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""
@@ -177,8 +182,7 @@ class CauseList:
 
 def all_causes(store: Store) -> tuple[CauseList, ...]:
     """The causes of every run whose strategy looks for them."""
-    spaces = Spaces(store.path)
-    return tuple(one for run in store.runs() if (one := causes_of(store, run, spaces)) is not None)
+    return tuple(one for run in store.runs() if (one := causes_of(store, run)) is not None)
 
 
 def first_shown(store: Store, label: str | None = None) -> str | None:
@@ -195,12 +199,12 @@ def first_shown(store: Store, label: str | None = None) -> str | None:
     return None
 
 
-def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList | None:
+def causes_of(store: Store, run: Run) -> CauseList | None:
     """The causes of a run; None if its strategy does not look for causes."""
     kept = store.causes(run.id)
     if kept is None:
         return None
-    space = (spaces or Spaces(store.path)).of(run.manifest)
+    space = space_of(store.path, run.manifest)
     findings = {finding.scene: finding for finding in store.findings(run.id)}
     keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
     triaged = {row.scene: row for row in store.triaged() if row.key in keys}
@@ -208,18 +212,17 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
     for number, cause in enumerate(kept.causes):
         finding = findings.get(cause.scene) if cause.scene else None
         if finding is None:
-            detail = "no stored failure has these operators alone"
             merged[number] = ListedCause(
                 title=_title(space, cause, ()),
                 conditions=_through(space, cause.mechanism, cause.operators),
                 share=cause.share,
                 failures=cause.failures,
-                detail=detail,
+                detail="no stored failure has these operators alone",
                 mechanism=cause.mechanism,
             )
             continue
         row = triaged.get(finding.scene)
-        failure, types = described(store.path, finding, run.manifest, space, row), _target_types(space, cause, row)
+        failure, types = described(store.path, finding, run.manifest, row), _target_types(space, cause, row)
         one = replace(
             ListedCause.of_failure(failure),
             title=_title(space, cause, types, failure),
@@ -229,9 +232,12 @@ def causes_of(store: Store, run: Run, spaces: Spaces | None = None) -> CauseList
             mechanism=cause.mechanism,
         )
         key = (one.signature, types) if one.bucket == "minimal" else number
-        merged[key] = _united(merged[key], one) if key in merged else one
+        if key in merged:
+            first, second = sorted((merged[key], one), key=lambda cause: (cause.mechanism is None, _rank(cause)))
+            one = replace(first, failures=first.failures + second.failures, found=first.found + second.found)
+        merged[key] = one
         if failure.bucket == "minimal" and cause.mechanism is None:
-            taken = (*failure.operators, *[space.subject] * bool(types))
+            taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
     listed = tuple(sorted(_shared(store, run, space, merged, ranges), key=_rank))
     return CauseList(
@@ -321,11 +327,6 @@ def _through(space: Space, mechanism: Mechanism | None, conditions: tuple[str, .
         return conditions
     quantity = space.quantities.get(mechanism.quantity) or plain_quantity(mechanism.quantity)
     return (acting(mechanism, quantity), *(f"for example {condition}" for condition in conditions))
-
-
-def _united(one: ListedCause, other: ListedCause) -> ListedCause:
-    first, second = sorted((one, other), key=lambda cause: (cause.mechanism is None, _rank(cause)))
-    return replace(first, failures=one.failures + other.failures, found=first.found + second.found)
 
 
 def _rank(cause: ListedCause) -> tuple[bool, float, int]:

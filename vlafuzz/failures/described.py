@@ -1,5 +1,6 @@
 """Failures with all that is known of them: values, and what they mean in words."""
 
+import os
 import pathlib
 import shlex
 from collections.abc import Mapping, Sequence
@@ -7,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from vlafuzz.common.assets import FOLDERS
 from vlafuzz.common.text import interval, named, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.corpus.corpus import Case, Corpus
@@ -26,19 +28,18 @@ BUCKETS = ("minimal", "witnessed", "unproven", "flaky", "observed")
 TOLD = 2  # deviations that a title names
 
 
-class Spaces:
-    """The search spaces of runs of one store or corpus."""
+_SPACES: dict[tuple[object, ...], Space] = {}
+MOST_SPACES = 16  # that are kept, since making one takes a while
 
-    def __init__(self, source: pathlib.Path) -> None:
-        self._source = source
-        self._spaces: dict[tuple[str, ...], Space] = {}
 
-    def of(self, run: Manifest) -> Space:
-        """The space that contains the scenes of a run; see ``stored_space``."""
-        key = (run.task, run.robot, run.operators, run.packs)
-        if key not in self._spaces:
-            self._spaces[key] = world_of(run.task).stored_space(self._source, run)
-        return self._spaces[key]
+def space_of(source: pathlib.Path, run: Manifest) -> Space:
+    """The space that contains the scenes of a run of a store or corpus; see ``stored_space``."""
+    key = (source, os.environ.get(FOLDERS), run.task, run.robot, run.operators, run.packs, run.catalogue_digest)
+    if key not in _SPACES:
+        if len(_SPACES) == MOST_SPACES:
+            _SPACES.clear()
+        _SPACES[key] = world_of(run.task).stored_space(source, run)
+    return _SPACES[key]
 
 
 @dataclass(frozen=True)
@@ -78,8 +79,6 @@ class DescribedFailure(Failure):
         reference: the passing scene that it is compared with; None for the nominal one.
         counterparts: of a certified one, by operator the scene without it, in which the policy passes.
         rate: how often the policy fails around the scene; None if unknown.
-        detail: the evidence, in a sentence.
-        replay: the command that replays the scene.
         picture: PNG of the scene; None in a store.
     """
 
@@ -109,11 +108,9 @@ class DescribedFailure(Failure):
         return " and ".join(said) + more
 
 
-def described(
-    store: pathlib.Path, finding: Finding, run: Manifest, space: Space, triaged: Triaged | None
-) -> DescribedFailure:
+def described(store: pathlib.Path, finding: Finding, run: Manifest, triaged: Triaged | None) -> DescribedFailure:
     """A failure of a store: of one that triage made minimal the minimal scene."""
-    lost_stage = finding.cell.partition("|")[0]
+    space, lost_stage = space_of(store, run), finding.cell.partition("|")[0]
     if triaged is None:
         operators: tuple[str, ...] = ()
         with suppress(SceneError):  # an imported scene
@@ -153,7 +150,7 @@ def described(
     )
 
 
-def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Space) -> DescribedFailure:
+def described_case(folder: pathlib.Path, corpus: Corpus, case: Case) -> DescribedFailure:
     """A failure of a corpus, which is minimal."""
     run = corpus.runs[case.run]
     return DescribedFailure(
@@ -162,7 +159,7 @@ def described_case(folder: pathlib.Path, corpus: Corpus, case: Case, space: Spac
         found=(case.found,),
         run=run,
         bucket="minimal",
-        deviations=deviations(space, case.scene, case.causes, case.reference),
+        deviations=deviations(space_of(folder, run), case.scene, case.causes, case.reference),
         reference=case.reference,
         counterparts=case.counterparts,
         witness=case.witness,

@@ -12,7 +12,7 @@ from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
-from vlafuzz.failures.described import BUCKETS, DescribedFailure, Spaces, described, described_case, title_of
+from vlafuzz.failures.described import BUCKETS, DescribedFailure, described, described_case, title_of
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
@@ -47,8 +47,7 @@ def listing_of(source: pathlib.Path) -> Listing:
 
 def listing_of_corpus(folder: pathlib.Path, corpus: Corpus) -> Listing:
     """The cases of a corpus."""
-    spaces = Spaces(folder)
-    cases = (described_case(folder, corpus, case, spaces.of(corpus.runs[case.run])) for case in corpus.cases)
+    cases = (described_case(folder, corpus, case) for case in corpus.cases)
     return Listing(title=title_of(corpus.runs), runs=tuple(corpus.runs), failures=_in_order(cases))
 
 
@@ -66,12 +65,11 @@ def listing_of_store(store: Store) -> Listing:
 
 
 def failures_of(store: Store, run: int | None = None) -> Iterator[DescribedFailure]:
-    """Each failure of a store, or of a run in it, the oldest first."""
-    spaces, triaged = Spaces(store.path), {row.key: row for row in store.triaged()}
+    """Each failure of a store, or of a run in it, in the order of proposals."""
+    triaged = {row.key: row for row in store.triaged()}
     manifests = {one.id: one.manifest for one in store.runs()}
     for finding in store.findings(run):
-        manifest = manifests[finding.run]
-        yield described(store.path, finding, manifest, spaces.of(manifest), triaged.get(finding.key))
+        yield described(store.path, finding, manifests[finding.run], triaged.get(finding.key))
 
 
 def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run]) -> tuple[DescribedFailure, ...]:

@@ -63,17 +63,14 @@ def mechanisms(
     """
     if not causes or not space.quantities:
         return []
-    run = _Run(space, causes, [trial for trial in trials if _judged(trial)])
+    judged = (trial for trial in trials if trial.outcome.verdict >= Verdict.PASSED)
+    run = _Run(space, causes, [trial for trial in judged if not trial.duplicate and trial.genome is not None])
     found, left = list[Merged](), frozenset(range(len(causes)))
     explained = np.zeros(len(run.failed), dtype=bool)
     while (best := _best(run, left, explained)) is not None:
         found.append(_merged(run, best, at_random))
         left, explained = left - set(best.members), explained | best.beyond
     return found
-
-
-def _judged(trial: Trial) -> bool:
-    return trial.outcome.verdict >= Verdict.PASSED and not trial.duplicate and trial.genome is not None
 
 
 class _Run:
@@ -186,11 +183,6 @@ class _Candidate:
     beyond: Mask
     score: float
 
-    @property
-    def margin(self) -> float:
-        """By how much it has to be better than the rows."""
-        return MARGIN if len(self.members) > 1 else ALONE
-
 
 def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | None:
     """The quantity that explains the outcomes best in place of some rows; None if the rows do that better."""
@@ -205,7 +197,8 @@ def _best(run: _Run, left: Collection[int], explained: Mask) -> _Candidate | Non
         for sign in (1, -1)
         for threshold in _thresholds(run, name, sign, quantity.step, rows)
     )
-    better = [one for one in candidates if one is not None and one.score > plain + one.margin]
+    margins = {True: MARGIN, False: ALONE}  # by whether there are several rows
+    better = [one for one in candidates if one is not None and one.score > plain + margins[len(one.members) > 1]]
     return max(better, key=lambda one: one.score, default=None)
 
 

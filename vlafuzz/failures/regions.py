@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from math import inf
 
 import numpy as np
@@ -91,6 +92,12 @@ class Range:
         return inside
 
 
+@lru_cache(maxsize=4)
+def _drawn(space: Space, number: int) -> list[Scene]:
+    """Random scenes of a space, kept for all lists of causes that are made of its runs."""
+    return [space.sample(np.random.default_rng([each, 2])) for each in range(number)]
+
+
 def shares(space: Space, ranges: Sequence[Range], scenes: Sequence[tuple[Scene, bool]]) -> list[Probability]:
     """The shares of random scenes that fail in each range; a scene in several is shared out.
 
@@ -102,6 +109,6 @@ def shares(space: Space, ranges: Sequence[Range], scenes: Sequence[tuple[Scene, 
         return shared_out(np.stack([one.holds(some) for one in ranges], axis=1))
 
     failed = np.array([bad for _, bad in scenes])
-    parts = inside([space.sample(np.random.default_rng([number, 2])) for number in range(DRAWN)])
+    parts = inside(_drawn(space, DRAWN))
     weights = inside([scene for scene, _ in scenes])
     return [share_of_range(*pair, failed) for pair in zip(parts.T, weights.T, strict=True)]

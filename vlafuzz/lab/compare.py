@@ -1,27 +1,33 @@
-"""Compare strategies: do the runs that are missing, triage their failures, and count."""
+"""Compare strategies: do the runs that are missing, triage their failures within a limit of rollouts, and count."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.common.files import make_folder
+from vlafuzz.common.files import writing
 from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
+from vlafuzz.failures.triage.jobs import Job as TriageJob
 from vlafuzz.failures.triage.jobs import runner_of_run
-from vlafuzz.failures.triage.pipeline import findings_in_order
-from vlafuzz.lab.certified import Known, certified, certify, known_results, uncertified
+from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
 from vlafuzz.lab.runs import Job, SpeedOf, complete
 from vlafuzz.model.outcome import Verdict
+from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
-from vlafuzz.store.records import Run, Trial
+from vlafuzz.rollouts.scene_runner import SceneRunner
+from vlafuzz.store.records import Finding, Run, Triaged, Trial
 from vlafuzz.store.store import Store
+
+Known = dict[tuple[str, str], Triaged | None]
+"""Results of triage by the finding's key; None where a finding could not be judged."""
 
 
 def compare(
@@ -51,7 +57,8 @@ def compare(
 
     # One of every strategy before the second of any: an interrupted comparison is balanced.
     jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
-    make_folder(folder)
+    with writing(folder, "give --out another folder"):
+        folder.mkdir(parents=True, exist_ok=True)
     with Store.open(run.store, "write") as store:
         runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
         trials = {done.id: _own_trials(store, done) for done in runs}
@@ -95,18 +102,42 @@ def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None,
         strategy=run.manifest.strategy,
         seed=run.manifest.seed,
         rollouts=sum(len(trial.outcome.rollouts) for trial in trials if not trial.duplicate),
-        triage_rollouts=made.rollouts if made else None,
-        triaged=made.triaged if made else None,
-        signatures=made.causes if made else (),
-        causes=len(made.causes) if made else None,
+        **(made._asdict() if made else {}),
+        causes=len(made.signatures) if made else None,
         failures=len({trial.scene.digest for trial in trials if trial.outcome.verdict is Verdict.FAILED}),
         probability=probability,
     )
 
 
+class Certified(NamedTuple):
+    """What triage of a run's findings has come to: the fields of ``Counted`` of the same names."""
+
+    signatures: tuple[str, ...]
+    triaged: int
+    triage_rollouts: int
+
+
+def certified(findings: Sequence[Finding], known: Known, limit: int) -> Certified:
+    """Count the findings whose triage, one after the other, took no more rollouts than the limit.
+
+    All of the limit counts as spent where it did not suffice for the next finding.
+    """
+    causes: dict[str, None] = {}
+    triaged, spent = 0, 0
+    for result in filter(None, (known.get(finding.key) for finding in findings)):
+        spent += result.policy_rollouts
+        if spent > limit:
+            break
+        triaged += 1
+        if result.bucket == "minimal" and result.signature:
+            causes[result.signature] = None
+    return Certified(tuple(causes), triaged, min(spent, limit))
+
+
 def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch: Watch) -> None:
     """Triage the failures of each run, as far as that was not done before."""
-    left = uncertified(store, runs, limit)
+    results = known_results(store)
+    left = [run for run in runs if _missing(findings_in_order(store, run.id), results, limit)]
     if not left:
         return
     most = len(left) * limit
@@ -124,3 +155,60 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch:
             f"{plural(unjudged, 'failure')} could not be judged: the policy broke, or it is no longer fair\n"
             "hint: the same command tries them again"
         )
+
+
+def certify(
+    store: Store,
+    make: Make,
+    runs: Sequence[Run],
+    limit: int,
+    place: Place = HERE,
+    watch: Callable[[int, int], None] = lambda number, spent: None,
+) -> int:
+    """Triage the findings of every run, in order, until they have taken ``limit`` rollouts of the policy.
+
+    Every result is stored at once; a finding of several runs is triaged once. Findings share no verdicts, so that
+    results depend neither on the number of workers nor on interruptions.
+
+    Args:
+        watch: is told the index of a run, and the rollouts that its findings have taken so far.
+
+    Returns:
+        The number of findings that could not be judged: see ``pipeline.triage``.
+    """
+    results = known_results(store)
+    for index, run in enumerate(runs):
+        findings = findings_in_order(store, run.id)
+        job = job_of(store, run, findings)
+        watch(index, 0)
+        with crew_at(place, partial(make, run), run.manifest.policy) as crew:
+            triage = partial(_triaged, job, crew.runner)
+            while batch := _missing(findings, results, limit)[: place.workers]:
+                for number, triaged in crew.each(triage, batch):
+                    results[batch[number].key] = triaged
+                    if triaged:
+                        store.settle(triaged)
+                watch(index, certified(findings, results, limit).triage_rollouts)
+    return sum(result is None for result in results.values())
+
+
+def known_results(store: Store) -> Known:
+    return {triaged.key: triaged for triaged in store.triaged()}
+
+
+def _triaged(job: TriageJob, runner: SceneRunner, finding: Finding) -> Triaged | None:
+    triaged = job.triager(runner).triage(finding)
+    return triaged if isinstance(triaged, Triaged) else None
+
+
+def _missing(findings: Sequence[Finding], results: Known, limit: int) -> list[Finding]:
+    """The findings that were not triaged yet and for which the others have left rollouts."""
+    spent, missing = 0, []
+    for finding in findings:
+        if spent >= limit:
+            break
+        if finding.key not in results:
+            missing.append(finding)
+        elif result := results[finding.key]:
+            spent += result.policy_rollouts
+    return missing

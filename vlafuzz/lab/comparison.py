@@ -38,9 +38,9 @@ class Counted:
     strategy: str
     seed: int
     rollouts: int
-    triage_rollouts: int | None
-    triaged: int | None
-    signatures: Sequence[str]
+    triage_rollouts: int | None = None
+    triaged: int | None = None
+    signatures: Sequence[str] = ()
     causes: int | None
     failures: int
     probability: Estimate | None
@@ -217,7 +217,7 @@ def rows(compared: Comparison) -> list[Row]:
         {
             "strategy": standing.strategy,
             **{name: _told(mean) for name, mean in standing.means.items() if mean or name == "failures"},
-            "failure probability": _probability(standing.probability),
+            "failure probability": _told_share(standing.probability),
         }
         for standing in compared.standings
     ]
@@ -229,7 +229,7 @@ def _told(mean: Estimate | None) -> str:
     return f"{mean.value:.3g}" if mean.low is None else str(mean)
 
 
-def _probability(tells: Estimate | None) -> str:
+def _told_share(tells: Estimate | None) -> str:
     return f"{percent(tells.value)} ({interval(tells.low or 0.0, tells.high or 0.0)})" if tells else "–"
 
 

@@ -111,7 +111,7 @@ def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, st
         old=names[0],
         new=names[1],
         alpha=alpha,
-        contrasts=_corrected(found),
+        contrasts=tuple(replace(one, p_holm=p) for one, p in zip(found, holm([one.p for one in found]), strict=True)),
         missing=tuple(sorted({*olds} ^ {*news})),
         judged=len(judged(new)) / len(new),
     )
@@ -170,8 +170,3 @@ def _of_pairs(suite: str, pairs: Sequence[Pair]) -> Contrast:
         p=sign_test(worse, better),
         least=sign_test(sum(count > 0 for count in passes.values()), 0),
     )
-
-
-def _corrected(contrasts: Sequence[Contrast]) -> tuple[Contrast, ...]:
-    corrected = holm([contrast.p for contrast in contrasts])
-    return tuple(replace(one, p_holm=p) for one, p in zip(contrasts, corrected, strict=True))

@@ -92,15 +92,20 @@ def document(reading: Reading) -> dict[str, Any]:
     """The JSON of ``read --json``."""
     return {
         "log": reading.name,
-        "rates": [_rate_document(rate) for rate in reading.rates],
+        "rates": [
+            {
+                "suite": rate.suite,
+                "task": rate.task,
+                "condition": rate.condition,
+                "episodes": rate.success.of,
+                "errors": rate.errors,
+                "success": _share(rate.success),
+                "failure": _share(rate.failure),
+            }
+            for rate in reading.rates
+        ],
         "against": _comparison_document(reading.against),
     }
-
-
-def _rate_document(rate: Rate) -> dict[str, Any]:
-    names = {"suite": rate.suite, "task": rate.task, "condition": rate.condition}
-    shares = {"success": _share(rate.success), "failure": _share(rate.failure)}
-    return {**names, "episodes": rate.success.of, "errors": rate.errors, **shares}
 
 
 def _share(share: Share) -> dict[str, Any]:

@@ -115,11 +115,7 @@ def _contents(packs: str) -> frozenset[tuple[str, str]]:
 
 @dataclass(frozen=True)
 class Setting(Generic[T]):
-    """A condition that some worlds have, and others not; a world declares its own.
-
-    Attributes:
-        options: all values that it may have, where a user chooses one by its name.
-    """
+    """A condition that some worlds have, and declare; ``options``: all its values, where a user chooses one by name."""
 
     name: str
     default: T

@@ -10,11 +10,7 @@ BASE = "base"  # in a signature: even the nominal scene fails
 
 
 def signature(task: str, lost: str, operators: Iterable[str]) -> str:
-    """Identifies a cause, readably: ``pick-up|grasp|camera-orientation:+yaw+light:dark``.
-
-    Args:
-        operators: each with the direction in which it deviates, see ``triage.path``.
-    """
+    """Identifies a cause: ``pick-up|grasp|camera-orientation:+yaw+light:dark``, with the direction of each operator."""
     return f"{task}|{lost}|{'+'.join(sorted(operators)) or BASE}"
 
 

@@ -202,11 +202,7 @@ class Scene:
 
     @staticmethod
     def from_json(text: str | bytes) -> Scene:
-        """Read one scene.
-
-        Raises:
-            SceneError: not JSON, or not a scene; the message names the key.
-        """
+        """Read one scene; a SceneError names the key where that is none."""
         try:
             scene = _ADAPTER.validate_json(text)
         except ValidationError as error:

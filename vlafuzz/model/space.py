@@ -102,11 +102,7 @@ class Space(ABC):
 
     @abstractmethod
     def sample(self, rng: np.random.Generator) -> Scene:
-        """A random scene that is fair as far as can be told without the simulator.
-
-        Raises:
-            UsageError: the ranges leave no room.
-        """
+        """A random scene, fair as far as is known without simulating; a UsageError if the ranges leave no room."""
 
     @abstractmethod
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
@@ -132,7 +128,9 @@ class Space(ABC):
         return len(self.genes)
 
     def group(self, name: str) -> Sequence[str]:
-        """The operators of a group; a SceneError if there is none of that name."""
+        """The operators of a group, of which ``subject`` alone is one; a SceneError if there is none of that name."""
+        if name == self.subject:
+            return (name,)
         if name not in self.groups:
             raise SceneError(f"operators: {name!r} is none of {self.task.name}")
         return self.groups[name]
@@ -163,11 +161,7 @@ class Space(ABC):
         return genome
 
     def nearest(self, scene: Scene) -> Genome:
-        """The genome nearest to a scene from elsewhere, value by value.
-
-        Raises:
-            SceneError: it is of another task, or has a value that no operator gives.
-        """
+        """The genome nearest to a scene, value by value; a SceneError for another task, or a value that none gives."""
         self._check_task(scene)
         values = self._expressible(scene, self.by_path)
         return self._genome({gene.path: gene.grid.snap(values[gene.path]) for gene in self.genes})

@@ -26,12 +26,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Task:
-    """What the robot is to do.
-
-    Attributes:
-        targets: number of objects that the instruction names.
-        stages: in order; the last one is success, which implies the others.
-    """
+    """What the robot is to do. ``targets``: how many objects the instruction names; ``stages``: the last is success."""
 
     name: str
     targets: int

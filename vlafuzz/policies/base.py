@@ -38,11 +38,7 @@ def _expect_count(name: str, value: object, least: int, most: float = math.inf) 
 
 @dataclass(frozen=True)
 class CameraRequest:
-    """An image that the policy needs in every observation. ``width`` and ``height`` in pixels.
-
-    Raises:
-        UsageError: a value makes no sense; so do ``ActionSpec`` and ``PolicySpec``.
-    """
+    """An image of ``width`` by ``height`` pixels in every observation; a UsageError for values without sense."""
 
     name: str
     width: int

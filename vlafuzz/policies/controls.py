@@ -47,11 +47,7 @@ class Random:
 
 
 class Player:
-    """A policy that executes a sequence of actions whatever it sees, and then holds still.
-
-    Attributes:
-        actions: ``(steps, 7)`` or of the width that the spec says, to be set before a rollout.
-    """
+    """Executes ``actions``, ``(steps, width)``, which are set before a rollout, whatever it sees; then holds still."""
 
     def __init__(self, like: PolicySpec) -> None:
         self.spec = PolicySpec("witness", action=like.action)

@@ -80,11 +80,7 @@ def _units(spec: ActionSpec) -> Array:
 
 
 def ask(policy: Policy, observation: Observation) -> ActionChunk:
-    """The policy's answer to one observation.
-
-    Raises:
-        PolicyError: the policy raised, or its answer is not a chunk of finite actions.
-    """
+    """The policy's answer to one observation; a PolicyError if it raised, or that is no chunk of finite actions."""
     name = policy.spec.name
     with blamed_on(name):
         return check_chunks(policy.act([observation]), 1, name, policy.spec.action.width)[0]
@@ -106,11 +102,7 @@ class PartlyAnsweredError(PolicyError):
 
 
 def answered(answers: Sequence[ActionChunk | PolicyError]) -> list[ActionChunk]:
-    """The answers of a policy, if there are no errors among them.
-
-    Raises:
-        PolicyError: the only answer is this error. PartlyAnsweredError: one of several is.
-    """
+    """The answers, if no error is among them: a single one is raised, of several answers a PartlyAnsweredError."""
     chunks = [answer for answer in answers if isinstance(answer, ActionChunk)]
     if len(chunks) == len(answers):
         return chunks

@@ -8,7 +8,7 @@ from pathlib import Path
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import interval, percent, plural
 from vlafuzz.errors import SceneError
-from vlafuzz.failures.causes import SOLVERS, ListedCause
+from vlafuzz.failures.causes import SOLVERS, CauseList, ListedCause
 from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.failures.regions import Band, bands_of
 from vlafuzz.model.scene import Scene
@@ -18,6 +18,18 @@ from vlafuzz.report.view import Card, Strip
 
 SAID = 2  # causes in a sentence
 OFF = 0.05  # of an axis: less is no deviation that one would draw
+
+
+def told(found: CauseList | None, causes: Sequence[ListedCause], failed: int, judged: int) -> str:
+    """Say in a sentence what fails: when, if causes are known, else how many of the scenes that were judged."""
+    if causes:
+        return sentence(causes)
+    if not judged:
+        return "No scene was judged."
+    if not failed:
+        return f"Never failed in {plural(judged, 'scene')}."
+    why = f"no cause was found{found.nominal}" if found else "nothing has looked for causes yet"
+    return f"Fails in {failed} of {plural(judged, 'scene')} that were tried; {why}."
 
 
 def sentence(causes: Sequence[ListedCause]) -> str:
@@ -40,15 +52,7 @@ def card_of(
     cause: ListedCause | None = None,
     failures: int = 0,
 ) -> Card:
-    """The card of a failure, or of a cause.
-
-    Args:
-        source: the store or corpus.
-        name: the anchor.
-        of: the failure that shows the cause, if there is one.
-        plot: the scenes among which it is.
-        failures: of the run that found the cause.
-    """
+    """The card of a failure, or of a cause with the failure that shows it, and how many its run has."""
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity

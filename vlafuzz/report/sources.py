@@ -8,13 +8,12 @@ from vlafuzz.common.text import named, plural
 from vlafuzz.failures.causes import CauseList, ListedCause
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
-from vlafuzz.failures.described import DescribedFailure, Spaces, title_of
+from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.cards import card_of, sentence
-from vlafuzz.report.counts import Standing, draws, rollouts_of, standings_of
+from vlafuzz.report.cards import card_of, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
-from vlafuzz.report.tables import Table, cause_table, row_of_run, run_table
+from vlafuzz.report.tables import Standing, Table, cause_table, draws, rollouts_of, row_of_run, run_table, standings_of
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Run
@@ -34,9 +33,9 @@ def view_of(source: Path) -> View:
 
 def view_of_store(store: Store) -> View:
     """The causes and failures of the runs, with the results of triage."""
-    runs, listing, spaces = store.runs(), listing_of_store(store), Spaces(store.path)
+    runs, listing = store.runs(), listing_of_store(store)
     standings, groups = standings_of(store, listing.causes), _comparable(runs)
-    plots = [_plot(store, group, spaces) for group in groups]
+    plots = [_plot(store, group) for group in groups]
     of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
     found = list(_shown(listing, runs))
     shown = {of for _, of, _ in found if of}
@@ -68,16 +67,15 @@ def _comparable(runs: Sequence[Run]) -> list[list[Run]]:
     """The runs, those that differ in search and seed only together."""
     groups: list[list[Run]] = []
     for run in runs:
-        for group in groups:
-            if run.manifest.comparable(group[0].manifest):
-                group.append(run)
-                break
+        alike = (group for group in groups if run.manifest.comparable(group[0].manifest))
+        if group := next(alike, None):
+            group.append(run)
         else:
             groups.append([run])
     return groups
 
 
-def _plot(store: Store, runs: Sequence[Run], spaces: Spaces) -> Plot:
+def _plot(store: Store, runs: Sequence[Run]) -> Plot:
     """The scenes of some runs that passed or failed, each once; what a run drew at random is random."""
     scenes: dict[str, tuple[Scene, bool, bool]] = {}
     for run in runs:
@@ -86,7 +84,7 @@ def _plot(store: Store, runs: Sequence[Run], spaces: Spaces) -> Plot:
             if trial.outcome.judged:
                 random = drawn(trial) or (trial.scene.digest in scenes and scenes[trial.scene.digest][2])
                 scenes[trial.scene.digest] = (trial.scene, not trial.outcome.passed, random)
-    return plot_of(title_of([runs[0].manifest]), spaces.of(runs[0].manifest), list(scenes.values()))
+    return plot_of(title_of([runs[0].manifest]), space_of(store.path, runs[0].manifest), list(scenes.values()))
 
 
 def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, int]]:
@@ -115,15 +113,7 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) ->
     certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
-    name = f"{one.policy} on {one.task}"
-    if causes:
-        return Head(name, sentence(causes), one.rate)
-    if not judged:
-        return Head(name, "No scene was judged.", one.rate)
-    if not failed:
-        return Head(name, f"Never failed in {plural(judged, 'scene')}.", one.rate)
-    why = f"No cause was found{found.nominal}" if found else "Nothing has looked for causes yet"
-    return Head(name, f"Fails in {failed} of {plural(judged, 'scene')} that were tried. {why}.", one.rate)
+    return Head(f"{one.policy} on {one.task}", told(found, causes, failed, judged), one.rate)
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:
@@ -145,7 +135,7 @@ def view_of_corpus(folder: Path, corpus: Corpus) -> View:
     evidence, listing = corpus.evidence, listing_of_corpus(folder, corpus)
     scenes = [(control.scene, not control.passed, True) for control in corpus.controls]
     scenes += [(case.scene, True, False) for case in corpus.cases]
-    plot = plot_of(listing.title, Spaces(folder).of(corpus.runs[0]), scenes)
+    plot = plot_of(listing.title, space_of(folder, corpus.runs[0]), scenes)
     causes = [ListedCause.of_failure(one) for one in listing.failures]
     cards = (
         card_of(folder, f"cause-{number}", of, plot, cause)

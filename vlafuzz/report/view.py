@@ -35,11 +35,8 @@ class Card:
     """A cause with a scene that shows it, or a failure without a cause.
 
     Attributes:
-        id: anchor in the page.
-        title: what it takes, as a title.
         of: the failure; None for a cause that no stored failure shows.
         badge: how well it is shown, and what that means.
-        numbers: each with what it means.
         step: what to do next, and the command.
         neighbours: scenes in which the policy should pass, the likeliest first, with their names.
         plot: the scenes among which it is; ``bands``: what fails there.
@@ -71,13 +68,11 @@ class View:
     """The report of a store or corpus.
 
     Attributes:
-        source: the store or folder.
         phase: what a run is doing, or how it ended; empty for a corpus.
         causes, failures: cards; failures are those without a cause.
         plots: one for all runs that differ in search and seed only.
         tables: how it was found out.
         todo: next steps, each a sentence and the command.
-        notes: caveats, in sentences.
     """
 
     title: str

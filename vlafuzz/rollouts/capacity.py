@@ -34,11 +34,7 @@ def usable_memory() -> float:
 
 
 def most_workers() -> int:
-    """As many as there are cores and memory for, unless ``$VLAFUZZ_WORKERS`` says otherwise.
-
-    Raises:
-        UsageError: the environment variable is not a positive number.
-    """
+    """As many as there are cores and memory for, or as ``$VLAFUZZ_WORKERS`` says; a UsageError if that is no number."""
     wanted = os.environ.get(WORKERS)
     if wanted is None:
         return max(1, min(usable_cores(), int(usable_memory() // PER_WORKER)))

@@ -43,11 +43,7 @@ class Crew(NamedTuple):
 
 @contextmanager
 def crew_at(place: Place, make: Make, policy: str) -> Iterator[Crew]:
-    """The crew of a place, for the runs of a policy of that name.
-
-    Raises:
-        SimulatorError: no worker stays alive. Those that are lost later make outcomes ERROR, as in every executor.
-    """
+    """The crew of a place, for runs of a policy of that name; a SimulatorError where no worker stays alive."""
     if place.kind == "local":
         with closing(make()) as runner:
             if isinstance(runner, SimulatorSceneRunner) and runner.lanes > 1:

@@ -49,11 +49,7 @@ class Until:
         self._executor, self._deadline = executor, deadline
 
     def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``.
-
-        Raises:
-            TimeOverError: after the last outcome, if a batch was left out.
-        """
+        """See ``Executor``; a TimeOverError after the last outcome if a batch was left out."""
         left_out = False
 
         def in_time() -> Iterator[tuple[int, Sequence[Any]] | None]:

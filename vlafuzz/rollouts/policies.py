@@ -63,12 +63,7 @@ def is_shared(name: str) -> bool:
 
 
 def make_policy(name: str) -> Policy:
-    """The policy of that name.
-
-    Raises:
-        UsageError: there is no such policy, or the factory returns something else. PrerequisiteError: no server
-        answers, or the user's code raises.
-    """
+    """The policy of that name; a UsageError if there is none, a PrerequisiteError if no server answers or it raises."""
     check_policy_name(name)
     if kind := client_of(name):
         return kind(address_of(name))

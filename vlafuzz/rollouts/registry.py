@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install, suggestion
+from vlafuzz.errors import PrerequisiteError, UsageError, check_number, install
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.capacity import most_workers
@@ -24,12 +25,7 @@ EXECUTORS = ("local", "processes", "ray")
 
 @dataclass(frozen=True)
 class Place:
-    """Where scenes are evaluated.
-
-    Attributes:
-        executor: one of ``EXECUTORS``; None for local with one worker, else processes.
-        address: of a ray cluster; None to start one here.
-    """
+    """Where scenes are evaluated. ``executor``: see ``kind``; ``address``: of a ray cluster, None to start one."""
 
     workers: int = 1
     executor: str | None = None
@@ -42,8 +38,7 @@ class Place:
     def check(self) -> None:
         """Raise UsageError for a wrong flag, PrerequisiteError when ray is not installed."""
         check_number("--workers", self.workers, 1)
-        if self.kind not in EXECUTORS:
-            raise UsageError(f"unknown executor {self.kind!r}", hint=suggestion(self.kind, EXECUTORS))
+        check_choice("executor", self.kind, EXECUTORS)
         if self.kind == "local" and self.workers > 1:
             message = f"--executor local: it has one worker, not {self.workers}"
             raise UsageError(message, hint="--executor processes")

@@ -34,12 +34,7 @@ class Worker(Protocol):
         """Start on a batch. Raises nothing: ``answer`` reports errors."""
 
     def answer(self) -> list[Outcome] | None:
-        """The outcomes of the batch; None while it is in progress.
-
-        Raises:
-            Lost: the worker is gone, or must be replaced.
-            VlafuzzError: the user must correct or start something first.
-        """
+        """The outcomes of the batch, None while it is in progress; Lost, or a VlafuzzError for the user, is raised."""
 
     def kill(self) -> None:
         """End it at once."""

@@ -7,7 +7,8 @@ from typing import Any, cast
 import numpy as np
 
 from vlafuzz.common.plugins import is_reference, load_factory, users_code
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import UsageError
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.nsga2 import Nsga2
@@ -32,18 +33,12 @@ def _own(name: str, make: Factory, space: Source, seed: int, budget: int | None)
 
 
 def strategy_factory(name: str) -> Factory:
-    """The factory of the strategy of that name.
-
-    Raises:
-        UsageError: no such strategy.
-    """
+    """The factory of the strategy of that name; a UsageError if there is none."""
     if is_reference(name):
         return partial(_own, name, cast(Factory, load_factory(name)))
     if name == POOL:
         raise UsageError(f"strategy {POOL!r} needs a file of scenes", hint="give it with --scenes")
-    if name not in STRATEGIES:
-        raise UsageError(f"unknown strategy {name!r}", hint=suggestion(name, STRATEGIES))
-    return STRATEGIES[name]
+    return STRATEGIES[check_choice("strategy", name, STRATEGIES)]
 
 
 class Own:
@@ -61,12 +56,7 @@ class Own:
         return getattr(self._strategy, name)
 
     def ask(self, n: int) -> list[Proposal]:
-        """The proposals of the user's strategy.
-
-        Raises:
-            UsageError: an id is not consecutive, or a genome is not one of the space. PrerequisiteError: the user's
-            code raises.
-        """
+        """Its proposals; a UsageError if an id or a genome is wrong, a PrerequisiteError if the user's code raises."""
         with users_code(self._name):
             proposals = list(self._strategy.ask(n))
         for number, proposal in enumerate(proposals, self._asked):

@@ -48,21 +48,12 @@ class Spent(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """One campaign. ``started`` and ``ended`` are ISO 8601, UTC; a killed run stays ``running``.
-
-    Attributes:
-        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
-            Both are None in runs of earlier versions.
-    """
+    """One campaign, with its wall time in ``seconds`` once it is over; a killed run stays ``running``."""
 
     id: int
     manifest: Manifest
     status: Status
-    started: str
-    ended: str | None = None
     seconds: float | None = None
-    search_seconds: float | None = None
-    store_seconds: float | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -85,12 +76,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Finding:
-    """A failing scene that is kept, once for each policy key. ``run`` and ``proposal`` saw it first."""
+    """A failing scene that is kept, once for each policy key. ``run`` saw it first."""
 
     scene: Scene
     policy_key: str
     run: int
-    proposal: int
     cell: str
 
     @property

@@ -19,7 +19,7 @@ from vlafuzz.model.outcome import Outcome, Rollout, Verdict
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Judged, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, FoundCause, Judged, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -43,7 +43,8 @@ _JSON: dict[str, TypeAdapter[Any]] = {
     **dict.fromkeys(("rate", "certified"), TypeAdapter(Rate | None)),
     "counterpart_rates": TypeAdapter(dict[str, Rate]),
 }
-_OF_RUN = tuple(column.name for column in fields(Run) if column.name != "manifest")
+# Columns of ``run`` beside those of its manifest.
+_OF_RUN = ("id", "policy_key", "status", "started", "ended", "seconds", "search_seconds", "store_seconds")
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
 
 
@@ -80,16 +81,14 @@ def run_row(manifest: Manifest) -> Row:
 def to_run(row: sqlite3.Row) -> Run:
     """The inverse of ``run_row``."""
     check_counts(row)
-    values = dict(row)
-    values.pop("policy_key")
-    about = {name: values.pop(name) for name in _OF_RUN}
+    values = {name: value for name, value in dict(row).items() if name not in _OF_RUN}
     values["versions"] = _BY_NAME.validate_json(values["versions"])
     values["world"] = _SETTINGS.validate_json(values["world"])
     for name in _BOOLEANS:
         values[name] = bool(values[name])
     manifest = Manifest(**from_kept(values))
     check_read(manifest)
-    return Run(manifest=manifest, **about)
+    return Run(id=row["id"], manifest=manifest, status=row["status"], seconds=row["seconds"])
 
 
 def to_scene(row: sqlite3.Row, key: str = "digest") -> Scene:
@@ -175,12 +174,6 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
         states_hash=row["states_hash"],
         seconds=row["seconds"],
     )
-
-
-def to_finding(row: sqlite3.Row) -> Finding:
-    """The finding in a row of ``finding`` joined with its scene's JSON and its proposal."""
-    names = ("policy_key", "run", "proposal", "cell")
-    return Finding(to_scene(row, "scene"), **{name: row[name] for name in names})
 
 
 def attribution_row(run: int, found: Attribution) -> Row:

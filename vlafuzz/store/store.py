@@ -178,13 +178,13 @@ class Store:
 
     def count(self, run: int) -> int:
         """Number of trials of a run."""
-        (row,) = self._select("SELECT count(*) AS trials FROM trial WHERE run = ?", run)
-        return int(row["trials"])
+        return self.extent(run)[0]
 
-    def last_proposal(self, run: int) -> int:
-        """The largest id of a proposal of a run that has trials."""
-        (row,) = self._select("SELECT max(proposal) AS last FROM trial WHERE run = ?", run)
-        return int(row["last"])
+    def extent(self, run: int) -> tuple[int, int]:
+        """Number of trials of a run, and the largest id of a proposal among them, -1 without any."""
+        query = "SELECT count(*), coalesce(max(proposal), -1) FROM trial WHERE run = ?"
+        ((trials, last),) = self._select(query, run)
+        return trials, last
 
     def judged(self, runs: Sequence[int]) -> tuple[int, int]:
         """Number of scenes of some runs that failed, and that failed or passed, by their last verdict."""
@@ -216,13 +216,17 @@ class Store:
             return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
 
     def findings(self, run: int | None = None) -> list[Finding]:
-        """All findings, or those that failed in one run whichever run saw them first; the oldest first."""
+        """All findings, or those that failed in one run whichever run saw them first; in the order of proposals.
+
+        That is not the order of completion, which differs with several workers: triage uses what it has learnt from
+        the findings before.
+        """
         query = (
-            "SELECT finding.*, json, proposal FROM finding"
+            "SELECT finding.*, json FROM finding"
             " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
         )
         if run is None:
-            selected = self._select(f"{query} ORDER BY finding.id")
+            selected = self._select(f"{query} ORDER BY finding.run, proposal")
         else:
             self._require(run)
             seen = (
@@ -230,9 +234,11 @@ class Store:
                 " AND seen.verdict = 'failed' AND seen.scene = finding.scene"
                 " AND run.policy_key = finding.policy_key)"
             )
-            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.id", run)
+            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.run, proposal", run)
         with intact(self.path):
-            return [rows.to_finding(row) for row in selected]
+            return [
+                Finding(rows.to_scene(row, "scene"), row["policy_key"], row["run"], row["cell"]) for row in selected
+            ]
 
     def causes(self, run: int) -> Attribution | None:
         """The causes that a run has found; None if its strategy does not look for causes."""

@@ -79,11 +79,7 @@ def no_pictures(task: str) -> str:
 
 
 def task_of(world: str | None, task: str | None) -> str | None:
-    """The task that ``--world`` or ``--task`` names; None for the default.
-
-    Raises:
-        UsageError: there is no such world, it needs a task, or there are two of them.
-    """
+    """The task that ``--world`` or ``--task`` names, None for the default; a UsageError for none, or two."""
     if world is None:
         return task
     name, named = parted(world)
@@ -115,11 +111,7 @@ def parted(world: str) -> tuple[str, str]:
 
 
 def tasks_named(names: str) -> tuple[str, ...]:
-    """The tasks of a list with commas, or all of the usual world.
-
-    Raises:
-        UsageError: there is no such task.
-    """
+    """The tasks of a list with commas, or all of the usual world; a UsageError if there is no such task."""
     if names == "all":
         return tuple(usual_world().tasks)
     tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))

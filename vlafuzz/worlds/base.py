@@ -12,7 +12,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Operators, Space
+from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import ActionSpec, Policy
 from vlafuzz.policies.clients.model import Interface, Written
@@ -154,8 +154,8 @@ class World(ABC):
         return ()
 
     @abstractmethod
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> Space:
-        """The scenes of a task; ``operators`` replace those that the user names.
+    def space(self, wanted: Wanted) -> Space:
+        """The scenes of a task.
 
         Raises:
             CatalogueError: the file of operators is wrong.

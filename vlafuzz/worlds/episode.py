@@ -63,17 +63,22 @@ class SensorNoise:
 class Episode(ABC):
     """A rollout that has begun. The conditions define when it is over and what counts as success.
 
+    Args:
+        hz: control steps per second.
+        horizon: control steps after which a rollout without success ends.
+
     Attributes:
         actions: so far, ``(7,)`` each, metric.
         monitor: of its stages.
     """
 
-    def __init__(self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor) -> None:
-        self.scene, self.monitor = scene, monitor
+    def __init__(
+        self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor, *, hz: int, horizon: int
+    ) -> None:
+        self.scene, self.monitor, self.hz, self._last = scene, monitor, hz, horizon
         self._after = 0 if conditions.stop_early else AFTER_SUCCESS
         self.start = EpisodeStart(f"{scene.digest}-{seed}", scene.instruction, scene.task, seed, scene.robot)
         self.actions: list[Array] = []
-        self._last = self._horizon()
 
     @property
     def over(self) -> bool:
@@ -93,11 +98,6 @@ class Episode(ABC):
     def instruction(self) -> str:
         """The current instruction, see ``Scene.instruction_at``."""
         return self.scene.instruction_at(len(self.monitor.reached))
-
-    @property
-    @abstractmethod
-    def hz(self) -> int:
-        """Control steps per second."""
 
     @abstractmethod
     def observe(self) -> Observation:
@@ -128,10 +128,6 @@ class Episode(ABC):
             states_hash=self._states_hash(),
             seconds=seconds,
         )
-
-    @abstractmethod
-    def _horizon(self) -> int:
-        """Control steps after which a rollout without success ends."""
 
     @abstractmethod
     def _execute(self, action: Array) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
 from math import prod
@@ -186,11 +186,8 @@ class GymWorld(ValuesWorld[Now]):
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        return Now(  # dataclasses.replace takes longer than a step of a simple environment
-            env=state.env,
-            task=state.task,
-            values=state.values,
-            seed=state.seed,
+        return replace(
+            state,
             observation=observation,
             info=info,
             reward=float(reward),
@@ -273,11 +270,7 @@ def fitted(space: spaces.Space[Any], action: Array) -> Any:
 
 
 class GymPolicy:
-    """A policy of a world that acts by the ``Now`` of each observation, or the world's expert.
-
-    Args:
-        begin: is told the seed of each rollout.
-    """
+    """Acts by the ``Now`` of each observation, as a policy or expert; ``begin`` is told the seed of each rollout."""
 
     attempt = 0
 

@@ -140,11 +140,7 @@ def operators_of(parameters: Collection[Parameter]) -> dict[str, list[Parameter]
 
 
 def read_parameters(path: Path) -> tuple[Parameter, ...]:
-    """The parameters of a YAML file.
-
-    Raises:
-        CatalogueError: the file is wrong; the message names file and key.
-    """
+    """The parameters of a YAML file; a CatalogueError with file and key if it is wrong."""
     entries = validated(_FILE, read_yaml(path, CatalogueError), path, CatalogueError)
     try:
         return tuple(entry.parameter(name) for name, entry in entries.items())

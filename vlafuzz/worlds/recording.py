@@ -61,11 +61,7 @@ class Recording:
         return max(0, min(steps // self._stride, len(self.frames) - 1))
 
     def mark(self, trace: NDArray[np.float32], says: str) -> None:
-        """Frame in red, with a word, all that comes after the last progress of a rollout.
-
-        Args:
-            trace: ``(steps,)`` progress after each control step.
-        """
+        """Frame in red, with a word, all after the last progress; ``trace``: progress after each step."""
         for index in range(self.stuck(trace), len(self.frames)):
             frame = self.frames[index].copy()
             height, width = frame.shape[:2]
@@ -76,11 +72,7 @@ class Recording:
             self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
-        """Write an MP4 in real time.
-
-        Raises:
-            UsageError: the file cannot be written.
-        """
+        """Write an MP4 in real time; a UsageError if that does not work."""
         with writing(path):
             write_whole(path, to_mp4(self.frames, hz))
 
@@ -110,11 +102,7 @@ def _drawn(outlines: Outlines) -> Picture:
 
 
 def write_picture(path: Path, picture: Picture) -> None:
-    """Write a PNG.
-
-    Raises:
-        UsageError: the file cannot be written.
-    """
+    """Write a PNG; a UsageError if that does not work."""
     with writing(path):
         write_whole(path, to_png(picture))
 

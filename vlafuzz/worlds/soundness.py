@@ -10,12 +10,13 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import combinations, pairwise
 from multiprocessing import get_context
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from vlafuzz.common.plugins import make_of
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
+from vlafuzz.model.check import Check
 from vlafuzz.policies.base import Observation
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.parameters import Parameter, Value
@@ -38,15 +39,6 @@ UNITS = {
 Values = Mapping[str, Value]
 
 
-class Finding(NamedTuple):
-    """The result of one check, a row as of a policy's checks; ``refuse``: nothing should run before a correction."""
-
-    check: str
-    found: str
-    verdict: Literal["ok", "warn", "refuse"] = "ok"
-    follows: str = ""
-
-
 @dataclass(frozen=True)
 class Trace:
     """Fingerprints of a rollout, from its reset on; ``applied``: what the simulator says that it has."""
@@ -65,19 +57,15 @@ class Trace:
         return first
 
 
-def examine(world: World, task: str, reference: str = "") -> Iterator[Finding]:
+def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
     """All checks of a world of values in one task, up to the first after which the others would mean nothing.
 
-    Args:
-        reference: ``python:module:factory`` of the world, for a process of its own; empty to do without.
-
-    Raises:
-        UsageError: the world is none of values.
+    ``reference``: ``python:module:factory`` of the world, for a process of its own; empty to do without.
     """
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
     exam = _Exam(world, task)
-    checks: tuple[Callable[[], Finding], ...] = (
+    checks: tuple[Callable[[], Check], ...] = (
         exam.resets,
         exam.steps,
         exam.repeats,
@@ -92,9 +80,9 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Finding]:
         try:
             finding = check()
         except VlafuzzError as error:
-            finding = Finding("world", error.message, "refuse", error.hint or "")
+            finding = Check("world", error.message, "refuse", error.hint or "")
         except Exception as error:  # of the user's code, or of the simulator
-            finding = Finding("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", "mend it")
+            finding = Check("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", "mend it")
         yield finding
         if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
             return
@@ -107,24 +95,24 @@ class _Exam:
         self._usual: Trace | None = None
         self._tried: dict[str, list[tuple[Value, Trace]]] = {}
 
-    def resets(self) -> Finding:
+    def resets(self) -> Check:
         """Whether two new environments begin, and go on, alike."""
         first, second = self._new(), self._new()
         if first.differs(second) != 0:
-            return Finding("resets", "two new environments begin alike with the same values and seed")
+            return Check("resets", "two new environments begin alike with the same values and seed")
         found = "two new environments begin differently with the same values and seed"
-        return Finding("resets", found, "refuse", self._unseeded("the seed is ignored: hand it to every generator"))
+        return Check("resets", found, "refuse", self._unseeded("the seed is ignored: hand it to every generator"))
 
-    def steps(self) -> Finding:
+    def steps(self) -> Check:
         """Whether the same actions lead to the same states."""
         first, second = self._new(), self._new()
         step = first.differs(second)
         if step is None:
-            return Finding("steps", f"the same actions lead to the same states for {len(first.states) - 1} steps")
+            return Check("steps", f"the same actions lead to the same states for {len(first.states) - 1} steps")
         found = f"the same actions lead elsewhere after step {step}, with the same values and seed"
-        return Finding("steps", found, "refuse", self._unseeded("a step draws by chance: no time, no own generator"))
+        return Check("steps", found, "refuse", self._unseeded("a step draws by chance: no time, no own generator"))
 
-    def repeats(self) -> Finding:
+    def repeats(self) -> Check:
         """Whether a reset forgets all that was before."""
         usual, far = self._new(), self._far()
         with closing(self._opened()) as world:
@@ -135,17 +123,17 @@ class _Exam:
             back = self._rollout(world, self.nominal_values)
         if again.differs(begun) is not None:
             follows = "the seed is ignored: hand it to every generator at every reset"
-            return Finding("repeats", "a second reset with the same seed begins differently", "refuse", follows)
+            return Check("repeats", "a second reset with the same seed begins differently", "refuse", follows)
         if away.differs(late[0]) is not None and late[0].differs(late[1]) is None:
             follows = "what apply sets reaches the simulator at the next reset only"
-            return Finding("repeats", "the same values act differently at a second reset", "refuse", follows)
+            return Check("repeats", "the same values act differently at a second reset", "refuse", follows)
         if after.differs(usual) is not None or back.differs(usual) is not None:
             why = "a rollout" if after.differs(usual) is not None else "other values"
             follows = "the reset keeps something: reset it, or say fresh = True for a new environment each time"
-            return Finding("repeats", f"after {why} the nominal scene is another one", "refuse", follows)
-        return Finding("repeats", "a reset forgets the rollouts and values before it")
+            return Check("repeats", f"after {why} the nominal scene is another one", "refuse", follows)
+        return Check("repeats", "a reset forgets the rollouts and values before it")
 
-    def values(self) -> Finding:
+    def values(self) -> Check:
         """Whether the simulator has the values that it was given, as far as it says them."""
         told = 0
         for one in self.world.parameters:
@@ -156,12 +144,12 @@ class _Exam:
                 has = trace.applied[one.name]
                 if not _equal(value, has):
                     found = f"{_named(one)}: {_said(one, value)} was set, the simulator has {_said(one, has)}"
-                    return Finding("values", found, "refuse", _mistake(value, has))
+                    return Check("values", found, "refuse", _mistake(value, has))
         if not told:
-            return Finding("values", "the world reads none of them back: applied(now) would")
-        return Finding("values", f"{told} of them are read back as they were set")
+            return Check("values", "the world reads none of them back: applied(now) would")
+        return Check("values", f"{told} of them are read back as they were set")
 
-    def effects(self) -> Finding:
+    def effects(self) -> Check:
         """Whether each value changes something, up to the ends of its range."""
         idle, alike = [], []
         for one in self.world.parameters:
@@ -179,21 +167,21 @@ class _Exam:
         if idle:
             expert = " and in the expert's rollout" if self.world.expert() else ""
             found = f"{', '.join(idle)}: no effect in {STEPS} steps of random actions{expert}, nor in a picture"
-            return Finding("effects", found, "warn", "look at how it is applied, or leave it out")
+            return Check("effects", found, "warn", "look at how it is applied, or leave it out")
         if alike:
-            return Finding("effects", "; ".join(alike), "warn", "narrow the range to what is applied, or mend apply")
-        return Finding("effects", f"each of the {len(self.world.parameters)} values changes what happens")
+            return Check("effects", "; ".join(alike), "warn", "narrow the range to what is applied, or mend apply")
+        return Check("effects", f"each of the {len(self.world.parameters)} values changes what happens")
 
-    def nominal(self) -> Finding:
+    def nominal(self) -> Check:
         """Whether the nominal scene is the simulator's own start."""
         with closing(self._opened()) as world:
             state = world.own_start(SEED)
             if state is None:
-                return Finding("nominal", "the world has no start of its own to compare with")
+                return Check("nominal", "the world has no start of its own to compare with")
             own = self._trace(world, state, STEPS)
         step = self._new().differs(own)
         if step is None:
-            return Finding("nominal", "the nominal scene is the environment's own")
+            return Check("nominal", "the nominal scene is the environment's own")
         pairs = [
             (one, own.applied[one.name], self.nominal_values[one.name])
             for one in self.world.parameters
@@ -203,45 +191,45 @@ class _Exam:
         where = "from its reset on" if step == 0 else f"after step {step}"
         found = f"the nominal scene differs from the environment's own {where}{': ' * bool(said)}{', '.join(said)}"
         follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
-        return Finding("nominal", found, "warn", follows)
+        return Check("nominal", found, "warn", follows)
 
-    def start(self) -> Finding:
+    def start(self) -> Check:
         """Whether a scene is solved before anything is done."""
         if self._new().solved:
-            return Finding("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
+            return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
         for one in self.world.parameters:
             solved = [value for value, trace in self._levels(one) if trace.solved]
             if solved:
                 found = f"{_named(one)}: the scene is solved before the first step at {_said(one, solved[0])}"
-                return Finding("start", found, "warn", "narrow the range, or let unfair(values) say so")
-        return Finding("start", "no scene is solved before the first step")
+                return Check("start", found, "warn", "narrow the range, or let unfair(values) say so")
+        return Check("start", "no scene is solved before the first step")
 
-    def pictures(self) -> Finding:
+    def pictures(self) -> Check:
         """Whether pictures can be drawn, are the same again, and change nothing."""
         world = self._opened()
         try:
             state = world.reset(self.nominal_values, SEED)
             drawn = [world.picture(state) for _ in range(2)]
             if drawn[0] is None or drawn[1] is None:
-                return Finding("pictures", "the world draws none")
+                return Check("pictures", "the world draws none")
             if drawn[0].ndim != 3 or drawn[0].dtype != np.uint8:
                 found = f"a picture has the shape {drawn[0].shape} and {drawn[0].dtype}"
-                return Finding("pictures", found, "refuse", "expected (height, width, 3) and uint8")
+                return Check("pictures", found, "refuse", "expected (height, width, 3) and uint8")
             other = world.picture(world.reset(self.nominal_values, SEED))
             same = other is not None and np.array_equal(drawn[0], drawn[1]) and np.array_equal(drawn[0], other)
             if not same:
                 found = "the same moment is drawn differently a second time"
-                return Finding("pictures", found, "warn", "a policy that sees fails by chance, then")
+                return Check("pictures", found, "warn", "a policy that sees fails by chance, then")
             watched = self._trace(world, world.reset(self.nominal_values, SEED), STEPS, draw=True)
         except Exception as error:  # of the renderer
             found = sentence(f"drawing raises {type(error).__name__}: {error}")
-            return Finding("pictures", found, "refuse", "mend it, or let picture(now) return None")
+            return Check("pictures", found, "refuse", "mend it, or let picture(now) return None")
         finally:
             world.close()
         if watched.differs(self._new()) is not None:
             found = "what follows is another, if pictures are drawn meanwhile"
-            return Finding("pictures", found, "refuse", "render must change no state and draw from no generator")
-        return Finding("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")
+            return Check("pictures", found, "refuse", "render must change no state and draw from no generator")
+        return Check("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")
 
     # How rollouts are made.
 
@@ -326,17 +314,17 @@ class _Exam:
         return GLOBAL if traces[0].differs(traces[1]) is None else otherwise
 
 
-def in_another_process(exam: _Exam, reference: str) -> Finding:
+def in_another_process(exam: _Exam, reference: str) -> Check:
     """Whether a new process has the same rollout."""
     if not reference:
-        return Finding("processes", "not compared: the world has no name")
+        return Check("processes", "not compared: the world has no name")
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
         there = pool.submit(_there, reference, exam.task).result()
     step = exam._new().differs(there)
     if step is None:
-        return Finding("processes", "another process has the same rollout")
+        return Check("processes", "another process has the same rollout")
     found = f"another process has another rollout, after step {step}"
-    return Finding("processes", found, "refuse", "no time, process id or hash() of texts in what is drawn")
+    return Check("processes", found, "refuse", "no time, process id or hash() of texts in what is drawn")
 
 
 def _there(reference: str, task: str) -> Trace:

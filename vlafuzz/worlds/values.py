@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.conditions import Conditions, check_choice
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Operators, Space, Values
+from vlafuzz.model.space import Space, Values
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
@@ -108,11 +108,8 @@ class ValuesEpisode(Episode):
     ) -> None:
         self._world, self._state, self._cameras = world, world.reset(dict(scene.values), seed), cameras
         self._hash = hashlib.blake2b(digest_size=16)
-        super().__init__(scene, seed, conditions, Monitor(task.stages))
-
-    @property
-    def hz(self) -> int:
-        return self._world.control_hz
+        monitor = Monitor(task.stages)
+        super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=world.horizon)
 
     @property
     def over(self) -> bool:
@@ -133,9 +130,6 @@ class ValuesEpisode(Episode):
         if drawn is None:
             raise PrerequisiteError("this world draws no pictures", hint="define its method picture")
         return drawn
-
-    def _horizon(self) -> int:
-        return self._world.horizon
 
     def _execute(self, action: Array) -> None:
         self._state = self._world.step(self._state, action)
@@ -285,16 +279,13 @@ class ValuesWorld(World, Generic[State]):
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
         return self._space(scene.task, operators_of(self.parameters)).conditions
 
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> ValuesSpace:
-        if isinstance(operators, Parameters):
-            return ValuesSpace(self, wanted.task, operators)
+    def space(self, wanted: Wanted) -> ValuesSpace:
         if wanted.operators is not None:
             problem = f"--operators {wanted.operators}: this world names its ranges itself"
             raise UsageError(problem, hint="--vary says which of them vary")
         known = operators_of(self.parameters)
         for name in wanted.vary:
-            if name not in known:
-                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, known))
+            check_choice("operator", name, known)
         return self._space(wanted.task, wanted.vary or known)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:

@@ -3,13 +3,11 @@
 from collections import Counter
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from tests.doubles import manifest, scene
 from tests.failures.corpus.corpora import case, make_corpus
-from tests.failures.corpus.sides import Planned, RuleRunner, flaky, probes
-from vlafuzz.common.statistics import wilson
+from tests.failures.corpus.sides import Planned, RuleRunner, probes
 from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
@@ -142,14 +140,6 @@ def test_a_verdict_needs_the_controls_that_could_have_made_an_alarm(errors: int,
     assert (result.stopped, result.lacking, result.tells) == ("done", errors, tells)
     said = "43 of 60 controls could be judged; 5 could not be, and 5 that break would make an alarm"
     assert (result.verdict == f"cannot tell: {said}") is not tells
-
-
-def test_policies_of_equal_skill_hardly_raise_an_alarm_and_a_much_worse_one_does():
-    """Exactly, in test_sign_test.py; here of policies that are both rolled out."""
-    rng, runs = np.random.default_rng(0), 400
-    alarms = sum(compare(probes(), flaky(0.5, rng), flaky(0.5, rng)).alarm for _ in range(runs))
-    assert wilson(alarms, runs).low <= 0.05
-    assert sum(compare(probes(100), flaky(0.6, rng), flaky(0.3, rng)).alarm for _ in range(40)) >= 36
 
 
 def test_every_scene_of_a_corpus_is_probed_once_controls_first():

@@ -4,10 +4,7 @@ from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-import pytest
-
 from tests.failures.corpus.sides import Planned, probes
-from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.regress import Recorded, compare
 from vlafuzz.failures.corpus.tables import write_junit
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -73,10 +70,3 @@ def test_what_a_policy_says_cannot_break_the_file(tmp_path: Path):
     write_junit(compare(probes(0, 1), Rude(lambda *_: True), Recorded("old")), tmp_path / "a.xml")
     error = Xml.parse(tmp_path / "a.xml").getroot().find("testsuite[@name='failing']//error")
     assert error.attrib["message"] == 'error; ??[31m <&"> ?'
-
-
-def test_a_file_that_cannot_be_written_is_a_sentence_and_leaves_nothing(tmp_path: Path):
-    (tmp_path / "a.xml").mkdir()
-    with pytest.raises(UsageError, match=r"a\.xml: cannot be written: is a directory"):
-        write_junit(compared(lambda number, repeat: True), tmp_path / "a.xml")
-    assert [path.name for path in tmp_path.iterdir()] == ["a.xml"]

@@ -91,6 +91,19 @@ def test_no_cause_takes_the_place_of_another_once_the_rollouts_of_the_run_are_sp
     assert 60 - PER_CAUSE / 2 <= sum(row.policy_rollouts for row in rows) < 60 + PER_CAUSE
 
 
+def test_a_cause_that_is_the_targets_type_alone_is_certified_against_the_nominal_target(store):
+    usual = SPACE.nominal().targets[0].object
+    finding = next(shown for shown in map(dark, range(9)) if shown.targets[0].object != usual)
+    scene = SPACE.nominal(like=finding)
+    opened = store(scene)
+    opened.keep_causes(1, Attribution((FoundCause(scene, ("target-type",), 1),)))
+    (found,) = certified(opened, PlantedRunner([lambda shown: shown.targets[0].object != usual]))
+    assert (found.bucket, found.operators, found.shrunk) == ("minimal", ("target-type",), scene)
+    assert found.counterparts == {"target-type": SPACE.nominal()}
+    assert found.signature == f"pick-up|grasp|target-type:{scene.targets[0].object.replace('_', ' ')}"
+    assert found.counterpart_rates["target-type"].failures == 0
+
+
 @pytest.mark.parametrize("needs_type", [True, False])
 def test_a_cause_that_the_targets_type_is_part_of_is_tried_with_the_nominal_targets(store, needs_type: bool):
     usual = SPACE.nominal().targets[0].object

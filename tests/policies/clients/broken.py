@@ -39,16 +39,11 @@ ANSWERS: dict[str, Any] = {
 class Judging(Episode):
     """Passes if all actions are the right ones, and else fails: no fault may come to that."""
 
-    hz = 5
-
     def observe(self) -> Observation:
         return Observation(self.start.episode, len(self.actions), self.instruction)
 
     def picture(self, camera: str) -> Any:
         raise AssertionError
-
-    def _horizon(self) -> int:
-        return STEPS
 
     def _execute(self, action: Any) -> None:
         over = len(self.actions) == STEPS
@@ -68,7 +63,7 @@ class Bench(SceneEvaluator):
     def begin(self, scene: Any, seed: int) -> Judging:
         about = {"success_once": False, "success_now": False}
         monitor = SimpleNamespace(reached=[], progress=0.0, trace=np.zeros(STEPS, np.float32), **about)
-        return Judging(scene, seed, self._conditions, monitor)  # type: ignore[arg-type]
+        return Judging(scene, seed, self._conditions, monitor, hz=5, horizon=STEPS)  # type: ignore[arg-type]
 
     def renew(self) -> None:
         pass

@@ -16,7 +16,7 @@ from tests.policies.clients.served import websocket
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 
-HUGE, GARBAGE = bytes(5 << 20), b"\xc1garbage"
+GARBAGE = b"\xc1garbage"
 
 
 class Drifting:
@@ -42,8 +42,8 @@ class Drifting:
 class Faults:
     """The fault of each reply in order; keeps those that occurred.
 
-    ``drop`` it, ``stall`` for some seconds, send ``garbage`` or something ``huge`` instead, ``cut`` the connection, or
-    say ``error`` as OpenVLA's servers do. Before ``begin`` there are none.
+    ``drop`` it, ``stall`` for some seconds, send ``garbage`` instead, ``cut`` the connection, or say ``error`` as
+    OpenVLA's servers do. Before ``begin`` there are none.
     """
 
     def __init__(self, plan: Iterable[str | None], seconds: float) -> None:
@@ -77,7 +77,7 @@ def relayed(name: str, faults: Faults) -> Iterator[str]:
                 if fault == "cut":
                     break
                 if fault != "drop":
-                    client.send({"garbage": GARBAGE, "huge": HUGE, "error": "error"}.get(fault, frame))
+                    client.send({"garbage": GARBAGE, "error": "error"}.get(fault, frame))
 
     def forward(client: Any, server: Any) -> None:
         with suppress(OSError, ConnectionClosed):
@@ -118,7 +118,7 @@ def groot(faults: Faults) -> Iterator[str]:
         state = np.concatenate([np.load(file)[0, 0] for file in files])
         moves = Drifting().moves(message["language"][TASK][0][0], state).astype(np.float32)
         fault = faults.next()
-        replies = {"garbage": GARBAGE, "huge": HUGE, "error": {"error": "error"}}
+        replies = {"garbage": GARBAGE, "error": {"error": "error"}}
         # What is cut is never sent either: ZeroMQ hides connections.
         return None if fault in ("drop", "cut") else replies.get(fault, [parts(moves[None]), {}])
 

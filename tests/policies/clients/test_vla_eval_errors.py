@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 
-import numpy as np
 import pytest
 from websockets.sync import client as sockets
 
@@ -23,7 +22,7 @@ from tests.policies.clients.served import (
     still_open,
 )
 from vlafuzz.cli import main
-from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
+from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import PartlyAnsweredError
 from vlafuzz.rollouts.policies import make_policy
@@ -46,12 +45,6 @@ GOOD = says({"actions": STILL})
 
 class TestWrongAnswers:
     """Errors of a real server with a bad model, and of our own servers that break the protocol."""
-
-    def test_of_a_model(self):
-        with serving(Answering(lambda _: np.zeros((2, 3, 7)))) as name:
-            error = failure(f"{name}?camera=0")
-        assert error.cause == "bad_action"
-        assert "actions of shape (2, 3, 7)" in error.message
 
     def test_an_error_of_the_model_is_told(self):
         with serving(Answering(lambda message: message["nothing"])) as name:
@@ -195,12 +188,3 @@ class TestNoServer:
         with scripted(hello=hello) as name, pytest.raises(PrerequisiteError) as caught:
             make_policy(name)
         assert says in caught.value.message
-
-    def test_a_convention_that_is_not_supported(self, opened):
-        server = Answering(lambda _: STILL, action={"rotation": "rot6d_interleaved"})
-        with serving(server) as name:
-            with pytest.raises(UsageError, match="declares rotation 'rot6d_interleaved'") as caught:
-                make_policy(name)
-            assert caught.value.hint.startswith("supported: axis_angle, euler_xyz; if it declares wrongly, ")
-            assert make_policy(f"{name}?rotation=axis_angle").spec.action.rotation == "axis_angle"
-        assert still_open(opened) == 0

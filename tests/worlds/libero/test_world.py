@@ -34,7 +34,7 @@ from vlafuzz.worlds.libero.setting import Setting
 from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.suites import REST, SETTLING, find_task
 from vlafuzz.worlds.libero.world import WORLD
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
+from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderType
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 
@@ -43,16 +43,9 @@ TASK = "libero_goal/8"  # the environment of the fixture ``bowls``: a bowl belon
 SOUP = "libero_object/0"
 
 
-def libero_space(operators: OperatorSet, task: str) -> LiberoSpace:
-    """The space of a task, as users get it."""
-    made = WORLD.space(Wanted(task=task, robot="libero"), operators)
-    assert isinstance(made, LiberoSpace)
-    return made
-
-
 @pytest.fixture(scope="module")
 def space() -> LiberoSpace:
-    return libero_space(load_operators("libero"), TASK)
+    return LiberoSpace(load_operators("libero"), TASK, "libero")
 
 
 @pytest.fixture
@@ -100,7 +93,7 @@ def first_seen(space: LiberoSpace, spec: PolicySpec) -> Observation:
 @pytest.fixture(scope="module")
 def varied() -> LiberoSpace:
     everything = load_operators("libero").only(OPERATORS.keys() - {"backdrop"})
-    return libero_space(everything, SOUP)
+    return LiberoSpace(everything, SOUP, "libero")
 
 
 @pytest.fixture(scope="module")
@@ -291,16 +284,17 @@ class TestVariedSpace:
 
     def test_a_task_may_lack_what_varies_by_default_but_not_what_is_asked_for_alone(self):
         pots, usual = "libero_10/8", load_operators("libero")  # both are carried, and said in one word
-        varied = {gene.operator for gene in libero_space(usual, pots).genes}
+        varied = {gene.operator for gene in LiberoSpace(usual, pots, "libero").genes}
         assert {"target-type", "bystander-position"} == usual.varied - varied
         with pytest.raises(UsageError, match="target-type: nothing of libero_10/8 varies so"):
-            libero_space(usual.only(["target-type"]), pots)
+            WORLD.space(Wanted(task=pots, robot="libero", vary=["target-type"]))
 
     def test_operators_choose_from_the_things_that_may_be_added(self):
         def only(name: str) -> LiberoSpace:
             operators = load_operators("libero")
             chosen = operators.get(ConfounderType).model_copy(update={"names": (name,)})
-            return libero_space(replace(operators, operators=operators.operators | {chosen.name: chosen}), TASK)
+            own = replace(operators, operators=operators.operators | {chosen.name: chosen})
+            return LiberoSpace(own, TASK, "libero")
 
         assert only("milk").composer.layout.of("confounders") == ["confounders.0"]
         with pytest.raises(UsageError, match="confounder-type: names: no 'apple' in LIBERO"):

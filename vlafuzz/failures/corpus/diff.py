@@ -5,7 +5,7 @@ regresses to its mean. So a cause of the first policy is fixed only if the secon
 same jittered scenes, and one of the second policy is new likewise.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import Literal
 
 from vlafuzz.common.plugins import check_trusted
+from vlafuzz.common.statistics import sign_p
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
-from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.conditions import Model
 from vlafuzz.model.phrasing import titled
 from vlafuzz.model.scene import Scene
@@ -249,10 +249,15 @@ def diff(
         in_a: the first policy and the second one, in the scenes of ``a``; ``in_b`` likewise.
         alpha: bound on the probability that a cause is called fixed, or new, if both fail there as often.
     """
+
+    def roll_out(known: Known, other: Side, own: Side) -> Comparison:
+        """Roll out the other policy and the one whose failures these are, in their scenes."""
+        doing, repeats = "rollouts where one of the policies fails", known.repeats
+        return compare(known.probes, other, own, alpha=alpha, repeats=repeats, whole=True, watch=watch, doing=doing)
+
     first, second = in_a
-    on_a = roll_out(a, second, first, alpha, watch)
-    on_b = roll_out(b, in_b[0], in_b[1], alpha, watch)
-    theirs = _changes(a, on_a, "fixed", alpha)
+    on_a, on_b = roll_out(a, second, first), roll_out(b, *in_b)
+    theirs = list(_changes(a, on_a, "fixed", alpha))
     known_already = {change.signature for change in theirs if change.standing == "remaining"}
     ours = [change for change in _changes(b, on_b, "new", alpha) if change.signature not in known_already]
     causes = sorted([*theirs, *ours], key=lambda change: ORDER.index(change.standing))
@@ -261,45 +266,26 @@ def diff(
     )
 
 
-def roll_out(known: Known, other: Side, own: Side, alpha: float, watch: Watch) -> Comparison:
-    """Roll out the other policy and the one whose failures these are, in their scenes."""
-    return compare(
-        known.probes,
-        other,
-        own,
-        alpha=alpha,
-        repeats=known.repeats,
-        whole=True,
-        watch=watch,
-        doing="rollouts where one of the policies fails",
-    )
-
-
-def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alpha: float) -> list[CauseChange]:
+def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alpha: float) -> Iterator[CauseChange]:
     by_signature: dict[str, list[Compared]] = {}
     for scene in compared.of("failing"):
         by_signature.setdefault(known.causes[scene.probe.scene][0], []).append(scene)
-    return [_change(known, signature, scenes, where_it_passes, alpha) for signature, scenes in by_signature.items()]
-
-
-def _change(
-    known: Known, signature: str, scenes: Sequence[Compared], where_it_passes: Standing, alpha: float
-) -> CauseChange:
-    pairs = [pair for scene in scenes for pair in scene.judged]
-    p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
-    standing: Standing = "not judged"
-    if pairs:
-        passes = 2 * sum(pair.policy.passed for pair in pairs) > len(pairs)
-        shown: Standing = where_it_passes if p_value <= alpha else "unclear"
-        standing = shown if passes else "remaining"
-    first = scenes[0].probe.scene
-    return CauseChange(
-        signature=signature,
-        title=known.causes[first][1],
-        standing=standing,
-        scenes=len(scenes),
-        passes=sum(bool(scene.judged) and scene.passes for scene in scenes),
-        scene=first.digest,
-        p_value=p_value,
-        detail=next((scene.detail for scene in scenes if scene.detail), ""),
-    )
+    for signature, scenes in by_signature.items():
+        pairs = [pair for scene in scenes for pair in scene.judged]
+        p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
+        standing: Standing = "not judged"
+        if pairs:
+            passes = 2 * sum(pair.policy.passed for pair in pairs) > len(pairs)
+            shown: Standing = where_it_passes if p_value <= alpha else "unclear"
+            standing = shown if passes else "remaining"
+        first = scenes[0].probe.scene
+        yield CauseChange(
+            signature=signature,
+            title=known.causes[first][1],
+            standing=standing,
+            scenes=len(scenes),
+            passes=sum(bool(scene.judged) and scene.passes for scene in scenes),
+            scene=first.digest,
+            p_value=p_value,
+            detail=next((scene.detail for scene in scenes if scene.detail), ""),
+        )

@@ -9,9 +9,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from vlafuzz.common.statistics import Share
+from vlafuzz.common.statistics import Share, sign_p
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.failures.corpus.sign_test import sign_p
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 
@@ -87,11 +86,6 @@ class Pair(NamedTuple):
         may_fail = self.policy.verdict in (Verdict.ERROR, Verdict.FAILED)
         return may_pass and may_fail and not self.judged
 
-    @property
-    def discordant(self) -> bool:
-        """Whether exactly one of the two failed."""
-        return self.worse or self.better
-
 
 @dataclass(frozen=True, eq=False)
 class Compared:
@@ -133,16 +127,13 @@ class Compared:
     def detail(self) -> str:
         """The first reason for a failure or error, the policy's before the baseline's; or empty."""
         outcomes = [pair.policy for pair in self.pairs] + [pair.baseline for pair in self.pairs]
-        return next(filter(None, map(_reason, outcomes)), "")
+        lost = (one.detail or (f"does not reach {one.lost_stage}" if one.lost_stage else "") for one in outcomes)
+        return next(filter(None, lost), "")
 
     @property
     def seconds(self) -> float:
         """Wall time of the policy's rollouts."""
         return sum(rollout.seconds for pair in self.pairs for rollout in pair.policy.rollouts)
-
-
-def _reason(outcome: Outcome) -> str:
-    return outcome.detail or (f"does not reach {outcome.lost_stage}" if outcome.lost_stage else "")
 
 
 @dataclass(frozen=True)

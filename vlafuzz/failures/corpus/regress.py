@@ -245,7 +245,7 @@ def compare(
         pair = Pair(next(of_baseline), next(of_policy))
         pairs[index].append(pair)
         judged += pair.judged
-        if pair.discordant and probes[index].group == "control":
+        if (pair.worse or pair.better) and probes[index].group == "control":
             test.see(worse=pair.worse)
         test.whole = done >= controls
         counts = f", {test.worse} worse, {test.better} better" if controls else ""

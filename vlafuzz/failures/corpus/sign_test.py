@@ -17,8 +17,9 @@ from math import ceil, exp
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.statistics import Counts, sign_p
+
 Floats = NDArray[np.float64]
-Counts = NDArray[np.integer] | int
 
 # In 200 scenes, with outcomes that are independent of the baseline's and a pass rate of one half, this finds
 # a loss of 10 points in 59 %, and 3.9 % of equal policies raise an alarm; with all of alpha here, in 40 and
@@ -36,13 +37,6 @@ def log_wealth(worse: Counts, better: Counts) -> Floats:
     """Logarithm of the wealth after these pairs, from 1, of betting that the new policy is worse."""
     logs = [np.log(share) + worse * np.log(2 * p) + better * np.log(2 - 2 * p) for share, p in BETS]
     return np.asarray(np.logaddexp(*logs))
-
-
-def sign_p(worse: Counts, better: Counts) -> Floats:
-    """One-sided p-value of the exact sign test: that so many pairs or more are worse by chance."""
-    from scipy.special import betainc
-
-    return np.where(np.asarray(worse) > 0, betainc(np.maximum(worse, 1), better + 1, 0.5), 1.0)
 
 
 @dataclass
@@ -81,13 +75,12 @@ class SignTest:
     @property
     def needed(self) -> int:
         """The number of further pairs, all of them worse, that would raise an alarm."""
-        if self.alarm:
-            return 0
-        return next(more for more in count() if self._alarms(self.worse + more, self.better))
 
-    def _alarms(self, worse: int, better: int) -> bool:
-        early = log_wealth(worse, better) >= -np.log(self.alpha * EARLY)
-        return bool(early or (self.whole and sign_p(worse, better) <= self.alpha * (1 - EARLY)))
+        def alarms(worse: int) -> bool:
+            early = log_wealth(worse, self.better) >= -np.log(self.alpha * EARLY)
+            return bool(early or (self.whole and sign_p(worse, self.better) <= self.alpha * (1 - EARLY)))
+
+        return 0 if self.alarm else next(more for more in count() if alarms(self.worse + more))
 
 
 @dataclass(frozen=True)

@@ -177,8 +177,12 @@ def write_junit(comparison: Comparison, path: Path) -> None:
     message; there, failures raise no alarm.
     """
     report = Xml.Element("testsuites", name="vlafuzz regress")
+    seconds = sum(control.seconds for control in comparison.of("control"))
+    element = "failure" if comparison.alarm else "" if comparison.tells else "error"
+    name = f"fails no more often than {comparison.baseline}"
+    verdict = _element("control", name, element, comparison.verdict, seconds)
     for group in GROUPS:
-        cases = [_verdict(comparison)] if group == "control" else [_case(scene) for scene in comparison.of(group)]
+        cases = [verdict] if group == "control" else [_case(scene) for scene in comparison.of(group)]
         suite = Xml.SubElement(report, "testsuite", _counts(cases), name=group)
         properties = Xml.SubElement(suite, "properties")
         for field in ("policy", "baseline", "verdict", "changes"):
@@ -196,13 +200,6 @@ def _element(of: str, name: str, element: str, message: str, seconds: float) -> 
     if element:
         Xml.SubElement(case, element, message=_clean(message))
     return case
-
-
-def _verdict(comparison: Comparison) -> Xml.Element:
-    seconds = sum(control.seconds for control in comparison.of("control"))
-    element = "failure" if comparison.alarm else "" if comparison.tells else "error"
-    name = f"fails no more often than {comparison.baseline}"
-    return _element("control", name, element, comparison.verdict, seconds)
 
 
 def _case(scene: Compared) -> Xml.Element:

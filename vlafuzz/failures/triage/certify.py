@@ -75,9 +75,15 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Refer
     return shrunk
 
 
-def certify_one(scene: Scene, oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
-    """The evidence for one scene, or for that with fewer operators which is firm, too."""
-    certifier = _Certifier(oracle, space, reference)
+def certify_one(
+    scene: Scene, oracle: Oracle, space: Space, reference: Reference, *, subject: Sequence[str] = ()
+) -> Shrunk:
+    """The evidence for one scene, or for that with fewer operators which is firm, too.
+
+    Args:
+        subject: the space's, if what the scene is about may be why it fails: it is reset then, too.
+    """
+    certifier = _Certifier(oracle, space, reference, tuple(subject))
     return certifier.simplest(certifier.test(scene))
 
 
@@ -92,6 +98,7 @@ class _Certifier:
     oracle: Oracle
     space: Space
     reference: Reference
+    subject: tuple[str, ...] = ()
     patience: int = PATIENCE
 
     def firm(self, way: Sequence[Scene]) -> Shrunk:
@@ -112,7 +119,7 @@ class _Certifier:
 
     def test(self, scene: Scene) -> Shrunk:
         """The evidence for a scene: against all of its operators reset, then against each of them reset."""
-        left = tuple(deviating(self.space, scene, self.reference.scene))
+        left = (*deviating(self.space, scene, self.reference.scene), *self.subject)
         start, stages, most = self.reference.scene, self.reference.stages, self.patience * self.oracle.lead
         every = [operator for name in left for operator in self.space.group(name)]
         usual = self.space.reset(scene, every, start)
@@ -141,17 +148,13 @@ class _Certifier:
 
     def simplest(self, shrunk: Shrunk) -> Shrunk:
         """The evidence for the scene with as few operators as are firm."""
-        while shrunk.firm and (simpler := self._simpler(shrunk)):
+        while shrunk.firm and len(shrunk.operators) > 1:
+            tested = (self.test(self._without(shrunk.scene, name)) for name in shrunk.unresolved)
+            simpler = next((one for one in tested if one.firm), None)
+            if simpler is None:
+                break
             shrunk = simpler
         return shrunk
-
-    def _simpler(self, shrunk: Shrunk) -> Shrunk | None:
-        """The evidence for a scene with one operator less that is firm, too."""
-        for name in shrunk.unresolved if len(shrunk.operators) > 1 else ():
-            simpler = self.test(self._without(shrunk.scene, name))
-            if simpler.firm:
-                return simpler
-        return None
 
     def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""

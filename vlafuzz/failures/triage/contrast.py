@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 from scipy.stats import beta
 
 EFFECT = 0.2  # difference of failure rates that makes a cause: smaller ones few users would act on
 LEVEL = 20  # evidence that rejects: at most one true null hypothesis in twenty reaches it (Ville's inequality)
+LIKELY = 0.95  # probability of an effect, given uniform rates, that a certificate takes, too
 HOPELESS = 0.1  # probability of an effect, given uniform rates, below which a comparison is given up
 # Failure rates that the test is made for, with and without what may be a cause, by the weight of the group: a
 # policy that never fails by chance (four pairs that all differ suffice), one that does, causes that at times
@@ -21,16 +21,26 @@ _GROUPS = (
 _CELLS = 50  # of the grid over each rate
 
 
-def evidence(failures: int, without: int, pairs: int) -> float:
-    """The e-value against "the difference of two failure rates is at most ``EFFECT``".
+def shown(failures: int, without: int, pairs: int) -> bool:
+    """Whether a scene is shown to fail more often than another one, and most likely by more than ``EFFECT``.
 
-    A mixture of likelihood ratios of alternatives to the closest rates of the null hypothesis. As that is convex, the
-    mixture is an e-variable: one may look at it after every pair (Turner, Grünwald 2023
-    <https://doi.org/10.1016/j.spl.2023.109836>).
+    The first part bounds the error: of scenes without any difference at most one in twenty is ever shown to have one.
+    The second one leaves small differences out. Together they take half as many rollouts as rejecting every difference
+    up to ``EFFECT`` would, and where a policy fails in 82 and 40 % they show that in 82 % of the cases instead of 39.
 
     Args:
         failures: in the first ``pairs`` rollouts of the scene.
         without: failures in as many rollouts of the scene it is compared with.
+    """
+    return evidence(failures, without, pairs) >= LEVEL and likely(failures, pairs, without, pairs) >= LIKELY
+
+
+def evidence(failures: int, without: int, pairs: int) -> float:
+    """The e-value against "the scene fails no more often than the other one".
+
+    A mixture of likelihood ratios of alternatives to the closest rates of the null hypothesis. As that is convex, the
+    mixture is an e-variable: one may look at it after every pair (Turner, Grünwald 2023
+    <https://doi.org/10.1016/j.spl.2023.109836>). Arguments: see ``shown``.
     """
     weights, alternatives, null = _alternatives()
     counts = np.array([failures, pairs - failures, without, pairs - without])
@@ -38,6 +48,7 @@ def evidence(failures: int, without: int, pairs: int) -> float:
     return float(weights @ np.exp(ratios @ counts))
 
 
+@cache
 def likely(failures: int, of: int, without: int, of_without: int) -> float:
     """The probability that the difference is above ``EFFECT``, given uniform rates."""
     centres = (np.arange(_CELLS) + 0.5) / _CELLS
@@ -51,17 +62,7 @@ def _alternatives() -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
     """Weights ``(n,)``, alternatives and null rates ``(n, 4)``: failing and passing, with and without."""
     weighted = [(weight / len(group), pair) for weight, group in _GROUPS for pair in group]
     weights, pairs = np.array([weight for weight, _ in weighted]), [pair for _, pair in weighted]
-    nearest = [(rate + EFFECT, rate) for rate in (_nearest(*pair) for pair in pairs)]
-    alternatives, null = (np.array([(a, 1 - a, b, 1 - b) for a, b in rates]) for rates in (pairs, nearest))
-    return weights, alternatives, null
-
-
-def _nearest(rate: float, other: float) -> float:
-    """The rate without, of the null hypothesis's pair that has the least divergence from an alternative."""
-
-    def divergence(null: float) -> float:
-        likelihoods = ((rate, null + EFFECT), (1 - rate, 1 - null - EFFECT), (other, null), (1 - other, 1 - null))
-        return float(-sum(weight * np.log(chance) for weight, chance in likelihoods))
-
-    found = minimize_scalar(divergence, bounds=(1e-9, 1 - EFFECT - 1e-9), method="bounded")
-    return float(found.x)
+    # For so many pairs of each, the null hypothesis's closest rate is the mean of the two.
+    means = [(rate + other) / 2 for rate, other in pairs]
+    alternatives = np.array([(a, 1 - a, b, 1 - b) for a, b in pairs])
+    return weights, alternatives, np.array([(mean, 1 - mean, mean, 1 - mean) for mean in means])

@@ -11,7 +11,6 @@ from vlafuzz.common.watch import Watch
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import Crew, Make, crew_at
 from vlafuzz.rollouts.registry import Place
@@ -68,8 +67,7 @@ class Job(NamedTuple):
     repeats: Repeats
 
     def triager(self, runner: SceneRunner, deadline: Deadline | None = None) -> Triager:
-        until = deadline or Deadline()
-        return Triager(runner, self.trials, self.blamed, repeats=self.repeats, deadline=until)
+        return Triager(runner, self.trials, self.blamed, repeats=self.repeats, deadline=deadline or Deadline())
 
 
 def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
@@ -101,11 +99,9 @@ def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triage
     return Unjudged.LATE if allowance.used_up else triager.triage(finding)
 
 
-def runner_of_run(
-    store: Path, run: Run, policy: Policy | None = None, *, note: Callable[[str], None] = Watch.note
-) -> SceneRunner:
+def runner_of_run(store: Path, run: Run, *, note: Callable[[str], None] = Watch.note) -> SceneRunner:
     """A scene runner for the findings of a run; notes when it differs from what found them."""
-    runner = scene_runner.SimulatorSceneRunner(store, run.manifest, policy=policy)
+    runner = scene_runner.SimulatorSceneRunner(store, run.manifest)
     verb = "differs" if len(runner.changed) == 1 else "differ"
     version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
     if how := " and ".join(filter(None, (version, runner.elsewhere))):

@@ -35,7 +35,11 @@ def by_known_cause(
     Returns:
         None where the scene deviates as no known cause does, or that does not explain the failure.
     """
-    tried = list(dict.fromkeys(filter(None, (_alike(scene, one, space, reference) for one in known))))
+    tried = list(
+        dict.fromkeys(
+            filter(None, (_alike(scene, one, space, reference) for one in known if space.subject not in one.operators))
+        )
+    )
     failing = [one for one, fails in zip(tried, oracle.fails(tried), strict=True) if fails]
     if not failing:
         return None
@@ -48,7 +52,11 @@ def by_known_cause(
 def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> Scene | None:
     """The scene with the values of a known cause alone; None where they are not off in its directions."""
     assert known.shrunk is not None
-    kept = _values_of(known.shrunk, known, space)
+    # The paths of the values that the cause is about: of a displacement and of confounders all.
+    operators = [each for name in known.operators for each in space.group(name)]
+    whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
+    kept = {gene.path for gene in free_genes(space, known.shrunk, operators, known.reference)}
+    kept |= {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
     start = space.nominal_values if reference.scene is None else space.values(reference.scene)
     others = {
         gene.path: start[gene.path] for gene in space.genes if gene.path not in kept and gene.operator != space.subject
@@ -56,14 +64,6 @@ def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> 
     alone = space.compose(space.values(scene) | others)
     same = _directions(space, alone, reference.scene) == _directions(space, known.shrunk, known.reference)
     return alone if same else None
-
-
-def _values_of(shrunk: Scene, known: Triaged, space: Space) -> set[str]:
-    """The paths of the values that a cause is about: of a displacement and of confounders all."""
-    operators = [each for name in known.operators for each in space.group(name)]
-    whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
-    free = {gene.path for gene in free_genes(space, shrunk, operators, known.reference)}
-    return free | {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
 
 
 def _directions(space: Space, scene: Scene, reference: Scene | None) -> list[str]:

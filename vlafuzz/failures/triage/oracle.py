@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from vlafuzz.failures.triage.contrast import HOPELESS, LEVEL, evidence, likely
+from vlafuzz.failures.triage.contrast import HOPELESS, likely, shown
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
@@ -197,8 +197,8 @@ class Oracle:
     ) -> list[Certificate]:
         """Whether each of other scenes passes more often, by fresh rollouts: as many there as in the scene.
 
-        It passes if the failure rate of the scene is shown to be more than ``EFFECT`` above its own, it fails where
-        that has become improbable. Stages count in the others; in the scene those of the finding.
+        It passes if the scene is ``shown`` to fail more often, it fails where an effect has become improbable. Stages
+        count in the others; in the scene those of the finding.
         """
         subject = self._tally(scene, CERTIFYING)
         tallies = [self._tally(other, CERTIFYING) for other in others]
@@ -228,7 +228,7 @@ class Oracle:
         pairs = min(scene.rollouts, other.rollouts)
         failures = scene.failures(self.counted, pairs)
         without = other.failures(stages or self.counted, pairs)
-        if evidence(failures, without, pairs) >= LEVEL:
+        if shown(failures, without, pairs):
             return Answer.PASSES
         return Answer.FAILS if likely(failures, pairs, without, pairs) < HOPELESS else None
 

@@ -126,12 +126,14 @@ def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
     """The direction of one operator from a scene to start from."""
     if (own := space.direction(scene, name, start)) is not None:
         return own
+    if name == space.subject:  # which the scene to start from may have in common
+        return ",".join(space.subjects(scene))
     genes = free_genes(space, scene, space.group(name), start)
     values, before = space.values(scene), space.values(start)
     chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]
     away = {gene: _difference(gene, values[gene.path], before[gene.path]) for gene in genes}
     largest = max(map(abs, away.values()), default=0.0)
-    numbers = [_signed(far, _short(gene)) for gene, far in away.items() if abs(far) >= _BESIDE * largest]
+    numbers = [_signed(gene, far) for gene, far in away.items() if abs(far) >= _BESIDE * largest]
     return ",".join(chosen or numbers)
 
 
@@ -143,18 +145,11 @@ def _difference(gene: Gene, value: float, start: float) -> float:
     return away / (gene.grid.high - gene.grid.low)
 
 
-def _short(gene: Gene) -> str:
-    return gene.path.rpartition(".")[2] + _number(gene)
-
-
-def _number(gene: Gene) -> str:
-    """Nothing for the first target, ``2`` for the second."""
+def _signed(gene: Gene, far: float) -> str:
+    """A number with its sign: nothing behind its name for the first target, ``2`` for the second."""
     part, _, slot = gene.slot.partition(".")
-    return str(int(slot) + 1) if part == "targets" and slot != "0" else ""
-
-
-def _signed(by: float, name: str) -> str:
-    return f"{'-' if by < 0 else '+'}{name}"
+    number = str(int(slot) + 1) if part == "targets" and slot != "0" else ""
+    return f"{'-' if far < 0 else '+'}{gene.path.rpartition('.')[2]}{number}"
 
 
 def outward(space: Space, scene: Scene, operators: Sequence[str]) -> Iterator[Scene]:

@@ -33,17 +33,18 @@ class Progress(NamedTuple):
     rollouts: int
 
 
-def expected(store: Store, findings: int, workers: int) -> float:
-    """Seconds that triage of so many findings takes, at the speed of the rollouts that found them."""
-    return PER_FINDING * findings * pace(store, workers)
+def expected(store: Store, findings: int) -> int:
+    """Rollouts that triage of so many more findings takes; those that show causes come first, and take fewer."""
+    done = {triaged.key for triaged in store.triaged()}
+    causes = {finding.key for run in store.runs() for finding in cause_findings(store, run.id)} - done
+    first = min(len(causes), findings)
+    return PER_CAUSE * first + PER_FINDING * (findings - first)
 
 
 def hours(store: Store, findings: int) -> str:
-    """How long triage of so many findings takes here, to follow a command; empty where it is soon done."""
-    seconds = expected(store, findings, usual_workers(store))
-    if seconds <= SOON:
-        return ""
-    return f" (about {duration(seconds)}; --time bounds it)"
+    """How long triage of so many findings takes here, to follow a command."""
+    seconds = expected(store, findings) * pace(store, usual_workers(store))
+    return f" (about {duration(max(seconds, 1.0))}; --time bounds it)"
 
 
 def usual_workers(store: Store) -> int:

@@ -70,8 +70,10 @@ class _Shrinker:
     def run(self) -> None:
         while self._drop_operators() and self._is_blocked():
             pass  # an object that was in the way of a fair scene may be gone
-        if self._is_blocked():
-            self._unblock()
+        if self._is_blocked() and CONFOUNDERS in self._left():
+            places = self._reset(self.space.blocking)  # what may stand in each other's way, together
+            if self._fails([places])[0]:
+                self._go_to(places)
         while True:
             self.drop_confounders()
             if self.values:
@@ -94,13 +96,6 @@ class _Shrinker:
     def _without_one(self) -> list[Answer | None]:
         """What the scenes without one of the operators left are known to do."""
         return [self.oracle.known(self._reset(self.space.group(name))) for name in self._left()]
-
-    def _unblock(self) -> None:
-        """Reset together what may stand in each other's way."""
-        if CONFOUNDERS in self._left():
-            places = self._reset(self.space.blocking)
-            if self._fails([places])[0]:
-                self._go_to(places)
 
     def _make_way(self) -> bool:
         """Move confounders that keep a target from its place as near as they still fail; whether any could be."""
@@ -128,7 +123,8 @@ class _Shrinker:
         for name in self._left():
             axes = self.space.axes(self.best, name, self._start)
             if len(axes) > 1:  # the one that is left says where to it has to go
-                self._drop(list(axes), partial(self._without_axes, name))
+                without = partial(self.space.without_axes, self.best, name, start=self._start)
+                self._drop(list(axes), without)
 
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
         """Remove all keys that can go; returns whether there were any.
@@ -192,9 +188,6 @@ class _Shrinker:
     @property
     def _start(self) -> Scene:
         return self.space.nominal(like=self.best) if self.reference is None else self.reference
-
-    def _without_axes(self, name: str, gone: Sequence[str]) -> Scene:
-        return self.space.without_axes(self.best, name, gone, self._start)
 
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
         start = self.space.nominal_values if self.reference is None else self.space.values(self.reference)

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path
@@ -138,7 +137,8 @@ class Crossing:
         Args:
             otherwise: probability that such a rollout fails for another reason.
         """
-        rate = self._low + (self._high - self._low) / (1 + np.exp(-self._scaled(step)))
+        scaled = np.clip((step - self._middle) / self._width, -50.0, 50.0)
+        rate = self._low + (self._high - self._low) / (1 + np.exp(-scaled))
         rate = otherwise + (1 - otherwise) * rate
         self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
         self._weight /= self._weight.sum()
@@ -147,10 +147,6 @@ class Crossing:
         """Steps below which the crossing lies with these probabilities."""
         below = np.concatenate([[0.0], np.cumsum(self._weight.sum(axis=(1, 2, 3)))])
         return [float(step) for step in np.interp(shares, below / below[-1], self._edges)]
-
-    def _scaled(self, step: float) -> NDArray[np.float64]:
-        scaled: NDArray[np.float64] = np.clip((step - self._middle) / self._width, -50.0, 50.0)
-        return scaled
 
 
 class _Survey:

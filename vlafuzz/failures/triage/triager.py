@@ -103,12 +103,14 @@ class Triager:
         At a threshold the policy fails in one scene and passes in the next: then a scene farther out is certified.
         """
         space, scene = self.runner.space, finding.scene
-        names = [name for name in self.blamed.get(scene, ()) if name in space.groups]
+        blamed = self.blamed.get(scene, ())
+        names = [name for name in blamed if name in space.groups]
+        subject = [name for name in blamed if name == space.subject and not names]
         deviating = self._deviating(scene)
-        if not names or deviating is None:
+        if not names + subject or deviating is None:
             return 0, None
         oracle = self._oracle()
-        oracle.budget = round(self._most * TO_SHRINK)
+        oracle.budget = round(self._most(scene) * TO_SHRINK)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
         farther = [alone, *outward(space, alone, names)]
@@ -120,7 +122,7 @@ class Triager:
         free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
         if CONFOUNDERS in names or len(free) > len(names):
             firm = drop_values(firm, oracle, space)
-        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages))
+        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
         if not shrunk.minimal:
             return oracle.spent, None
         search, rate = self._search(shrunk.scene), oracle.rate(alone) if farther_out else shrunk.rate
@@ -133,7 +135,7 @@ class Triager:
             witness=search.witness,
             detail=detail if farther_out else "",
         )
-        oracle.budget = self._most
+        oracle.budget = self._most(scene)
         if search.witness:
             triaged = self._attribute(triaged, shrunk, oracle, shrunk.scene)
         else:
@@ -174,10 +176,10 @@ class Triager:
         (nominal,) = oracle.contrasts(scene, [self.runner.space.nominal(like=scene)])
         return nominal.answer is Answer.PASSES, oracle.certified(scene)
 
-    @property
-    def _most(self) -> int:
-        """Rollouts to shrink, certify and attribute a finding."""
-        return MAX_ROLLOUTS if self.runner.deterministic else MAX_OF_STOCHASTIC
+    def _most(self, scene: Scene) -> int:
+        """Rollouts to shrink, certify and attribute a finding; few where its operators are known, as others wait."""
+        few = self.runner.deterministic or scene in self.blamed
+        return MAX_ROLLOUTS if few else MAX_OF_STOCHASTIC
 
     def _oracle(self) -> Oracle:
         lead = 1 if self.runner.deterministic else LEAD
@@ -200,19 +202,19 @@ class Triager:
         return replace(triaged, shrink_rollouts=spent, policy_rollouts=triaged.policy_rollouts + spent)
 
     def _shrink(self, triaged: Triaged, oracle: Oracle) -> Triaged:
-        space, confirmed = self.runner.space, oracle.spent
-        oracle.budget = confirmed + round(self._most * TO_SHRINK)
+        space, confirmed, most = self.runner.space, oracle.spent, self._most(triaged.scene)
+        oracle.budget = confirmed + round(most * TO_SHRINK)
         reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
             return replace(triaged, bucket="flaky", detail="even the nominal scene of the same objects fails")
         shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
             way = shrink(triaged.scene, oracle, space, reference.scene)
-            oracle.budget = confirmed + round(self._most * TO_CERTIFY)
+            oracle.budget = confirmed + round(most * TO_CERTIFY)
             shrunk = certify(way, oracle, space, reference)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
-        oracle.budget = confirmed + self._most
+        oracle.budget = confirmed + most
         return self._attribute(triaged, shrunk, oracle, triaged.scene)
 
     def _attribute(self, triaged: Triaged, shrunk: Shrunk, oracle: Oracle, proved: Scene) -> Triaged:

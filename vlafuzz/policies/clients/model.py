@@ -123,11 +123,7 @@ class Interface:
 
 
 def interface_of(policy: str, spec: str) -> Interface:
-    """The interface of a policy by its name and its spec as JSON, as runs keep them. Connects to nothing.
-
-    Raises:
-        UsageError: the name has options or a spec that this version does not know, or a profile that is gone.
-    """
+    """The interface of a policy by name and spec, as runs keep them; a UsageError for what is not known any more."""
     own, options = _spec(policy, json.loads(spec)), options_of(policy)
     pictures = {camera.name: PICTURES + _picture(camera.name, policy, options) for camera in own.cameras}
     state = own.provenance.get("state", "")

@@ -176,10 +176,6 @@ class Profile(BaseModel, extra="forbid", frozen=True):
     options: Mapping[str, Any]
     protocols: Mapping[str, Mapping[str, Any]]
 
-    def options_for(self, protocol: str) -> Mapping[str, Any] | None:
-        """All options for a protocol; None when no server of that protocol serves such models."""
-        return {**self.options, **self.protocols[protocol]} if protocol in self.protocols else None
-
 
 @cache
 def known_profiles() -> Mapping[str, Profile]:
@@ -200,10 +196,10 @@ def profile_options(name: str, protocol: str) -> Mapping[str, Any]:
     if not name.endswith((".yaml", ".yml")) and name not in known:
         raise UsageError(f"unknown profile {name!r}", hint=f"{suggestion(name, known)} or a file: mine.yaml")
     profile = known[name] if name in known else load_profile(Path(name))
-    options = profile.options_for(protocol)
-    if options is None:
+    if protocol not in profile.protocols:
         message = f"the profile {name!r} says nothing about {protocol}"
         raise UsageError(message, hint=f"it covers {', '.join(profile.protocols)}")
+    options = {**profile.options, **profile.protocols[protocol]}
     if "profile" in options:
         raise UsageError(f"the profile {name!r} names another one", hint="leave that out")
     return options

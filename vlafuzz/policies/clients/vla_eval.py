@@ -63,11 +63,7 @@ class Hello(BaseModel, frozen=True, protected_namespaces=()):
 
 
 class DeclaredModel(Model):
-    """A model by its options, else by what its server declares, else by the defaults.
-
-    Raises:
-        UsageError: the server declares something unsupported, and no option overrides it.
-    """
+    """A model by its options, else by what its server declares, else usual; a UsageError for what is unsupported."""
 
     def __init__(self, name: str, hello: Hello, options: VlaEvalOptions) -> None:
         if hello.observation_params.absolute_action:

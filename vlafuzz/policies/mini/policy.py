@@ -158,12 +158,7 @@ class Mini:
 
 
 def read_card(folder: Path = SHIPPED) -> Card:
-    """The model card beside the weights.
-
-    Raises:
-        PrerequisiteError: one of them is missing.
-        UsageError: the card is damaged, or is of another model.
-    """
+    """The model card beside the weights; PrerequisiteError if one is missing, UsageError if the card is damaged."""
     for name in (CARD, WEIGHTS):
         if not os.path.lexists(folder / name):
             raise PrerequisiteError(f"{folder / name}: not there", _HINT)

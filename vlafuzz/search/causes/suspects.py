@@ -24,7 +24,7 @@ RIVALS = 12  # most likely suspects whose unions and differences are considered
 FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to three
 LEAST_EFFECT = 0.2  # by which a scene fails more often inside a fault than outside
 NOISY, OFTEN = 0.08, 10  # background from which a test may be repeated, and how often
-TEMPER = 0.6  # power of the likelihood of other scenes: how alike two of them are is a guess
+TEMPER = 0.8  # power of the likelihood of other scenes: how alike two of them are is a guess
 SETTLED = 2.0  # log likelihood ratio, 7 to 1, from which tests show on which side of a fault a set is
 
 

@@ -111,11 +111,7 @@ def pool(task: LiberoTask) -> tuple[str, ...]:
 
 @cache
 def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
-    """The task with other things in the place of its own: goal, start and instruction are about them.
-
-    Raises:
-        SceneError: one of them may not stand there.
-    """
+    """The task about other things in the place of its own; a SceneError if one of them may not stand there."""
     names = dict(zip(task.things, things, strict=False))
     instruction, objects = task.instruction, load_objects()
     for own, options in zip(task.things, swaps(task), strict=True):
@@ -137,11 +133,7 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
 
 
 def cast(task: LiberoTask, scene: Scene) -> LiberoTask:
-    """The task as a scene has it, after a check of what is added.
-
-    Raises:
-        SceneError: the task has no such thing, or one could be taken for what the task is about.
-    """
+    """The task as a scene has it; a SceneError for what the task does not have, or what could be taken for a target."""
     own = recast(task, tuple(placed.object for placed in scene.targets))
     added = [placed.object for placed in scene.confounders]
     for name in added:

@@ -88,11 +88,7 @@ class LiberoEnv:
         return np.array(self.data.xpos[self.bodies[name]])
 
     def reset(self, number: int = 0) -> None:
-        """Restore the suite's own initial state ``number``.
-
-        Raises:
-            UsageError: there is no such state.
-        """
+        """Restore the suite's own initial state ``number``; a UsageError if there is none."""
         if not 0 <= number < len(self.states):
             raise UsageError(f"{self.task} has no initial state {number}", f"0 to {len(self.states) - 1}")
         self.restore(self.states[number])
@@ -116,13 +112,9 @@ class LiberoEnv:
         self._mujoco.mj_kinematics(self.model, self.data)
 
     def step(self, action: Array) -> None:
-        """Simulate one control step of 1/20 s.
+        """Simulate one control step of 1/20 s; a SimulatorError if that diverges, or for another action.
 
-        Args:
-            action: ``(7,)`` in [-1, 1]: 5 cm and 0.5 rad a unit, along and about the axes of the base.
-
-        Raises:
-            SimulatorError: the action is not seven finite numbers, or the simulation diverged.
+        ``action``: ``(7,)`` in [-1, 1]: 5 cm and 0.5 rad a unit, along and about the axes of the base.
         """
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (ACTION,) or not np.isfinite(action).all():

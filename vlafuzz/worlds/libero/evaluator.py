@@ -47,11 +47,9 @@ class LiberoEpisode(Episode):
         self._substeps = HZ // spec.action.hz
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
         self._hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
-        super().__init__(scene, seed, conditions, Monitor(find_stages(self._env.task)))
-
-    @property
-    def hz(self) -> int:
-        return self._spec.action.hz
+        task, hz = self._env.task, spec.action.hz
+        monitor = Monitor(find_stages(task))
+        super().__init__(scene, seed, conditions, monitor, hz=hz, horizon=task.horizon // self._substeps)
 
     def observe(self) -> Observation:
         """The present observation; its privileged part is the ``LiberoEnv``."""
@@ -76,9 +74,6 @@ class LiberoEpisode(Episode):
     def picture(self, camera: str) -> NDArray[np.uint8]:
         return self._env.picture(VIEW, self._env.size)[:, ::-1]  # upright for people, not turned by 180°
 
-    def _horizon(self) -> int:
-        return self._env.task.horizon // self._substeps
-
     def _execute(self, action: Array) -> None:
         due, _ = self._commands.exchange(action, self._spec.action.relative_to)
         own = due / UNITS
@@ -93,11 +88,7 @@ class LiberoEpisode(Episode):
 
 
 def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
-    """What a policy asks for, turned by 180°.
-
-    As in evaluations of LIBERO, pictures have 256 pixels a side, and are made smaller for models that take smaller
-    ones.
-    """
+    """What a policy asks for, turned by 180°: of 256 pixels a side, as LIBERO evaluates, or made smaller from these."""
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:
         return picture

@@ -201,13 +201,10 @@ class LiberoExpert:
         self._plans = {start.episode: None for start in episodes}
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._answer(seen)[None]) for seen in observations]
+        return [ActionChunk(self._next(seen)[None]) for seen in observations]
 
     def close(self) -> None:
         self._plans.clear()
-
-    def _answer(self, seen: Observation) -> Array:
-        return self._next(seen)
 
     def _next(self, seen: Observation, pace: int = 1) -> Array:
         """The next action in metres and radians, for ``pace`` control steps."""
@@ -237,8 +234,8 @@ class LiberoDemonstrator(LiberoExpert):
         super().reset(episodes)
         self.written = []
 
-    def _answer(self, seen: Observation) -> Array:
-        assert seen.state is not None
-        written = self._interface.written(self._next(seen, HZ // self.spec.action.hz))
-        self.written.append(written)
-        return written.astype(np.float64)
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        pace = HZ // self.spec.action.hz
+        written = [self._interface.written(self._next(seen, pace)) for seen in observations]
+        self.written += written
+        return [ActionChunk(action[None].astype(np.float64)) for action in written]

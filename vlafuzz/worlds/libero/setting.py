@@ -41,11 +41,7 @@ class Setting:
         self._addresses = env.away.addresses
 
     def begin(self, scene: Scene) -> None:
-        """Begin an episode in a scene.
-
-        Raises:
-            SceneError: its things are not those of the task, or there is no such initial state.
-        """
+        """Begin an episode in a scene; a SceneError if the task has no such things, or no such initial state."""
         env, number = self.env, scene.start.state
         task, added = cast(self._task, scene), tuple(placed.object for placed in scene.confounders)
         if number >= len(env.states):

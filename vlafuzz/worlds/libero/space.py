@@ -100,11 +100,7 @@ class LiberoComposer(TableComposer):
 
 
 def _slots(operators: OperatorSet, task: LiberoTask) -> dict[str, tuple[str, ...]]:
-    """The slots of a task's scenes, with the things allowed in each, the suite's own first.
-
-    Raises:
-        UsageError: the operators name an object that is swapped or added nowhere.
-    """
+    """The slots of scenes and the things allowed there; a UsageError for names that are swapped or added nowhere."""
     types, around = operators.get(kinds.TargetType).names, operators.get(kinds.ConfounderType).names
     _check_names(kinds.TargetType.name, types, load_objects().words)
     _check_names(kinds.ConfounderType.name, around, load_objects().added)

@@ -76,11 +76,6 @@ def held(env: LiberoEnv, name: str) -> bool:
 
 @cache
 def task(name: str) -> Task:
-    """The task that ``SUITE/NUMBER`` names. Its situations are a ``Moment`` each.
-
-    Raises:
-        UsageError: there is no such suite or task.
-        PrerequisiteError: LIBERO is not installed.
-    """
+    """The task that ``SUITE/NUMBER`` names, whose situations are a ``Moment`` each; errors as of ``find_tasks``."""
     found = find_task(name)
     return Task(name, len(found.things), find_stages(found))

@@ -82,12 +82,7 @@ def find_task(name: str) -> LiberoTask:
 
 
 def find_tasks(suite: str) -> list[LiberoTask]:
-    """All tasks of a suite, in its own order.
-
-    Raises:
-        UsageError: there is no such suite, or its files are not there.
-        PrerequisiteError: LIBERO is not installed.
-    """
+    """All tasks of a suite, in order; UsageError if there are none, PrerequisiteError if LIBERO is not installed."""
     return [_task(suite, number) for number in range(_suite(suite).get_num_tasks())]
 
 

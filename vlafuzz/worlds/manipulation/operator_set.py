@@ -16,7 +16,7 @@ from pydantic import BaseModel, Field, ValidationError
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions, Setting
+from vlafuzz.model.conditions import Conditions, Setting, check_choice
 from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
 from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
 
@@ -63,15 +63,10 @@ class OperatorSet:
     severity: float = 1.0
 
     def only(self, names: Iterable[str]) -> OperatorSet:
-        """The same set with only these operators varying.
-
-        Raises:
-            UsageError: no such operator, or one that has nothing to vary.
-        """
+        """The same set with only these operators varying; a UsageError for one that is none, or has nothing to vary."""
         varied = dict.fromkeys(names)
         for name in varied:
-            if name not in OPERATORS:
-                raise UsageError(f"unknown operator {name!r}", hint=suggestion(name, OPERATORS))
+            check_choice("operator", name, OPERATORS)
         idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]
         if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
             raise UsageError(
@@ -116,11 +111,7 @@ class OperatorSet:
 
 
 def load_operators(source: str | Path | None = None) -> OperatorSet:
-    """Read a set of operators: a file, or the name of a shipped one (``tabletop`` by default).
-
-    Raises:
-        CatalogueError: the file is wrong; the message names file and key.
-    """
+    """Read operators from a file, or shipped ones by name; a CatalogueError with file and key if they are wrong."""
     path = _find(str(source or DEFAULT), beside=None)
     return _make(path, _with_extras(_read(path, ())))
 

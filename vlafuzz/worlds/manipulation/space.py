@@ -14,7 +14,7 @@ from vlafuzz.model.conditions import Setting
 from vlafuzz.model.genes import Gene, embedded
 from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Operators, Range, Space, Values, Vector
+from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation import operators as kinds
@@ -366,13 +366,9 @@ class TableWorld(World):
     def robot(self, name: str) -> Rig:
         return rig(name)
 
-    def space(self, wanted: Wanted, operators: Operators | None = None) -> TableSpace:
-        if operators is None:
-            operators = load_operators(wanted.operators or rig(wanted.robot).operators)
-            if wanted.vary:
-                operators = operators.only(wanted.vary)
-        assert isinstance(operators, OperatorSet)
-        space = self.space_of(wanted, operators)
+    def space(self, wanted: Wanted) -> TableSpace:
+        operators = load_operators(wanted.operators or rig(wanted.robot).operators)
+        space = self.space_of(wanted, operators.only(wanted.vary) if wanted.vary else operators)
         offered = {gene.operator for gene in space.by_path.values()}
         idle = space.operators.varied - offered
         if idle and space.genes:  # some of a world's tasks lack what varies there by default

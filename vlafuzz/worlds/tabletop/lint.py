@@ -44,11 +44,7 @@ class FileVerdicts:
 
 
 def lint(path: Path, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
-    """Check all scenes of a file, with objects of the catalogue and of packs; with ``settle`` also simulated.
-
-    Raises:
-        SceneError: there are no scenes in it.
-    """
+    """Check all scenes of a file, with ``settle`` also simulated; a SceneError if there are none in it."""
     catalogue, usual = load_catalogue(packs=packs), load_operators()
     if is_document(path):
         raise SceneError(

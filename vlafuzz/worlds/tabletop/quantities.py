@@ -2,10 +2,14 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter
 
+from vlafuzz.common.reading import read_yaml, validated
+from vlafuzz.errors import CatalogueError
 from vlafuzz.model.quantities import Quantity
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.manipulation.rigs import rig
@@ -16,21 +20,8 @@ Array = NDArray[np.float64]
 HALF = 0.5  # of what is seen of a target differs at least so much from what is around it
 _TARGET = "the target"
 _OTHER = "the second target"
-# Pixels are those of a picture 256 wide, grey levels 0 to 255.
-_OF_TARGET = {
-    "right": Quantity(
-        "the target appears ≥ {} farther right than usual", "the target appears ≥ {} farther left than usual", " px"
-    ),
-    "down": Quantity("the target appears ≥ {} lower than usual", "the target appears ≥ {} higher than usual", " px"),
-    "size": Quantity("the target appears ≥ {} large", "the target appears ≤ {} large", " px"),
-    "brightness": Quantity("the target is ≥ {} bright", "the target is ≤ {} bright", " grey levels"),
-    "contrast": Quantity(
-        "the target is ≥ {} apart from its surroundings", "the target is ≤ {} apart from its surroundings",
-        " grey levels",
-    ),
-    "hidden": Quantity("≥ {} of the target is hidden", "≤ {} of the target is hidden", "%"),
-    "reach": Quantity("the target is ≥ {} from the robot's base", "the target is ≤ {} from it", " m", 0.001),
-}  # fmt: skip
+_FILE = Path(__file__).with_name("quantities.yaml")
+_OF_TARGET = validated(TypeAdapter(dict[str, Quantity]), read_yaml(_FILE, CatalogueError), _FILE, CatalogueError)
 _NEAREST = Quantity("confounders are ≥ {} from the target", "a confounder is ≤ {} from the target", " m", 0.001)
 
 
@@ -49,11 +40,7 @@ def places(picture: Picture, targets: int) -> Array:
 
 
 def measured(scene: Scene, catalogue: Catalogue, usual: Array) -> dict[str, float]:
-    """The quantities of a scene, in 2 ms.
-
-    Args:
-        usual: the ``places`` of the nominal scene.
-    """
+    """The quantities of a scene, in 2 ms; ``usual``: the ``places`` of the nominal scene."""
     picture = Picture(scene, catalogue)
     found: dict[str, float] = {}
     for index in range(len(scene.targets)):

@@ -14,7 +14,8 @@ from pydantic import TypeAdapter
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import read_yaml, validated
-from vlafuzz.errors import CatalogueError, UsageError, suggestion
+from vlafuzz.errors import CatalogueError
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
@@ -145,17 +146,6 @@ def _moved(s: Situation) -> bool:
     return first > max([MOVED, *others])
 
 
-@lru_cache(maxsize=256)
-def _radius(model: ObjectModel) -> float:
-    """Radius of the bounding sphere about an object's origin, metres."""
-    return float(np.linalg.norm(model.vertices, axis=1).max())
-
-
-def _least_gap(s: Situation) -> float:
-    """A lower bound of ``_gap`` at a hundredth of its cost."""
-    return _level_distance(s.now) - _radius(s.models[A]) - _radius(s.models[B])
-
-
 @lru_cache(maxsize=4)  # start and present are needed repeatedly
 def _gap(models: tuple[ObjectModel, ...], state: State) -> float:
     """Gap between the two targets' footprints in metres; negative if they overlap.
@@ -171,7 +161,7 @@ def _on_table(s: Situation, index: int) -> bool:
 
 
 def _is_near(s: Situation) -> bool:
-    if _least_gap(s) > NEAR or not (_on_table(s, A) and _on_table(s, B)):
+    if not (_on_table(s, A) and _on_table(s, B)):
         return False
     upright = s.now.rotations[B][2] @ s.start.rotations[B][2]  # the world's z axis in the frame of b
     return bool(upright >= UPRIGHT) and _gap(s.models, s.now) <= NEAR
@@ -194,7 +184,7 @@ def _bringing(s: Situation) -> float:
 
 def _is_over(s: Situation) -> bool:
     a = s.now.positions[A]
-    if a[2] <= s.now.positions[B, 2] or _least_gap(s) > 0:
+    if a[2] <= s.now.positions[B, 2]:
         return False
     farthest = ((s.corners(B)[:, :2] - a[:2]) @ _DIRECTIONS).max(axis=0)
     return bool(farthest.min() > 0)  # if a is outside, all of b is behind it in some direction
@@ -246,9 +236,7 @@ TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
 
 def task(name: str) -> TableTask:
     """The task of that name; a UsageError if there is none."""
-    if name not in TASKS:
-        raise UsageError(f"unknown task {name!r}", hint=suggestion(name, TASKS))
-    return TASKS[name]
+    return TASKS[check_choice("task", name, TASKS)]
 
 
 _WORDINGS = TypeAdapter(dict[str, list[str]])

@@ -133,12 +133,7 @@ class _Entry:
 
 @dataclass(frozen=True)
 class Imported:
-    """The scenes of a file of VLATest.
-
-    Attributes:
-        read: number of scenes in the file.
-        missing: names without a counterpart of ours, with the number of scenes that have them.
-    """
+    """Scenes, of ``read`` ones in a file; ``missing``: names without a counterpart, with the number of their scenes."""
 
     path: Path
     read: int

@@ -129,12 +129,7 @@ class Tabletop(TableWorld):
         ]
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
-        """The packs in these folders, measured.
-
-        Raises:
-            UsageError: a folder is no pack and has none in it.
-            CatalogueError: a mesh is damaged.
-        """
+        """The packs in these folders, measured; UsageError for a folder without any, CatalogueError for a bad mesh."""
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
         packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
         catalogue = load_catalogue(packs=packs)
@@ -152,16 +147,12 @@ class Tabletop(TableWorld):
     def listed_operators(
         self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Pack]
     ) -> tuple[str, list[dict[str, str]], list[str]]:
-        """The operators of a file: a title, a row for each, the tasks with ranges of their own.
-
-        Raises:
-            CatalogueError, UsageError: a run would refuse the file.
-        """
+        """The operators of a file: a title, a row for each, the tasks with ranges of their own; errors as of a run."""
         setup, known = rig(robot or PANDA.robot), set(load_catalogue(packs=packs))
         chosen = load_operators(source or setup.operators)
         check_names(chosen, known.union(*(world.objects for world in known_worlds().values())))
         if task is not None:
-            self.space(Wanted(task=task_named(task).name, robot=setup.robot, packs=packs), chosen)
+            self.space(Wanted(task=task_named(task).name, robot=setup.robot, packs=packs, operators=source))
             chosen = chosen.in_task(task)
         rows = [
             {

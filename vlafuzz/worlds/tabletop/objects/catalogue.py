@@ -52,9 +52,6 @@ class Catalogue:
     def __iter__(self) -> Iterator[str]:
         return iter(self._marks)
 
-    def __len__(self) -> int:
-        return len(self._marks)
-
     def names(self, *roles: Role) -> tuple[str, ...]:
         """The names of all objects, or of those with one of some roles, in their order."""
         return tuple(name for name in self if not roles or self[name].role in roles)

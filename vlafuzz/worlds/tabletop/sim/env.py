@@ -116,7 +116,7 @@ class TabletopEnv(BaseEnv):
             self._aim()
             if self._studio is None and self._shown is not None:
                 device = self.world.scene.render_system.device
-                self._studio = rendering.Studio(device, {self._shown: self._render_camera(self._shown)})
+                self._studio = rendering.Studio(device, self._render_camera(self._shown))
             if self._studio is not None:
                 self._studio.begin(self.world.scene, self.light)
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
@@ -139,7 +139,7 @@ class TabletopEnv(BaseEnv):
         """``(height, width, 3)``: what a camera shows at present."""
         request = self._requests[camera]
         if self._studio is not None and camera == self._shown:
-            image = self._studio.picture(camera)
+            image = self._studio.picture()
         else:
             self.world.scene.update_render()
             taking = self._render_camera(camera)

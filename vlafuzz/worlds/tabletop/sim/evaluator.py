@@ -36,11 +36,8 @@ class TabletopEpisode(Episode):
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
         env.check(scene)
-        super().__init__(scene, seed, conditions, env.monitor)
-
-    @property
-    def hz(self) -> int:
-        return self._env.control_hz
+        horizon = env.rig.seconds * env.control_hz
+        super().__init__(scene, seed, conditions, env.monitor, hz=env.control_hz, horizon=horizon)
 
     def observe(self) -> Observation:
         env, spec, scene, state = self._env, self._spec, self.scene, self._state
@@ -57,9 +54,6 @@ class TabletopEpisode(Episode):
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         return self._env.picture(camera)
-
-    def _horizon(self) -> int:
-        return self._env.rig.seconds * self._env.control_hz
 
     def _execute(self, action: NDArray[np.float64]) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)

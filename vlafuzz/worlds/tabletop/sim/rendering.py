@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
@@ -48,12 +48,6 @@ def render_backend() -> str:
     """ManiSkill's name of the rendering device."""
     os.environ.setdefault("LP_NUM_THREADS", "0")  # lavapipe's threads; one worker per core is faster
     return "sapien_cuda" if rendering_device().is_cuda() else "sapien_cpu"
-
-
-def full_shaders() -> None:
-    """Use shaders with a tone curve for all cameras that are added from now on."""
-    use_shaders()
-    sapien.render.set_camera_shader_dir(str(_shader_pack(full=True)))
 
 
 def use_shaders() -> ShaderConfig:
@@ -250,19 +244,23 @@ FINER = 2  # pixels of a side that are averaged to one: smooth edges
 
 
 class Studio:
-    """A twin of what a scene shows, under lights that cast shadows, for pictures that people look at.
+    """A twin of what a camera of a scene shows, under lights that cast shadows, for pictures that people look at.
 
-    The simulated scene, its lights and its cameras are left as they are, so what policies see does not change.
-
-    Args:
-        cameras: of the simulated scene by their names, which are followed.
+    The simulated scene, its lights and its camera are left as they are, so what policies see does not change.
     """
 
-    def __init__(self, device: sapien.Device, cameras: Mapping[str, sapien.render.RenderCameraComponent]) -> None:
+    def __init__(self, device: sapien.Device, camera: sapien.render.RenderCameraComponent) -> None:
         self._scene = sapien.Scene([sapien.render.RenderSystem(device)])
         self._lights = SceneLights(self._scene, STUDIO_LIGHTS, shadows=True)
-        self._followed = cameras
-        self._cameras = {name: self._twin_of(camera) for name, camera in cameras.items()}
+        use_shaders()
+        sapien.render.set_camera_shader_dir(str(_shader_pack(full=True)))
+        twin = sapien.render.RenderCameraComponent(FINER * camera.width, FINER * camera.height)
+        across, down, u, v = (FINER * length for length in (camera.fx, camera.fy, camera.cx, camera.cy))
+        twin.set_perspective_parameters(camera.near, camera.far, across, down, u, v, 0.0)
+        entity = sapien.Entity()
+        entity.add_component(twin)
+        self._scene.add_entity(entity)
+        self._followed, self._camera = camera, twin
         self._twins: list[tuple[sapien.Entity, sapien.Entity]] = []
 
     def begin(self, scene: sapien.Scene, light: float) -> None:
@@ -279,24 +277,13 @@ class Studio:
                 self._twins.append((entity, twin))
         self._lights.apply(self._scene, light)
 
-    def picture(self, camera: str) -> NDArray[np.uint8]:
-        """``(height, width, 3)``: what a camera shows at present."""
+    def picture(self) -> NDArray[np.uint8]:
+        """``(height, width, 3)``: what the camera shows at present."""
         for entity, twin in self._twins:
             twin.pose = entity.pose
-        taking, followed = self._cameras[camera], self._followed[camera]
-        taking.entity.pose = followed.get_global_pose()
+        self._camera.entity.pose = self._followed.get_global_pose()
         self._scene.update_render()
-        taking.take_picture()
-        image = taking.get_picture("Color")[..., :3]
-        size = (followed.width, followed.height)
+        self._camera.take_picture()
+        image = self._camera.get_picture("Color")[..., :3]
+        size = (self._followed.width, self._followed.height)
         return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-    def _twin_of(self, camera: sapien.render.RenderCameraComponent) -> sapien.render.RenderCameraComponent:
-        full_shaders()
-        twin = sapien.render.RenderCameraComponent(FINER * camera.width, FINER * camera.height)
-        across, down, u, v = (FINER * length for length in (camera.fx, camera.fy, camera.cx, camera.cy))
-        twin.set_perspective_parameters(camera.near, camera.far, across, down, u, v, 0.0)
-        entity = sapien.Entity()
-        entity.add_component(twin)
-        self._scene.add_entity(entity)
-        return twin

@@ -173,11 +173,7 @@ FALLEN = -0.1  # metres
 
 
 def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
-    """Check that a scene's objects stay in place and that its task is not solved before the policy acts.
-
-    No object may move by more than 1 cm or tip by more than 15 degrees within a second; success must hold neither
-    before nor after.
-    """
+    """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
     task, placements, models = task_named(scene.task), scene.placements, models_of(scene.placements, catalogue)
     room = sapien.Scene([physx.PhysxCpuSystem()])
     room.physx_system.timestep = 1 / SIM_HZ
