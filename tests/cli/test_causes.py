@@ -81,7 +81,7 @@ def test_without_certification_the_causes_are_those_of_the_strategy_and_failures
 
 def test_a_run_ends_with_what_fails_how_sure_that_is_and_one_command(capsys):
     what, sure, step = typed(capsys, CAUSES).out.splitlines()[-3:]
-    assert re.fullmatch(r"Fails when the light is at most × .*, or the camera .*\.", what)
+    assert re.fullmatch(r"Fails when the light is at most .* times the usual, or the camera .*\.", what)
     rollouts, certified, causes = re.search(r": (\d+) rollouts, (\d) of (\d) causes certified$", sure).groups()
     assert (int(rollouts) > 120, certified) == (True, causes)
     assert re.fullmatch(r"Next, to see it: `vlafuzz report a.db --limit \d --out a.html --trust` \(about .*\)", step)

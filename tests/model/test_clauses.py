@@ -25,9 +25,9 @@ def clause(group: str, scene: Scene, *fails) -> str:
 @pytest.mark.parametrize(
     ("group", "scene", "fails", "says"),
     [
-        ("light", BRIGHT, (), "the light is × 6.5"),
-        ("light", BRIGHT, (beyond("light.intensity", 5.66),), "the light is at least × 5.66"),
-        ("light", DARK, (beyond("light.intensity", 0.2),), "the light is at most × 0.2"),
+        ("light", BRIGHT, (), "the light is 6.5 times the usual"),
+        ("light", BRIGHT, (beyond("light.intensity", 5.66),), "the light is at least 5.66 times the usual"),
+        ("light", DARK, (beyond("light.intensity", 0.2),), "the light is at most 0.2 times the usual"),
         ("camera-orientation", TILTED, (), "the camera tilts up by 3°"),
         ("camera-orientation", TILTED, (beyond("camera.pitch", -2.1),), "the camera tilts up by at least 2.1°"),
         ("camera-position", replace(NOMINAL, camera=Camera(0.02, 90.0)), (), "the camera is 2 cm to the right →"),

@@ -1,5 +1,6 @@
 """The causes of a run as a list, before and after triage."""
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -155,7 +156,12 @@ def test_causes_that_act_through_one_quantity_are_listed_by_what_it_is_and_how_i
     ways = "(camera-orientation -pitch or target-position +x; shown by a swap)"
     assert what == f"the target appears ≥ 11 px lower than usual {ways}"
     assert example.startswith("for example camera-orientation: ")
-    assert "the target appears ≥ 11 px lower" in render(view_of_store(store))
+    shown = view_of_store(store)
+    assert "the target appears ≥ 11 px lower" in render(shown)
+    strip, (fails,) = shown.causes[0].strips[0], shown.causes[0].strips[0].fails
+    assert (strip.axis.name, strip.axis.nominal) == ("the target appears … lower than usual", 0)
+    assert (fails.low, fails.high) == (11, math.inf)
+    assert strip.axis.low <= strip.value <= strip.axis.high
     assert listed(store).document()["causes"][0]["mechanism"]["threshold"] == 11
 
 
@@ -170,6 +176,10 @@ def test_a_report_begins_with_the_causes(store: Store):
     found = certified(store, TILTED, DARK)
     view = view_of_store(store)
     assert not view.todo
+    (head,) = view.heads
+    camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most 0\.\d+ times the usual"
+    assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
+    assert head.evidence.endswith(" rollouts, 2 of 2 causes certified")
     assert [card.title for card in view.causes] == [f"T{cause.title[1:]}" for cause in found.causes]
     page = render(view)
     assert page.index("Fails when the camera") < page.index(view.causes[0].title) < page.index("Causes of run 1")

@@ -38,7 +38,7 @@ def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
 def test_it_begins_with_the_failure_rate_and_what_is_known_of_causes(triaged: View):
     assert triaged.title == "idle on pick-up"
     (head,) = triaged.heads
-    camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most × 0\.\d+"
+    camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most 0\.\d+ times the usual"
     assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
     assert head.rate.value == 0.75
     assert [card.badge[0] for card in triaged.causes] == ["certified", "certified"]

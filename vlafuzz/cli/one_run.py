@@ -4,7 +4,6 @@ This is loaded after the simulator for workers has begun to load.
 """
 
 import shlex
-from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -21,13 +20,13 @@ from vlafuzz.cli.output import Bar, interruptible, print_lines, print_list, stdo
 from vlafuzz.cli.triage import AGAIN, note_unjudged, shown_on
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import trust_flag
-from vlafuzz.common.text import duration, interval, percent, plural
+from vlafuzz.common.text import duration, interval, named, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.report.cards import told
+from vlafuzz.report.cards import evidence, told
 from vlafuzz.report.tables import half_in_words, half_of_run, rate_of
 from vlafuzz.search.base import about, looks_for_causes
 from vlafuzz.search.severity import NAME as SEVERITY
@@ -91,7 +90,7 @@ def run_plan(
     if not json:
         if causes and causes.causes:
             print_list([(*cause.conditions, cause.says) for cause in causes.causes], title=causes.title)
-            print_lines(causes.left)
+            print_lines(f"unexplained failures: {causes.unexplained}")
         _print_end(summary, causes, again)
     document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
     return Done(summary, document, again, interrupted)
@@ -131,7 +130,6 @@ def _print_summary(summary: Summary, about: str) -> None:
     """Print a run in numbers."""
     policy = f"{summary.label} ({summary.policy})" if summary.label else summary.policy
     title = f"run {summary.run}: {summary.task}, {policy}, {summary.strategy}, seed {summary.seed}"
-    judged = summary.verdicts["passed"] + summary.verdicts["failed"]
     again = summary.earlier if ":" in summary.policy else 0  # the user's own model, which may have changed
     lines = {
         "strategy": about,
@@ -140,10 +138,8 @@ def _print_summary(summary: Summary, about: str) -> None:
         "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
         "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
         "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
-        "invalid": _counts(summary.invalid),
-        "stages reached": _counts(summary.stages) if judged else "",
+        "invalid": named(f"{check} {count}" for check, count in summary.invalid.items()),
         "first error": summary.first_error,
-        "mean progress": "" if summary.progress_mean is None else f"{summary.progress_mean:.3f}",
         "store": summary.store,
     }
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -154,10 +150,6 @@ def _print_summary(summary: Summary, about: str) -> None:
             table.add_row(name, line)
     print_lines(title, style="italic")
     stdout().print(table)
-
-
-def _counts(counts: Mapping[str, int]) -> str:
-    return ", ".join(f"{name} {count}" for name, count in counts.items())
 
 
 def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
@@ -178,10 +170,8 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
         elif summary.strategy == SEVERITY:
             sure = f"one half fails at severity {half_in_words(half_of_run(store, summary.run))}"
         step = _next(store, summary, found, again)
-    rollouts = plural(summary.rollouts + (found.rollouts if found else 0), "rollout")
-    certified = f", {found.certified} of {plural(found.found, 'cause')} certified" if found and found.found else ""
     print_lines(told(found, causes, failed, judged), style="bold red" if failed else "bold green")
-    print_lines(f"{sure}: {rollouts}{certified}", style="bold")
+    print_lines(f"{sure}: {evidence(summary.rollouts, found)}", style="bold")
     print_lines(f"Next, {step}", style="cyan")
 
 

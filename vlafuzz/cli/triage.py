@@ -20,7 +20,6 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.failures.causes import CauseList
     from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.pipeline import Progress, TriageSummary
     from vlafuzz.failures.triage.triager import Unjudged
@@ -97,7 +96,8 @@ def command(
         print_json(asdict(summary) | counts | {"runs": [{"run": one.run, **one.document()} for one in found]})
     else:
         for one in found:
-            print_causes(one)
+            print_list([(*cause.conditions, cause.says) for cause in one.causes], title=one.title)
+            print_lines(*one.sentences)
     if broken:
         raise PrerequisiteError(broken, hint=f"`vlafuzz doctor --policy` examines the policy; {AGAIN}")
 
@@ -165,9 +165,3 @@ def _print(summary: TriageSummary) -> None:
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
     print_lines(f"`{shlex.join(['vlafuzz', 'report', summary.store])}` lists the failures with what each takes")
-
-
-def print_causes(found: CauseList) -> None:
-    """Print the causes of a run as a list, and what is known beside them."""
-    print_list([(*cause.conditions, cause.says) for cause in found.causes], title=found.title)
-    print_lines(*found.sentences)

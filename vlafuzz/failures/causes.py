@@ -6,6 +6,7 @@ import shlex
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from typing import Any
 
 from vlafuzz.common.plugins import trust_flag
@@ -41,7 +42,7 @@ class ListedCause:
     """A cause in words; those with the same certified signature are one.
 
     Attributes:
-        title: the conditions, as "fails when" goes on: ``the light is at least × 5.66``.
+        title: the conditions, as "fails when" goes on: ``the light is at least 5.66 times the usual``.
         conditions: one for each operator: the range that fails, or its value in ``scene``.
         bucket: of the scene after triage, ``observed`` before it.
         share: of random scenes that fail for this reason; of several causes in one the largest.
@@ -143,11 +144,6 @@ class CauseList:
         return f"Causes of run {self.run}: {self.of}"
 
     @property
-    def shown(self) -> str | None:
-        """The scene of the first cause that has one."""
-        return next((cause.scene for cause in self.causes if cause.scene), None)
-
-    @property
     def sentences(self) -> tuple[str, ...]:
         """All but the causes themselves."""
         found = [] if self.causes else [f"no cause was found{self.nominal}"]
@@ -159,16 +155,11 @@ class CauseList:
         if self.certify:
             suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
             found.append(f"not certified means: {suspected}; {self.certify} certifies them")
-        found.append(self.left)
+        tried = ", variants tried to explain them not counted" if self.unexplained else ""
+        found.append(f"unexplained failures: {self.unexplained}{tried}")
         if self.probability:
             found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
         return tuple(found)
-
-    @property
-    def left(self) -> str:
-        """How many failures are unexplained."""
-        tried = ", variants tried to explain them not counted" if self.unexplained else ""
-        return f"unexplained failures: {self.unexplained}{tried}"
 
     def document(self) -> dict[str, Any]:
         """As JSON: ``causes``, ``unexplained``, ``probability`` and ``certification``."""
@@ -186,15 +177,16 @@ def all_causes(store: Store) -> tuple[CauseList, ...]:
 
 
 def first_shown(store: Store, label: str | None = None) -> str | None:
-    """The scene that the newest run with failures names at its end: of a cause, else its first failure.
+    """The scene of the first cause of the newest run with failures, else its first failure.
 
     Runs of the label come first.
     """
     newest = reversed(store.runs())
     for run in sorted(newest, key=lambda run: label not in (None, run.manifest.named)):
         found = causes_of(store, run)
+        named = (cause.scene for cause in (found.causes if found else ()) if cause.scene)
         failed = (trial for trial in store.trials(run.id) if trial.outcome.verdict is Verdict.FAILED)
-        if shown := (found and found.shown) or next((trial.scene.digest for trial in failed), None):
+        if shown := next(chain(named, (trial.scene.digest for trial in failed)), None):
             return shown
     return None
 

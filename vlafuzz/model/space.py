@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -28,6 +29,7 @@ FAR = 0.5  # severity above which an operator is part of a site
 # Things that a scene may have more or fewer of. Their genes' paths begin with this, their number has it for a
 # path, and their operators are reset together.
 CONFOUNDERS = "confounders"
+_FACTOR = re.compile(r"× ([\d.e+-]+)")  # as values have it, which a sentence says in words
 
 
 class Composer(Protocol):
@@ -297,17 +299,18 @@ class Space(ABC):
         return ", ".join(shown)
 
     def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
-        """How a group differs from another scene's, as "fails when" goes on: ``the light is at least × 5.66``.
+        """How a group differs from another scene's, as "fails when" goes on: ``the camera tilts up by 3°``.
 
         Args:
             fails: the ranges that fail, from first to last values; none for the scene's own values.
         """
         if not fails:
-            return f"the {spoken(group)} is {self.described(scene, group, other).removeprefix(f'{group} ')}"
+            value = self.described(scene, group, other).removeprefix(f"{group} ")
+            return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)} is {value}")
         ranges = " or ".join(beyond(low, high, self.values(other)) for low, high in fails)
         paths, genes = dict(fails[0][0]), [gene for gene in self.by_path.values() if gene.operator == group]
         field = f" {next(iter(paths)).rpartition('.')[2]}" if len(paths) == 1 < len(genes) else ""
-        return f"the {spoken(group)}{field} is {ranges}"
+        return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)}{field} is {ranges}")
 
     def draw(self, path: str, rng: np.random.Generator) -> float:
         """A random value of a gene; nominal if its operator does not vary."""

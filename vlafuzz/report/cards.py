@@ -3,6 +3,8 @@
 import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from math import inf, isfinite
 from pathlib import Path
 
 from vlafuzz.common.plugins import trust_flag
@@ -13,7 +15,7 @@ from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.failures.regions import Band, bands_of
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import spoken
-from vlafuzz.report.plots import Plot
+from vlafuzz.report.plots import Axis, Plot
 from vlafuzz.report.view import Card, Strip
 
 SAID = 2  # causes in a sentence
@@ -32,8 +34,15 @@ def told(found: CauseList | None, causes: Sequence[ListedCause], failed: int, ju
     return f"Fails in {failed} of {plural(judged, 'scene')} that were tried; {why}."
 
 
+def evidence(rollouts: int, found: CauseList | None) -> str:
+    """How many rollouts there were, those of triage included, and how many causes are certified."""
+    causes = found.causes if found else ()
+    certified = f", {sum(one.bucket == 'minimal' for one in causes)} of {plural(len(causes), 'cause')} certified"
+    return plural(rollouts + (found.rollouts if found else 0), "rollout") + certified * bool(causes)
+
+
 def sentence(causes: Sequence[ListedCause]) -> str:
-    """A sentence such as ``Fails when the camera tilts down by at least 4.2°, or the light is at least × 6``.
+    """A sentence such as ``Fails when the camera tilts down by at least 4.2°, or it is dark``.
 
     Of causes of which some are certified only those.
     """
@@ -63,7 +72,7 @@ def card_of(
         of=of,
         badge=_badge(of, cause),
         numbers=list(_numbers(of, cause, failures)) if cause else (),
-        strips=list(_strips(of, plot, bands)) if plot and of and certified else (),
+        strips=[*_of_quantity(of, plot, cause), *_strips(of, plot, bands)] if plot and of else (),
         step=_step(source, of) if of else None,
         neighbours=list(_neighbours(of, plot)) if of and plot else (),
         plot=plot,
@@ -109,6 +118,8 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: int) -> 
 
 def _strips(of: DescribedFailure, plot: Plot, bands: Sequence[Band]) -> Iterator[Strip]:
     """The axes on which ranges fail; of an operator without a range, those on which the scene is off."""
+    if of.bucket != "minimal":
+        return
     bounded = {band.operator for band in bands}
     for axis, value in zip(plot.axes, plot.values(of.scene), strict=True):
         fails = [band for band in bands if (band.operator, band.quantity) == (axis.operator, axis.quantity)]
@@ -116,6 +127,21 @@ def _strips(of: DescribedFailure, plot: Plot, bands: Sequence[Band]) -> Iterator
             continue
         if fails or (axis.operator not in bounded and abs(axis.share(value) - axis.share(axis.nominal)) > OFF):
             yield Strip(axis, value, fails)
+
+
+def _of_quantity(of: DescribedFailure, plot: Plot, cause: ListedCause | None) -> Iterator[Strip]:
+    """The axis of the quantity of a mechanism, as far as random scenes reach on it."""
+    mechanism, space = cause.mechanism if cause else None, plot.space
+    if mechanism is None or mechanism.quantity not in space.quantities:
+        return
+    name, at, quantity = mechanism.quantity, mechanism.threshold, space.quantities[mechanism.quantity]
+    shown = (of.scene, space.nominal(like=of.scene), *(scene for scene, _, random in plot.scenes if random))
+    here, usual, *others = (space.measured(scene)[name] for scene in shown)
+    if isfinite(here) and isfinite(usual):
+        known = [here, usual, at, *filter(isfinite, others)]
+        axis = Axis(operator="", quantity=name, name=quantity.above.replace("≥ {}", "…"), unit=quantity.unit)
+        fails = Band("", name, at if mechanism.above else -inf, inf if mechanism.above else at)
+        yield Strip(replace(axis, low=min(known), high=max(known), nominal=usual), here, [fails])
 
 
 def _step(source: Path, of: DescribedFailure) -> tuple[str, str]:

@@ -11,7 +11,7 @@ from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.cards import card_of, sentence, told
+from vlafuzz.report.cards import card_of, evidence, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
 from vlafuzz.report.tables import Standing, Table, cause_table, draws, rollouts_of, row_of_run, run_table, standings_of
 from vlafuzz.report.view import Head, View
@@ -113,7 +113,8 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) ->
     certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
-    return Head(f"{one.policy} on {one.task}", told(found, causes, failed, judged), one.rate)
+    said = told(found, causes, failed, judged)
+    return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found))
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:

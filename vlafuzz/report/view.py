@@ -56,11 +56,12 @@ class Card:
 
 
 class Head(NamedTuple):
-    """What is found of a policy in a task, in a sentence, with its failure rate in random scenes if that is known."""
+    """What is found of a policy in a task, in a sentence, with the failure rate in random scenes if known."""
 
     name: str
     sentence: str
     rate: Probability | None = None
+    evidence: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
