@@ -22,7 +22,7 @@ from typing import Any
 
 REPORT, BEGAN, STRATEGY = "BENCH_START_REPORT", "BENCH_START_BEGAN", "BENCH_START_STRATEGY"
 HEAVY = [
-    *("torch", "mani_skill", "sapien", "gymnasium", "trimesh", "pymoo", "pandas", "matplotlib"),
+    *("torch", "mani_skill", "sapien", "gymnasium", "trimesh", "sklearn", "pymoo", "pandas", "matplotlib"),
     *("scipy.optimize", "scipy.stats", "scipy.spatial", "ray", "cv2", "jinja2", "pydantic"),
 ]
 

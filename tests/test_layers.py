@@ -32,7 +32,7 @@ ROWS = (
 )
 WORLDS = ("worlds.manipulation", "worlds.tabletop", "worlds.libero")
 ROW_OF = {name: number for number, row in enumerate(ROWS) for name in row.split()}
-HEAVY = ("torch", "sapien", "mani_skill", "ray", "pymoo", "matplotlib", "pandas")
+HEAVY = ("torch", "sapien", "mani_skill", "ray", "sklearn", "pymoo", "matplotlib", "pandas")
 ROOT = Path(vlafuzz.__file__).parent
 LOADED = re.compile(r"vlafuzz(\.\w+)+(:\w+)?")  # a string that import_module may get
 FILES = sorted(path for path in ROOT.rglob("*.py") if "_shipped" not in path.parts)
@@ -175,7 +175,7 @@ def test_a_process_that_leaves_rollouts_to_workers_loads_no_torch_for_mini():
     assert loaded_by("from vlafuzz.rollouts.policies import make_policy; make_policy('mini').spec") == []
 
 
-def test_a_run_with_workers_loads_neither_simulator_nor_torch(tmp_path: Path):
+def test_a_run_with_workers_loads_neither_simulator_nor_torch_nor_scikit_learn(tmp_path: Path):
     loaded_by("from vlafuzz.worlds import provenance; provenance._torch()")  # fills the cache
     flags = ["--policy=pinhole", "--budget=2", "--workers=2", "--no-certify", f"--store={tmp_path / 'x.db'}"]
     run = f"import vlafuzz.cli\nassert vlafuzz.cli.main({['run', *flags]}) == 0"

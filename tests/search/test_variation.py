@@ -88,6 +88,16 @@ def test_a_crossed_childs_confounders_are_whole_ones_of_its_parents(seed: int):
     assert {(e.x, e.y, e.yaw) for e in child.confounders} <= around
 
 
+@quickly
+@given(seed=seeds)
+def test_splicing_leaves_everything_but_the_confounders_alone(seed: int):
+    one, rng = space(), np.random.default_rng(seed)
+    scene, donor = drawn(seed, around=1), drawn(seed + 1, around=3)
+    child = one.decode(Variation(one.genes).splice(one.encode(scene), one.encode(donor), rng))
+    assert (child.targets, child.light, child.camera) == (scene.targets, scene.light, scene.camera)
+    assert len(child.confounders) in (1, 3)
+
+
 def test_operators_of_confounders_have_a_say_only_where_there_are_any():
     variation = Variation(space().genes)
     bare, crowded = (variation.operators(space().encode(drawn(0, around=count))) for count in (0, 1))

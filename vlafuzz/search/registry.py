@@ -11,10 +11,12 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import check_choice
 from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
 from vlafuzz.search.causes.strategy import Causes
+from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.nsga2 import Nsga2
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
 from vlafuzz.search.severity import Severity
+from vlafuzz.search.surrogate import Surrogate
 
 Factory = Callable[[Source, int, int | None], Strategy]
 """``(space, seed, budget)`` to a strategy: what ``python:pkg.mod:factory`` has to name.
@@ -23,7 +25,14 @@ Factory = Callable[[Source, int, int | None], Strategy]
 """
 
 
-STRATEGIES: dict[str, Factory] = {"random": Random, "nsga2": Nsga2, "severity": Severity, "causes": Causes}
+STRATEGIES: dict[str, Factory] = {
+    "random": Random,
+    "nsga2": Nsga2,
+    "feedback": Feedback,
+    "surrogate": Surrogate,
+    "severity": Severity,
+    "causes": Causes,
+}
 _HINT = "see vlafuzz.search.base.Strategy"
 
 

@@ -52,20 +52,29 @@ class Variation:
         return self._genome(levels)
 
     def cross(self, mother: Genome, father: Genome, rng: np.random.Generator) -> Genome:
-        """A child with each unit taken from either parent, and as many confounders as one of them, each a whole one."""
-        first, second = parents = self._levels(mother), self._levels(father)
+        """A child with each unit taken from either parent, and confounders from both."""
+        first, second = self._levels(mother), self._levels(father)
         child = first.copy()
         for name, units in self._units.items():
             for unit in () if name in self._of_confounders else units:
                 if rng.random() < 0.5:
                     child[unit] = second[unit]
-        count = self._number(parents[rng.integers(2)])
+        return self._genome(self._gathered(child, first, second, rng))
+
+    def splice(self, genome: Genome, donor: Genome, rng: np.random.Generator) -> Genome:
+        """The genome with some confounders replaced by the donor's."""
+        levels = self._levels(genome)
+        return self._genome(self._gathered(levels.copy(), levels, self._levels(donor), rng))
+
+    def _gathered(self, child: Levels, mother: Levels, father: Levels, rng: np.random.Generator) -> Levels:
+        """The child with as many confounders as one of the parents, each taken whole from either."""
+        count = self._number((mother, father)[rng.integers(2)])
         for number, slot in enumerate(self._around[:count]):
-            having = [parent for parent in parents if self._number(parent) > number]
+            having = [parent for parent in (mother, father) if self._number(parent) > number]
             child[slot] = having[rng.integers(len(having))][slot]
         if self._count is not None:
             child[self._count] = self._genes[self._count].grid.snap(count)
-        return self._genome(child)
+        return child
 
     def _change(self, levels: Levels, index: int, rng: np.random.Generator) -> None:
         gene, size = self._genes[index], int(self._sizes[index])
