@@ -87,7 +87,7 @@ class Played:
     def ask(self, frame: bytes) -> Any:
         return self._frames.popleft()
 
-    def post(self, body: bytes, headers: Any) -> None:
+    def post(self, body: bytes) -> None:
         pass
 
     def reply(self, wait: float) -> tuple[int, bytes]:

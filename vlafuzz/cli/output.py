@@ -77,12 +77,13 @@ def _say(console: Console, text: str, style: str = "") -> None:
     width = console.width if console.is_terminal else sys.maxsize
     for line in text.splitlines():
         *rows, row = [""]
+        indent = line[: len(line) - len(line.lstrip())]
         for word in re.findall(r"`[^`]*`\S*|vlafuzz .*|\S+", line):
-            if row and cell_len(f"{row} {word}") > width:
+            if row and cell_len(f"{indent}{row} {word}") > width:
                 rows.append(row)
                 row = ""
             row = f"{row} {word}".lstrip()
-        console.print("\n".join([*rows, row]), style=style, soft_wrap=True)
+        console.print("\n".join(indent + one for one in [*rows, row]), style=style, soft_wrap=True)
 
 
 def print_json(value: Any) -> None:

@@ -34,11 +34,12 @@ MOST_SPACES = 16  # that are kept, since making one takes a while
 
 def space_of(source: pathlib.Path, run: Manifest) -> Space:
     """The space that contains the scenes of a run of a store or corpus; see ``stored_space``."""
+    world = world_of(run.task)  # asked each time: a world of users' code may no longer be trusted
     key = (source, os.environ.get(FOLDERS), run.task, run.robot, run.operators, run.packs, run.catalogue_digest)
     if key not in _SPACES:
         if len(_SPACES) == MOST_SPACES:
             _SPACES.clear()
-        _SPACES[key] = world_of(run.task).stored_space(source, run)
+        _SPACES[key] = world.stored_space(source, run)
     return _SPACES[key]
 
 

@@ -1,6 +1,7 @@
 """The vla-eval client: against the real server of PyPI, and against servers that misbehave."""
 
 import json
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -86,6 +87,9 @@ class TestWire:
             del harnesses
             assert still_open(opened) == 0
             policy.close()
+            late = time.monotonic() + 20
+            while len(set(server.ended)) < 3 and time.monotonic() < late:  # the server hears of it a little later
+                time.sleep(0.01)
         assert len(set(server.ended)) == 3
 
     def test_a_rollout_that_begins_anew_is_not_ended_by_the_old_one(self):

@@ -11,6 +11,7 @@ from vlafuzz.common.watch import Watch
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import Crew, Make, crew_at
 from vlafuzz.rollouts.registry import Place
@@ -99,9 +100,15 @@ def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triage
     return Unjudged.LATE if allowance.used_up else triager.triage(finding)
 
 
-def runner_of_run(store: Path, run: Run, *, note: Callable[[str], None] = Watch.note) -> SceneRunner:
-    """A scene runner for the findings of a run; notes when it differs from what found them."""
-    runner = scene_runner.SimulatorSceneRunner(store, run.manifest)
+def runner_of_run(
+    store: Path, run: Run, policy: Policy | None = None, *, note: Callable[[str], None] = Watch.note
+) -> SceneRunner:
+    """A scene runner for the findings of a run; notes when it differs from what found them.
+
+    Args:
+        policy: one that workers share; by default one of its own is made.
+    """
+    runner = scene_runner.SimulatorSceneRunner(store, run.manifest, policy)
     verb = "differs" if len(runner.changed) == 1 else "differ"
     version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
     if how := " and ".join(filter(None, (version, runner.elsewhere))):
