@@ -108,7 +108,8 @@ def runner_of_run(
     Args:
         policy: one that workers share; by default one of its own is made.
     """
-    runner = scene_runner.SimulatorSceneRunner(store, run.manifest, policy)
+    shared = () if policy is None else (policy,)
+    runner = scene_runner.SimulatorSceneRunner(store, run.manifest, *shared)
     verb = "differs" if len(runner.changed) == 1 else "differ"
     version = f"by another version: its {', '.join(runner.changed)} {verb}" if runner.changed else ""
     if how := " and ".join(filter(None, (version, runner.elsewhere))):
