@@ -103,9 +103,28 @@ def modules_imported(tree: ast.AST) -> set[str]:
     return {name.partition(".")[0] for name in names}
 
 
-def test_only_worlds_and_commands_about_objects_and_machines_import_a_world():
-    others = [path for path in FILES if top(path) not in (*WORLDS, "cli", "doctor")]
-    assert [path for path in others if {name for _, name in imported(tree_of(path))} & set(WORLDS)] == []
+NAMED = re.compile("tabletop|libero|robosuite|mujoco|mani_?skill|sapien", re.IGNORECASE)  # worlds, and their simulators
+
+
+def named(source: str) -> list[tuple[int, str]]:
+    """Every place where a source names a world of ours or a simulator: imports, strings, comments, whatever it is."""
+    lines = enumerate(source.splitlines(), start=1)
+    return [(line, name) for line, text in lines for name in NAMED.findall(text)]
+
+
+def test_nothing_outside_worlds_names_a_world_or_a_simulator():
+    others = [path for path in FILES if path.relative_to(ROOT).parts[0] != "worlds"]
+    assert {path: found for path in others if (found := named(path.read_text(encoding="utf-8")))} == {}
+    shared = [path for path in FILES if path.parent == ROOT / "worlds"]
+    assert [path for path in shared if {name for _, name in imported(tree_of(path))} & set(WORLDS)] == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    ["from vlafuzz.worlds.tabletop import lint", "import_module(f'{here}.libero.world')", "# where SAPIEN is slow"],
+)
+def test_a_world_that_is_named_is_noticed(source: str):
+    assert len(named(source)) == 1
 
 
 def test_only_the_command_line_knows_of_a_terminal():

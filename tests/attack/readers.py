@@ -22,8 +22,8 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
+from vlafuzz.worlds.lint import lint
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.tabletop.lint import lint
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest

@@ -11,9 +11,9 @@ from typer.testing import CliRunner
 
 from tests.cli.typed import told
 from vlafuzz.cli import doctor, main
-from vlafuzz.doctor import exam, machine
+from vlafuzz.doctor import exam
 from vlafuzz.model.check import Check
-from vlafuzz.worlds.tabletop import renderer
+from vlafuzz.worlds.tabletop import machine, renderer
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)
 NONE = renderer.Renderer(None, None, "Vulkan finds no device")
@@ -86,7 +86,7 @@ def test_a_cache_that_cannot_be_written_is_refused_and_a_warning_once_it_is_full
 
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():
     code = (
-        "import sys; from vlafuzz.worlds.tabletop import renderer; from vlafuzz.cli import doctor;"
+        "import sys; from vlafuzz.cli import doctor;"
         "doctor.machine = lambda: iter(()); doctor.doctor();"
         "print([name for name in ('numpy', 'pydantic', 'scipy', 'torch') if name in sys.modules])"
     )

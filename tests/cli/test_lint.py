@@ -1,4 +1,3 @@
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -45,13 +44,21 @@ def test_verbose_names_file_and_line(tmp_path: Path, capsys):
     assert f"{path}:2: geometry: apple and orange: 0.100 m between" in capsys.readouterr().out
 
 
-def test_targets_that_nobody_sees_are_counted_and_the_bounds_are_shown(tmp_path: Path, capsys):
+def test_targets_that_nobody_sees_are_counted(tmp_path: Path, capsys):
     path = scenes(tmp_path, FAIR, replace(FAIR, light=Light(0.0001)))
-    printed = typed(capsys, ["lint", "--static", "--json", str(path)], code=1)
-    (row,) = json.loads(printed.out)
+    (row,) = told(capsys, ["lint", "--static", "--json", str(path)], code=1)
     assert (row["valid"], row["unseen"]) == (1, 1)
     assert row["rejections"][0]["reason"].startswith("apple: ")
-    assert "8/255 apart from its surroundings" in " ".join(printed.err.split())
+
+
+@pytest.mark.parametrize(
+    ("task", "reason"),
+    [("libero_object/0", "this world checks its scenes when they are run"), ("nowhere/3", "unknown world 'nowhere'")],
+)
+def test_scenes_of_a_world_that_judges_none_and_of_no_world_are_not_valid(tmp_path: Path, capsys, task, reason):
+    path = scenes(tmp_path, FAIR, replace(FAIR, task=task))
+    (row,) = told(capsys, ["lint", "--json", "--static", str(path)], code=1)
+    assert (row["valid"], row["rejections"][0]["reason"]) == (1, f"{task}: {reason}")
 
 
 def test_a_file_that_is_not_there_is_a_usage_error(capsys):

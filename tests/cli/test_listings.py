@@ -20,6 +20,12 @@ def test_operators_of_a_task_where_they_differ(capsys):
     assert "ranges differ in put-in, put-on: --task shows them" in typed(capsys, "list operators --operators paper").err
 
 
+@pytest.mark.libero
+def test_operators_of_a_task_are_those_of_its_world(capsys):
+    rows = told(capsys, "list operators --task libero_object/0 --json")
+    assert "bystander-position" in {row["operator"] for row in rows if row["varies"] == "yes"}
+
+
 def test_an_unknown_file_of_operators(capsys):
     assert "hint: did you mean 'paper'?" in typed(capsys, "list operators --operators papper", code=2).err
 

@@ -236,10 +236,9 @@ def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
     """
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
-    from vlafuzz.worlds.tabletop.objects import load_catalogue
-    from vlafuzz.worlds.tabletop.vlatest import read_vlatest
+    from vlafuzz.worlds import usual_world
 
-    imported = [read_vlatest(path, load_catalogue(), frame=frame) for path in files]
+    imported = [usual_world().imported(path, frame) for path in files]
     with writing(out):
         write_scenes(out, [scene for file in imported for scene in file.scenes])
     if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):

@@ -102,19 +102,13 @@ def typed() -> str:
 
 
 def opened(folders: Sequence[str] | None) -> tuple[Any, ...]:
-    """The packs in these folders.
-
-    Raises:
-        UsageError: a folder is no pack and has none in it.
-        CatalogueError: a mesh is damaged.
-    """
+    """The packs in these folders; errors as of ``World.open_packs``."""
     if not folders:
         return ()
-    # Imported late: `vlafuzz doctor` has to start anywhere.
-    from vlafuzz.worlds.tabletop.world import WORLD
+    from vlafuzz.worlds import usual_world
 
     with Bar() as bar:
-        return WORLD.open_packs(folders, bar)
+        return usual_world().open_packs(folders, bar)
 
 
 def _read_config(context: typer.Context, values: list[str] | None) -> list[str] | None:

@@ -22,16 +22,16 @@ def lint(
 ) -> None:
     """Check whether the scenes of a file are fair.
 
-    Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture), settling (a second
-    of physics), not already solved. The exit code is 1 when a scene fails a check or a line is broken.
+    Checks: semantic, geometry, unseen (a target that cannot be seen in the policy's first picture, by the bounds that
+    `vlafuzz list operators` shows), settling (a second of physics), not already solved. The exit code is 1 when a scene
+    fails a check or a line is broken.
     """
-    from vlafuzz.worlds.manipulation.operator_set import load_operators
-    from vlafuzz.worlds.tabletop import lint as tabletop
+    from vlafuzz.worlds.lint import MEANS
+    from vlafuzz.worlds.lint import lint as verdicts
 
-    packs, judged = opened(pack), list[tabletop.FileVerdicts]()
+    packs = opened(pack)
     with Bar() as bar:
-        for path in files:
-            judged.append(tabletop.lint(path, packs, bar, settle=not static))
+        judged = [verdicts(path, packs, bar, settle=not static) for path in files]
     problems = [(file.path, problem) for file in judged for problem in file.problems]
     if json:
         problems_of = ([asdict(problem) for problem in file.problems] for file in judged)
@@ -43,11 +43,8 @@ def lint(
             data().write(f"{line}\n")
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:
-            counted = [
-                {"": key, "scenes": value, "are": tabletop.MEANS.get(key, "")} for key, value in file.counts.items()
-            ]
+            counted = [{"": key, "scenes": value, "are": MEANS.get(key, "")} for key, value in file.counts.items()]
             print_rows(counted, title=os.path.relpath(file.path.absolute(), common))  # full paths leave no room
-    stderr().print(f"a target counts as visible with at least {load_operators().visible}")
     if missing := sum(bool(re.match("unknown object '[^']+:", problem.reason)) for _, problem in problems):
         stderr().print(f"note: {missing} scenes have objects of packs that were not given: see --pack")
     if problems:

@@ -7,7 +7,7 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, OperatorsFlag, PackFlag, RobotFlag, opened, option
 from vlafuzz.cli.output import print_rows
-from vlafuzz.worlds import known_worlds
+from vlafuzz.worlds import known_worlds, usual_world, world_of
 
 
 def operators(
@@ -18,9 +18,8 @@ def operators(
     json: JsonFlag = False,
 ) -> None:
     """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
-    from vlafuzz.worlds.tabletop.world import WORLD
-
-    title, rows, differing = WORLD.listed_operators(operators, task, robot, opened(pack))
+    world = world_of(task) if task else usual_world()
+    title, rows, differing = world.listed_operators(operators, task, robot, opened(pack))
     if differing and not json:
         typer.echo(f"ranges differ in {', '.join(differing)}: --task shows them", err=True)
     print_rows(rows, json=json, title=title)
@@ -31,9 +30,7 @@ def objects(pack: PackFlag = None, json: JsonFlag = False) -> None:
 
     Sizes are those of the bounding box. After each rest pose stands the narrowest grasp in it. JSON has metres.
     """
-    from vlafuzz.worlds.tabletop.world import WORLD
-
-    rows = WORLD.listed_objects(opened(pack))
+    rows = usual_world().listed_objects(opened(pack))
     if not json:
         rows = [_in_words(row) for row in rows]
     print_rows(rows, json=json, title="objects")

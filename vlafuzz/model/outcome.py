@@ -93,9 +93,19 @@ class Outcome:
         return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)
 
 
+# What can be wrong with scenes, by the name of the check.
+FAIRNESS = {
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+}
+
+
 @dataclass(frozen=True)
 class Rejection:
-    """Why a scene is not fair: the failed check, and the reason with values."""
+    """Why a scene is not fair: the failed check, one of ``FAIRNESS``, and the reason with values."""
 
     check: str
     reason: str

@@ -3,15 +3,19 @@
 # ruff: noqa: B027 - a world need not do what is empty here
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
+from vlafuzz.model.check import Check
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
+from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import Frame
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import ActionSpec, Policy
@@ -87,6 +91,29 @@ class SceneMap:
     below: str = ""
 
 
+Judge = Callable[[Scene], Rejection | None]  # why a scene is not fair; None if it is
+
+
+@dataclass(frozen=True)
+class Imported:
+    """The scenes of a file of another program.
+
+    Attributes:
+        read: number of scenes in the file.
+        missing: names of objects without a counterpart, with the number of scenes that lack them.
+    """
+
+    path: Path
+    read: int
+    scenes: tuple[Scene, ...]
+    missing: Mapping[str, int]
+
+    @property
+    def left_out(self) -> int:
+        """Number of scenes with an object that has no counterpart."""
+        return self.read - len(self.scenes)
+
+
 class World(ABC):
     """A simulator with its tasks. Strategies, triage, reports and stores are the same in all of them.
 
@@ -106,9 +133,8 @@ class World(ABC):
     action_width: int = ActionSpec().width
     settings: Sequence[Setting[Any]] = ()
 
-    @property
-    def objects(self) -> Collection[str]:
-        """Names of the objects that its scenes may have."""
+    def objects(self, packs: Sequence[Any] = ()) -> Collection[str]:
+        """Names of the objects that its scenes may have, with those of packs."""
         return ()
 
     @property
@@ -187,3 +213,36 @@ class World(ABC):
     def demonstrator(self, interface: Interface) -> Demonstrator:
         """An expert in the place of a policy with this interface."""
         raise UsageError("this world has no demonstrations", hint="leave them out")
+
+    # What only some worlds have, for the commands that are about it.
+
+    def machine(self) -> Iterable[Check]:
+        """What this machine lacks of what the world needs, one check at a time; some take seconds."""
+        return ()
+
+    def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Any, ...]:
+        """The packs of objects in these folders.
+
+        Raises:
+            UsageError: a folder is no pack and has none in it, or this world takes none.
+            CatalogueError: a mesh is damaged.
+        """
+        raise UsageError(f"--pack {folders[0]}: this world takes no packs of objects", hint="leave it out")
+
+    def listed_objects(self, packs: Sequence[Any]) -> list[dict[str, Any]]:
+        """Its objects, or those of packs, as rows: metres, kilograms, and poses with their narrowest grasps."""
+        return []
+
+    def listed_operators(
+        self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Any]
+    ) -> tuple[str, list[dict[str, str]], list[str]]:
+        """The operators of a file: a title, a row for each, the tasks with ranges of their own; errors as of a run."""
+        raise UsageError("the operators of this world are not listed", hint="its page or its class says what varies")
+
+    def judge(self, packs: Sequence[Any], *, settle: bool) -> Judge:
+        """What tells without a policy whether scenes are fair; ``settle``: with physics, which takes longer."""
+        raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
+
+    def imported(self, path: Path, frame: Frame) -> Imported:
+        """The scenes of another program's file; a SceneError if it is no such file."""
+        raise UsageError(f"{path}: this world reads no files of other programs", hint="export scenes of a store")

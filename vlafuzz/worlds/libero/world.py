@@ -1,8 +1,8 @@
 """LIBERO's tasks on robosuite. Its packages are an extra, and nothing of them is loaded before it is used."""
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
@@ -44,8 +44,7 @@ class Libero(TableWorld):
         "mini-libero": mini_libero,
     }
 
-    @property
-    def objects(self) -> Collection[str]:
+    def objects(self, packs: Sequence[Any] = ()) -> Collection[str]:
         return load_objects().words
 
     @property

@@ -16,6 +16,7 @@ from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
+from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import Wanted, World
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
@@ -381,3 +382,28 @@ class TableWorld(World):
     @abstractmethod
     def space_of(self, wanted: Wanted, operators: OperatorSet) -> TableSpace:
         """The scenes of a task with these operators."""
+
+    def listed_operators(
+        self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Any]
+    ) -> tuple[str, list[dict[str, str]], list[str]]:
+        setup = rig(robot or next(iter(self.robots)))
+        chosen = load_operators(source or setup.operators)
+        check_names(chosen, {name for world in known_worlds().values() for name in world.objects(packs)})
+        if task is not None:
+            self.space(Wanted(task=self.task(task).name, robot=setup.robot, packs=packs, operators=source))
+            chosen = chosen.in_task(task)
+        rows = [
+            {
+                "operator": name,
+                "changes": operator.says,
+                "range": operator.ranges(),
+                "nominal": operator.nominally(),
+                "varies": "yes" if name in chosen.varied else "no",
+            }
+            for name, operator in chosen.operators.items()
+        ]
+        bounds = f"a target counts as visible with at least {chosen.visible}"
+        seen = bounds if chosen.visible else "targets need not be visible"
+        apart = f"{chosen.min_distance:g} m between the centres of any two objects"
+        title = f"{chosen.source.stem}: {apart}; {seen}"
+        return title, rows, sorted(chosen.tasks) if task is None else []

@@ -16,6 +16,7 @@ from vlafuzz.common.reading import first_problem, read_json, read_yaml, validate
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
 from vlafuzz.model.scene_lines import Frame
+from vlafuzz.worlds.base import Imported
 from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.manipulation.operators import TargetPosition
 from vlafuzz.worlds.manipulation.rigs import Workspace, rig
@@ -129,21 +130,6 @@ class _Entry:
     def order(self) -> tuple[int, ...]:
         """Indices of the targets, then of the other objects."""
         return self.targets + tuple(index for index in range(len(self.things)) if index not in self.targets)
-
-
-@dataclass(frozen=True)
-class Imported:
-    """Scenes, of ``read`` ones in a file; ``missing``: names without a counterpart, with the number of their scenes."""
-
-    path: Path
-    read: int
-    scenes: tuple[Scene, ...]
-    missing: dict[str, int]
-
-    @property
-    def left_out(self) -> int:
-        """Number of scenes with an object that has no counterpart."""
-        return self.read - len(self.scenes)
 
 
 def read_vlatest(path: Path, catalogue: Catalogue, *, frame: Frame = "fit") -> Imported:

@@ -1,6 +1,6 @@
 """The tabletop: VLATest's tasks on ManiSkill. It is the default, and its simulator is loaded last."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,25 +9,28 @@ import numpy as np
 from vlafuzz.common import assets
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
+from vlafuzz.model.check import Check
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
+from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene_lines import Frame
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds import known_worlds
-from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy, Wanted
+from vlafuzz.worlds.base import Demonstrator, Imported, Judge, SceneMap, TryingPolicy, Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
-from vlafuzz.worlds.manipulation.space import TableWorld, check_names
+from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
+from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
@@ -36,6 +39,7 @@ from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 
 class Tabletop(TableWorld):
@@ -50,9 +54,8 @@ class Tabletop(TableWorld):
         "seeing": SeeingExpert,
     }
 
-    @property
-    def objects(self) -> tuple[str, ...]:
-        return load_catalogue().names()
+    def objects(self, packs: Sequence[Pack] = ()) -> tuple[str, ...]:
+        return tuple(load_catalogue(packs=packs))
 
     @property
     def simulator(self) -> str:
@@ -128,8 +131,13 @@ class Tabletop(TableWorld):
             for slot, name in enumerate(names)
         ]
 
+    def machine(self) -> Iterator[Check]:
+        from vlafuzz.worlds.tabletop.machine import checks
+
+        return checks()
+
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Pack, ...]:
-        """The packs in these folders, measured; UsageError for a folder without any, CatalogueError for a bad mesh."""
+        """The packs in these folders, measured."""
         assets.add_folders(Path(folder) for folder in folders if Path(folder).is_dir())
         packs = tuple(pack for name in folders if not _is_robots_only(Path(name)) for pack in open_packs(name))
         catalogue = load_catalogue(packs=packs)
@@ -140,35 +148,25 @@ class Tabletop(TableWorld):
         return packs
 
     def listed_objects(self, packs: Sequence[Pack]) -> list[dict[str, Any]]:
-        """The objects of the catalogue, or of packs, as rows: metres, kilograms, and poses with narrowest grasps."""
         catalogue = load_catalogue(packs=packs)
         return [_listed(catalogue[name]) for name in catalogue.preferred(catalogue.names())]
 
-    def listed_operators(
-        self, source: str | None, task: str | None, robot: str | None, packs: Sequence[Pack]
-    ) -> tuple[str, list[dict[str, str]], list[str]]:
-        """The operators of a file: a title, a row for each, the tasks with ranges of their own; errors as of a run."""
-        setup, known = rig(robot or PANDA.robot), set(load_catalogue(packs=packs))
-        chosen = load_operators(source or setup.operators)
-        check_names(chosen, known.union(*(world.objects for world in known_worlds().values())))
-        if task is not None:
-            self.space(Wanted(task=task_named(task).name, robot=setup.robot, packs=packs, operators=source))
-            chosen = chosen.in_task(task)
-        rows = [
-            {
-                "operator": name,
-                "changes": operator.says,
-                "range": operator.ranges(),
-                "nominal": operator.nominally(),
-                "varies": "yes" if name in chosen.varied else "no",
-            }
-            for name, operator in chosen.operators.items()
-        ]
-        bounds = f"a target counts as visible with at least {chosen.visible}"
-        seen = bounds if chosen.visible else "targets need not be visible"
-        apart = f"{chosen.min_distance:g} m between the centres of any two objects"
-        title = f"{chosen.source.stem}: {apart}; {seen}"
-        return title, rows, sorted(chosen.tasks) if task is None else []
+    def judge(self, packs: Sequence[Pack], *, settle: bool) -> Judge:
+        catalogue, usual = load_catalogue(packs=packs), load_operators()
+
+        def rejection(scene: Scene) -> Rejection | None:
+            found = check_static(scene, catalogue, usual.min_distance, usual.visible)
+            if found or not settle:
+                return found
+            from vlafuzz.worlds.tabletop.sim.world import settled
+
+            return settled(scene, catalogue)
+
+        return rejection
+
+    def imported(self, path: Path, frame: Frame) -> Imported:
+        """The scenes of a file of VLATest."""
+        return read_vlatest(path, load_catalogue(), frame=frame)
 
 
 def _is_robots_only(folder: Path) -> bool:

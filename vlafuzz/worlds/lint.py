@@ -3,26 +3,19 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from vlafuzz.common.watch import Watch
-from vlafuzz.errors import SceneError
+from vlafuzz.errors import SceneError, UsageError
+from vlafuzz.model.outcome import FAIRNESS, Rejection
 from vlafuzz.model.scene_lines import is_document, read_scenes
-from vlafuzz.worlds.manipulation.operator_set import load_operators
-from vlafuzz.worlds.tabletop.fairness.checks import CHECKS, check_static
-from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue
+from vlafuzz.worlds import world_of
+from vlafuzz.worlds.base import Judge
 
 BROKEN = "broken"  # a line that is no scene
-# What is counted.
-MEANS = {
-    "valid": "fair",
-    "semantic": "with an unknown object, rest pose or task",
-    "geometry": "with objects off the table, in each other, or too close",
-    "unseen": "with a target that cannot be seen in the first picture",
-    "settling": "in which something falls, rolls or shifts in the first second",
-    "solved": "that are solved before the robot moves",
-    BROKEN: "lines that hold no scene",
-}
+MEANS = {"valid": "fair", **FAIRNESS, BROKEN: "lines that hold no scene"}  # what is counted
 
 
 @dataclass(frozen=True)
@@ -43,9 +36,8 @@ class FileVerdicts:
     problems: Sequence[Problem]
 
 
-def lint(path: Path, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> FileVerdicts:
+def lint(path: Path, packs: Sequence[Any], watch: Watch, *, settle: bool) -> FileVerdicts:
     """Check all scenes of a file, with ``settle`` also simulated; a SceneError if there are none in it."""
-    catalogue, usual = load_catalogue(packs=packs), load_operators()
     if is_document(path):
         raise SceneError(
             f"{path}: not JSON lines", hint=f"`vlafuzz export {path} --out F.jsonl` reads files of VLATest"
@@ -53,19 +45,21 @@ def lint(path: Path, packs: Sequence[Pack], watch: Watch, *, settle: bool) -> Fi
     lines, problems = list(read_scenes(path)), list[Problem]()
     if not lines:
         raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
+
+    @cache
+    def judge_of(task: str) -> Judge:
+        try:
+            return world_of(task).judge(packs, settle=settle)
+        except UsageError as error:  # no such world, or one that cannot tell
+            rejection = Rejection("semantic", f"{task}: {error.message}")
+            return lambda _: rejection
+
     for done, (number, scene) in enumerate(lines):
         watch.progress(path.name, done, len(lines))
         if isinstance(scene, SceneError):
             problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
-            continue
-        rejection = check_static(scene, catalogue, usual.min_distance, usual.visible)
-        if settle and rejection is None:
-            from vlafuzz.worlds.tabletop.sim.world import settled
-
-            rejection = settled(scene, catalogue)
-        if rejection:
+        elif rejection := judge_of(scene.task)(scene):
             problems.append(Problem(number, rejection.check, rejection.reason))
     failed = Counter(problem.check for problem in problems)
-    scenes = len(lines) - failed[BROKEN]
-    counts = {"scenes": scenes, "valid": scenes - sum(failed[check] for check in CHECKS)}
-    return FileVerdicts(path, counts | {check: failed[check] for check in (*CHECKS, BROKEN)}, problems)
+    counts = {"scenes": len(lines) - failed[BROKEN], "valid": len(lines) - len(problems)}
+    return FileVerdicts(path, counts | {check: failed[check] for check in (*FAIRNESS, BROKEN)}, problems)
