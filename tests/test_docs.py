@@ -32,7 +32,6 @@ from vlafuzz.worlds.tabletop.tasks import TASKS
 README, COMMANDS_PAGE, SCENES = (text(name) for name in ("README.md", "docs/commands.md", "docs/operators.md"))
 OWN_POLICY = files(ROOT / "docs" / "your-policy.md")["mine.py"]
 OWN_STRATEGY = files(ROOT / "docs" / "strategies.md")["climb.py"]
-STEPS = files(ROOT / "docs" / "gymnasium.md")["steps.py"]
 SAMPLES = {path.name: path.read_text(encoding="utf-8") for path in (ROOT / "docs" / "samples").glob("*.py")}
 PANDAS = files(ROOT / "docs" / "python.md")["to_pandas.py"]
 PYTHON = re.findall(r"```python\n(.*?)```", text("docs/python.md"), re.DOTALL)
@@ -197,11 +196,6 @@ def test_networks_with_pictures_are_served_as_the_pages_say(policy, tmp_path, mo
         verdicts = told(capsys, [*run, "--store", "a.db", "--json"])["verdicts"]
     assert verdicts["passed" if policy == "mini" else "failed"] >= 1
     assert verdicts["error"] == 0
-
-
-def test_the_gymnasium_example_prints_what_its_page_says(tmp_path):
-    said = re.findall(r"^pick up .*$", text("docs/gymnasium.md"), re.MULTILINE)
-    assert output_of(STEPS, tmp_path).splitlines()[-2:] == said
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "operators/README.md", "corpus/README.md"])

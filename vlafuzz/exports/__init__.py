@@ -1,1 +1,1 @@
-"""Other tools: gymnasium and LeRobot."""
+"""Exports: scenes of stores as files, and demonstrations as a LeRobot dataset."""

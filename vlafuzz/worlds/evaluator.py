@@ -120,7 +120,7 @@ class SceneEvaluator(ABC):
 
     @abstractmethod
     def begin(self, scene: Scene, seed: int) -> Episode:
-        """A rollout in a fair scene, for callers that step through it themselves."""
+        """A rollout in a fair scene that has begun."""
 
     @abstractmethod
     def renew(self) -> None:

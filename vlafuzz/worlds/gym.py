@@ -1,7 +1,6 @@
 """Any environment of gymnasium as a world: a file of parameters, and a class that says what they change.
 
-``class Pole(GymWorld)`` is enough for ``vlafuzz run --world python:pole:Pole --policy python:pole:push``. The opposite
-direction, scenes of a corpus as an environment, is ``vlafuzz.exports.gym``.
+``class Pole(GymWorld)`` is enough for ``vlafuzz run --world python:pole:Pole --policy python:pole:push``.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Checks of this machine: the simulator's packages, what draws pictures, and where built objects are kept."""
 
-import importlib.metadata
-import json
 import os
 import subprocess
 import sys
@@ -10,30 +8,20 @@ from pathlib import Path
 
 from vlafuzz.common import assets
 from vlafuzz.model.check import Check, Rating
+from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
 
-# Each package of the simulator, and what does not work if it cannot be imported.
-PACKAGES = {
-    "mani_skill": "no scene can be simulated",
-    "sapien": "no scene can be simulated",
-    "torch": "ManiSkill cannot be loaded",
-}
-# Run in a separate process, as an incompatible native library may crash.
-_IMPORT = """
-import importlib, json, sys
-for name in sys.argv[1:]:
-    try:
-        importlib.import_module(name)
-        problem = None
-    except Exception as error:
-        problem = f"{type(error).__name__}: {error}"
-    print("imported", json.dumps([name, problem]), flush=True)
-"""
+_IMPORT = "import mani_skill.envs"  # with all that it needs, such as sapien and torch
 
 
 def checks() -> Iterator[Check]:
     """All checks; they take some seconds, mostly for loading the simulator."""
-    yield from _packages()
+    found = ", ".join(f"{package} {version}" for package, version in versions().items() if package != "vlafuzz")
+    problem = import_problem()
+    if problem:
+        yield Check("simulator", f"{found}: {problem}", "refuse", "no scene can be simulated; hint: run scripts/setup")
+    else:
+        yield Check("simulator", found)
     probed = renderer.probe()
     if probed.works:
         software = "llvmpipe" in (probed.device or "")
@@ -44,21 +32,18 @@ def checks() -> Iterator[Check]:
     yield check_cache(assets.cache_dir())
 
 
-def _packages() -> Iterator[Check]:
-    problems = _import_problems(list(PACKAGES))
-    for name, follows in PACKAGES.items():
-        try:
-            version = importlib.metadata.version(name)
-        except importlib.metadata.PackageNotFoundError:
-            version = "not installed"
-        problem = problems[name]
-        if problem is None:
-            yield Check(name, version)
-        else:
-            yield Check(name, f"{version}: {problem}", "refuse", f"{follows}; hint: run scripts/setup")
+def import_problem() -> str:
+    """Why the simulator cannot be imported, empty if it can: tried in a new process, as a native library may crash."""
+    try:
+        child = subprocess.run([sys.executable, "-c", _IMPORT], capture_output=True, text=True, timeout=180)
+    except subprocess.TimeoutExpired:
+        return "no import within 180 s"
+    said = child.stderr.strip().splitlines() if child.returncode > 0 else []
+    return "" if child.returncode == 0 else (said or ["the import crashed"])[-1]
 
 
 def check_cache(folder: Path) -> Check:
+    """Whether objects are built in the cache's folder, and can be."""
     built = sum(not path.name.startswith(".") for path in folder.glob("objects/*"))
     contents = f"{folder}, {built} objects built"
     existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
@@ -67,18 +52,3 @@ def check_cache(folder: Path) -> Check:
     verdict: Rating = "warn" if built else "refuse"
     follows = "no further object can be built; hint: set VLAFUZZ_CACHE to a folder that you may write"
     return Check("cache", f"{contents}, not writable", verdict, follows)
-
-
-def _import_problems(names: list[str]) -> dict[str, str | None]:
-    """By package, the error that importing it raises; None where it works."""
-    command = [sys.executable, "-c", _IMPORT, *names]
-    problems: dict[str, str | None] = dict.fromkeys(names, "the import crashed")
-    try:
-        child = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
-    except subprocess.TimeoutExpired:
-        return dict.fromkeys(names, "no import within 180 s")
-    for line in child.stdout.splitlines():
-        if line.startswith("imported "):
-            name, problem = json.loads(line.removeprefix("imported "))
-            problems[name] = problem
-    return problems
