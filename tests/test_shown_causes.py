@@ -14,7 +14,7 @@ from tests.documentation import PAGES, ROOT, files, text
 EXAMPLE = text("docs/example-report.html")
 _LIST = re.compile(r"^```text\n(Causes of run .*?)^```$", re.DOTALL | re.MULTILINE)
 _ROW = re.compile(
-    r"(?P<conditions>.*? on) fails at: (?P<stage>\w+) · (?P<share>[\d.]+)% \((?P<low>[\d.]+)–(?P<high>[\d.]+)%\) of "
+    r"(?P<conditions>.*? on) (?:fails at: (?P<stage>\w+) · )?(?P<share>[\d.]+)% \((?P<low>[\d.]+)–(?P<high>[\d.]+)%\) of "
     r"random scenes · explains (?P<explains>\d+) failures? · certified: fails (?P<count>\d+) of (?P<of>\d+) "
     r"\((?P<rate_low>[\d.]+)–(?P<rate_high>[\d.]+)%\), solved by the (?P<solver>.*?) · (?P<scene>\w+)"
 )

@@ -114,8 +114,8 @@ def film(
         raise UsageError(f"{finding.found}: has no witness", hint="`vlafuzz triage` looks for one")
     with trusting(*[EVERYTHING] * trust), closing(_runner(path, policy, run)) as runner:
         made = runner.film(failure.scene, solution.actions if witness and solution else None)
-    if made is None:
-        raise UsageError(f"{finding.scene}: cannot be rolled out", hint="`vlafuzz replay` says why")
+    if isinstance(made, str):
+        raise UsageError(f"{finding.scene}: cannot be rolled out: {made}", hint="`vlafuzz replay` shows more")
     return made
 
 

@@ -77,7 +77,7 @@ def test_before_triage_causes_are_listed_as_the_strategy_found_them(store: Store
     assert [cause.failures for cause in found.causes] == [5, 4, 2]
     assert {cause.bucket for cause in found.causes} == {"observed"}
     assert found.causes[1].conditions[0].startswith("light: × 0.")
-    assert found.sentences == ("unexplained failures: 3, variants tried to explain them not counted",)
+    assert found.sentences == ("unexplained: 3 of 14 failures",)
 
 
 def test_causes_with_one_certified_signature_are_one(store: Store):
@@ -89,7 +89,7 @@ def test_causes_with_one_certified_signature_are_one(store: Store):
     assert dark.conditions[0].startswith("light (dark): fails from intensity × 0.")
     assert (len(tilted.found), tilted.rate.failures, tilted.witness) == (2, 4, "seeing")
     more = f"{found.rollouts} more rollouts certified 3 of 3 causes, 2 of them distinct"
-    assert found.sentences == (more, "unexplained failures: 3, variants tried to explain them not counted")
+    assert found.sentences == (more, "unexplained: 3 of 14 failures")
     # each names its minimal scene
     assert all(TILTED(store.scene(cause.scene)) or DARK(store.scene(cause.scene)) for cause in found.causes)
 
@@ -179,7 +179,7 @@ def test_a_report_begins_with_the_causes(store: Store):
     (head,) = view.heads
     camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most 0\.\d+ times the usual"
     assert re.fullmatch(rf"Fails when {camera}, or {light}\.", head.sentence)
-    assert head.evidence.endswith(" rollouts, 2 of 2 causes certified")
+    assert head.evidence.endswith(" rollouts, 2 of 2 causes certified, unexplained: 3 of 14 failures")
     assert [card.title for card in view.causes] == [f"T{cause.title[1:]}" for cause in found.causes]
     page = render(view)
     assert page.index("Fails when the camera") < page.index(view.causes[0].title) < page.index("Causes of run 1")
@@ -196,14 +196,17 @@ def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     assert tilted.step[1].endswith("--minimal --out corpus")
 
 
-def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path, monkeypatch):
+def test_a_card_says_which_share_of_random_scenes_its_range_is_and_how_many_of_their_failures_it_explains(
+    tmp_path: Path, monkeypatch
+):
     monkeypatch.setattr(regions, "DRAWN", 500)  # random scenes, and as many to compare with: fewer are quicker
     rng = np.random.default_rng(0)
     scenes = [only("light", 1), *(SPACE.sample(rng) for _ in range(80))]
+    by_chance = [number for number, scene in enumerate(scenes) if not DARK(scene)][:3]
     with Store.open(tmp_path / "a.db", "write") as opened:
         opened.begin(replace(MANIFEST, strategy="causes"))
         for proposal, scene in enumerate(scenes):
-            opened.add(1, ended(scene, failed() if DARK(scene) else passed(), proposal))
+            opened.add(1, ended(scene, failed() if DARK(scene) or proposal in by_chance else passed(), proposal))
         rough = FoundCause(scenes[0], ("light",), 5, SHARE)  # of the range that the strategy has in mind
         opened.keep_causes(1, Attribution((rough,), 0, Probability(0.9, 0.8, 1.0), tuple(range(1, 81))))
         triage(opened, lambda run: PlantedRunner([DARK]), findings=cause_findings(opened, 1))
@@ -213,6 +216,8 @@ def test_the_share_of_a_card_is_that_of_the_range_it_draws(tmp_path: Path, monke
     assert (axis.quantity, band.quantity) == ("light.intensity", "light.intensity")
     rolled = [failed for scene, failed, drawn in plot.scenes if drawn and band.holds(SPACE, scene)]
     assert all(rolled)
+    assert card.numbers[2] == (str(len(rolled)), f"of {len(rolled) + 3} failures in random scenes explained")
+    assert view.heads[0].evidence.endswith(f"unexplained: 3 of {len(rolled) + 3} failures in random scenes")
     inside = np.mean([band.holds(SPACE, SPACE.sample(rng)) for _ in range(500)])
     assert 0.2 < inside < 0.5
     assert abs(float(card.numbers[0][0].rstrip("%")) / 100 - inside) < 0.07

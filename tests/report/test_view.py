@@ -14,6 +14,7 @@ from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from tests.worlds.reacher import Reacher
 from tests.worlds.tabletop.sim.scenes import nominal
+from vlafuzz.failures.causes import ListedCause
 from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.failures.described import DescribedFailure, deviations
@@ -233,6 +234,29 @@ def test_where_nominal_fails_too_another_neighbour_is_shown(triaged: View):
         )
         told.append(shown.cards[0].shots[0].says)
     assert told == ["without light: passes", "nominal: fails, too"]
+
+
+def test_a_film_that_cannot_be_made_is_replaced_by_the_reason(triaged: View):
+    class Broken(MadeUpFilms):
+        def __call__(self, run, scene, actions):
+            fails = actions is None and scene != SPACE.nominal(like=scene)
+            return "simulator: a wheel came off" if fails else super().__call__(run, scene, actions)
+
+    page = render(filmed(triaged, Broken(), 1, lambda *_: None))
+    assert page.count("<p>No film: simulator: a wheel came off</p><figcaption>this</figcaption>") == 1
+    assert page.count("<video") == 2
+    none = render(filmed(triaged, lambda *_: "no device", 1, lambda *_: None))
+    assert none.count("<p>No film: no device</p>") == 3
+
+
+def test_a_failure_of_a_task_without_stages_names_none(triaged: View, monkeypatch):
+    of = triaged.cards[0].of
+    assert of.stage == of.lost_stage == "grasp"
+    alone = replace(of, run=replace(of.run, task="reach"), lost_stage="success")
+    world = Reacher()
+    world.stages = world.stages[-1:]
+    monkeypatch.setattr("vlafuzz.failures.described.world_of", lambda task: world)
+    assert (alone.stage, ListedCause.of_failure(alone).says[:8]) == ("", "explains")
 
 
 def test_films_in_which_the_policy_passes_are_noted(triaged: View):

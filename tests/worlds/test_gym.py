@@ -14,7 +14,7 @@ from vlafuzz.cli import main
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import amount
+from vlafuzz.model.scene import Scene, amount
 from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
 
@@ -181,6 +181,15 @@ def test_parameters_of_a_group_vary_and_are_reset_together(read):
     changed = {name for name, value in drawn.values if value != dict(space(World()).nominal().values)[name]}
     assert changed == {"x", "y"}
     assert space(World()).reset(drawn, ["place"]) == space(World()).nominal()
+
+
+def test_whole_numbers_of_a_stored_scene_are_whole_again(read):
+    class World(Carts):
+        parameters = read(FILE)
+
+    stored = Scene.from_json(space(World()).nominal().to_json())
+    assert repr(World().values_in(stored)["boxes"]) == "1"
+    assert World().values_in(stored) == dict(stored.values)
 
 
 def test_whole_numbers_stay_whole_in_the_neighbourhood_of_a_scene(read):

@@ -90,7 +90,7 @@ def run_plan(
     if not json:
         if causes and causes.causes:
             print_list([(*cause.conditions, cause.says) for cause in causes.causes], title=causes.title)
-            print_lines(f"unexplained failures: {causes.unexplained}")
+            print_lines(causes.left)
         _print_end(summary, causes, again)
     document |= (causes.document() if causes else _NO_CAUSES) | {"about": says}
     return Done(summary, document, again, interrupted)

@@ -117,7 +117,7 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
         values = [one.title]
     parts = (
         f"{one.run.short} on {one.scene.task}" if mixed else "",
-        f"fails at: {one.lost_stage}",
+        f"fails at: {one.stage}" if one.stage else "",
         f"{one.bucket}: {one.detail}",
         f"{len(one.found)} failures" if len(one.found) > 1 else "",
         one.scene.digest[:12],

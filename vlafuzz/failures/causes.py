@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from typing import Any
+
+import numpy as np
 
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import count_of, interval, percent, plural
@@ -19,6 +21,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import acting
 from vlafuzz.model.quantities import Mechanism, plain_quantity
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, spoken
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
@@ -46,7 +49,8 @@ class ListedCause:
         conditions: one for each operator: the range that fails, or its value in ``scene``.
         bucket: of the scene after triage, ``observed`` before it.
         share: of random scenes that fail for this reason; of several causes in one the largest.
-        failures: of the run that it explains.
+        failures: that it explains: of a certified one the random scenes of the run that failed in its range, else the
+            failures that the strategy traced to it.
         rate: how often the policy fails around ``scene``.
         witness: who solves ``scene``.
         scene: digest of the minimal scene, or without one of the failure that shows the cause.
@@ -75,7 +79,7 @@ class ListedCause:
         return cls(
             title=of.title,
             conditions=tuple(f"{part.operator}: {part.range}" for part in of.deviations),
-            lost_stage=of.lost_stage,
+            lost_stage=of.stage or None,
             failures=len(of.found),
             bucket=of.bucket,
             signature=of.signature,
@@ -120,7 +124,8 @@ class CauseList:
 
     Attributes:
         of: policy and task of the run, in words.
-        unexplained: failures of the run for which no cause was found.
+        unexplained: failures of the run for which no cause was found; of ``failed`` random scenes that failed those in
+            no certified range, where there are such scenes and ranges.
         probability: that the policy fails in a random scene; None if unknown.
         found: number of causes before those with the same signature became one; ``certified`` of them are.
         rollouts: of the policy, to triage their scenes; not part of the run's budget.
@@ -138,10 +143,23 @@ class CauseList:
     rollouts: int
     certify: str = ""
     nominal: str = ""
+    failed: int | None = None
 
     @property
     def title(self) -> str:
         return f"Causes of run {self.run}: {self.of}"
+
+    @property
+    def all_failures(self) -> str:
+        """The failures that are explained or not, in words; variants that were tried to explain them are not counted."""
+        if self.failed:
+            return f"{plural(self.failed, 'failure')} in random scenes"
+        return plural(sum(cause.failures for cause in self.causes) + self.unexplained, "failure")
+
+    @property
+    def left(self) -> str:
+        """How many failures are unexplained, in words."""
+        return f"unexplained: {self.unexplained} of {self.all_failures}"
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -155,8 +173,7 @@ class CauseList:
         if self.certify:
             suspected = "a few single rollouts suggest these operators, which may be wrong or too many"
             found.append(f"not certified means: {suspected}; {self.certify} certifies them")
-        tried = ", variants tried to explain them not counted" if self.unexplained else ""
-        found.append(f"unexplained failures: {self.unexplained}{tried}")
+        found.append(self.left)
         if self.probability:
             found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
         return tuple(found)
@@ -231,12 +248,18 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
         if failure.bucket == "minimal" and cause.mechanism is None:
             taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
-    listed = tuple(sorted(_shared(store, run, space, merged, ranges), key=_rank))
+    scenes = _random(store, run)
+    failing = [scene for scene, failed in scenes if failed]
+    counts, unexplained = _explained(space, merged, ranges, failing)
+    shared = _shared(space, merged, ranges, scenes, kept.probability)
+    causes = (replace(cause, failures=counts.get(key, cause.failures)) for key, cause in shared.items())
+    listed = tuple(sorted(causes, key=_rank))
     return CauseList(
         run=run.id,
         of=title_of([run.manifest]),
         causes=listed,
-        unexplained=kept.unexplained,
+        unexplained=unexplained if counts else kept.unexplained,
+        failed=len(failing) if counts else None,
         probability=kept.probability,
         found=len(kept.causes),
         certified=sum(cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes),
@@ -246,23 +269,43 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     )
 
 
+def _random(store: Store, run: Run) -> list[tuple[Scene, bool]]:
+    """The random scenes of a run that passed or failed, each with whether it failed."""
+    kept = store.causes(run.id)
+    drawn = set(kept.at_random) if kept else set[int]()
+    trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
+    return [(trial.scene, not trial.outcome.passed) for trial in trials] if drawn else []
+
+
+def _explained(
+    space: Space, causes: Mapping[object, ListedCause], ranges: Mapping[object, Range], failing: Sequence[Scene]
+) -> tuple[dict[object, int], int]:
+    """How many of the scenes that failed are in the range of each certified cause, and how many in none of them."""
+    inside = {key: one.holds(failing) for key, one in ranges.items()} if failing else {}
+    for key, cause in causes.items():
+        if failing and cause.bucket == "minimal" and (through := cause.mechanism):
+            amounts = np.array([space.measured(scene).get(through.quantity, np.nan) for scene in failing])
+            inside[key] = amounts >= through.threshold if through.above else amounts <= through.threshold
+    counts = {key: int(held.sum()) for key, held in inside.items()}
+    return counts, int((~np.any(list(inside.values()), axis=0)).sum()) if inside else len(failing)
+
+
 def _shared(
-    store: Store, run: Run, space: Space, causes: Mapping[object, ListedCause], ranges: Mapping[object, Range]
-) -> Iterable[ListedCause]:
+    space: Space,
+    causes: Mapping[object, ListedCause],
+    ranges: Mapping[object, Range],
+    scenes: Sequence[tuple[Scene, bool]],
+    most: Probability | None,
+) -> Mapping[object, ListedCause]:
     """The causes with the shares of random scenes that fail in the printed ranges; others as the strategy has them.
 
     None is above that of all failures, of which it is a part.
     """
-    kept = store.causes(run.id)
-    drawn = set(kept.at_random) if kept and ranges else set[int]()
-    trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
-    scenes = [(trial.scene, not trial.outcome.passed) for trial in trials] if drawn else []
-    if not kept or not scenes:
-        return causes.values()
-    most = kept.probability or Probability(1.0, 1.0, 1.0)
+    if not ranges or not scenes:
+        return causes
     found = zip(ranges, shares(space, list(ranges.values()), scenes), strict=True)
-    told = {key: Probability(*map(min, share, most)) for key, share in found}
-    return [replace(cause, share=told.get(key, cause.share)) for key, cause in causes.items()]
+    told = {key: Probability(*map(min, share, most or Probability(1.0, 1.0, 1.0))) for key, share in found}
+    return {key: replace(cause, share=told.get(key, cause.share)) for key, cause in causes.items()}
 
 
 def _target_types(space: Space, cause: FoundCause, triaged: Triaged | None) -> tuple[str, ...]:

@@ -99,6 +99,11 @@ class DescribedFailure(Failure):
     picture: bytes | None = None
 
     @property
+    def stage(self) -> str:
+        """The stage that the policy does not reach; empty in a task whose only stage is success."""
+        return self.lost_stage if len(world_of(self.run.task).task(self.run.task).stages) > 1 else ""
+
+    @property
     def title(self) -> str:
         """Say in words what the failure takes; before triage, name the values that are farthest off."""
         parts = self.deviations

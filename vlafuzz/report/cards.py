@@ -59,9 +59,9 @@ def card_of(
     of: DescribedFailure | None,
     plot: Plot | None,
     cause: ListedCause | None = None,
-    failures: int = 0,
+    failures: str = "",
 ) -> Card:
-    """The card of a failure, or of a cause with the failure that shows it, and how many its run has."""
+    """The card of a failure, or of a cause with the failure that shows it, and all those of its run, in words."""
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity
@@ -101,7 +101,7 @@ def _badge(of: DescribedFailure | None, cause: ListedCause | None) -> tuple[str,
     return words[of.bucket], f"{detail} {more.get(of.bucket, '')}".strip()
 
 
-def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: int) -> Iterator[tuple[str, str]]:
+def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: str) -> Iterator[tuple[str, str]]:
     if cause.share:
         yield percent(cause.share.value), f"of random scenes fail for this cause ({interval(*cause.share[1:])})"
     if of and of.rate:
@@ -113,7 +113,7 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: int) -> 
         else:
             yield percent(of.rate.share), counts
     if failures:
-        yield str(cause.failures), f"of {plural(failures, 'failure')} explained"
+        yield str(cause.failures), f"of {failures} explained"
 
 
 def _strips(of: DescribedFailure, plot: Plot, bands: Sequence[Band]) -> Iterator[Strip]:

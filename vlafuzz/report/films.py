@@ -14,8 +14,8 @@ from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import Film
 
-# Makes a film of the run's policy in a scene, or of the given actions; None if that raised an error.
-Films = Callable[[Manifest, Scene, Actions | None], Film | None]
+# Makes a film of the run's policy in a scene, or of the given actions; says why there is none if that broke.
+Films = Callable[[Manifest, Scene, Actions | None], Film | str]
 TRIED = 2  # neighbours, of which the first that passes is shown
 
 
@@ -29,9 +29,9 @@ class RunFilms:
         self._source = source
         self._run: Manifest | None = None
         self._runner: scene_runner.SimulatorSceneRunner | None = None
-        self._made: dict[str, Film | None] = {}
+        self._made: dict[str, Film | str] = {}
 
-    def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | None:
+    def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | str:
         if self._runner is None or run != self._run:
             self.close()
             self._run, self._runner = run, scene_runner.SimulatorSceneRunner(self._source, run)
@@ -62,7 +62,7 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
     causes, failures = (
         tuple(replace(card, shots=shots.get(card, ())) for card in cards) for cards in (view.causes, view.failures)
     )
-    shown = [shot.film for several in shots.values() for shot in several if shot.kind == "fails"]
+    shown = [shot.film for several in shots.values() for shot in several if shot.kind == "fails" and shot.film]
     notes = list(view.notes)
     if passed := sum(not film.failed for film in shown):
         reason = "policy, simulator or machine differ from those of the run, or the policy is stochastic"
@@ -71,18 +71,28 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
 
 
 def _shots(card: Card, of: DescribedFailure, films: Films) -> Iterator[Shot]:
-    """What passes beside it, the failure, and the reference solution."""
+    """What passes beside it, the failure, and the reference solution; each with a film, or why there is none."""
     neighbour = None
     for name, scene in card.neighbours[:TRIED]:
-        if scene != of.scene and (film := films(of.run, scene, None)):
-            if neighbour is None or not film.failed:
-                neighbour = Shot("passes", f"{name}: {'fails, too' if film.failed else 'passes'}", film)
-            if not film.failed:
-                break
+        if scene == of.scene:
+            continue
+        film = films(of.run, scene, None)
+        passes = isinstance(film, Film) and not film.failed
+        if neighbour is None or passes:
+            neighbour = _shot("passes", name, film, "passes", "fails, too")
+        if passes:
+            break
     if neighbour:
         yield neighbour
-    if film := films(of.run, of.scene, None):
-        yield Shot("fails", f"this: {f'fails at {film.lost}' if film.failed else 'passes this time'}", film)
-    if of.witness and (film := films(of.run, of.scene, of.witness.actions)):
-        solver = "fails here" if film.failed else f"solves it ({SOLVERS[of.witness.solver]})"
-        yield Shot("solves", f"reference: {solver}", film)
+    film = films(of.run, of.scene, None)
+    stage = f" at {film.lost}" if isinstance(film, Film) and film.lost else ""
+    yield _shot("fails", "this", film, "passes this time", f"fails{stage}")
+    if of.witness:
+        solves = f"solves it ({SOLVERS[of.witness.solver]})"
+        yield _shot("solves", "reference", films(of.run, of.scene, of.witness.actions), solves, "fails here")
+
+
+def _shot(kind: str, name: str, film: Film | str, passes: str, fails: str) -> Shot:
+    if isinstance(film, str):
+        return Shot(kind, name, None, film or "the scene cannot be rolled out here")
+    return Shot(kind, f"{name}: {fails if film.failed else passes}", film)

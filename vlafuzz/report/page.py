@@ -29,7 +29,8 @@ def render(view: View, *, refresh: int | None = None) -> str:
     Args:
         refresh: seconds after which the browser loads it again.
     """
-    films = {film_id(shot.film): _encoded(shot.film.video) for card in view.cards for shot in card.shots}
+    made = [shot.film for card in view.cards for shot in card.shots if shot.film]
+    films = {film_id(film): _encoded(film.video) for film in made}
     page = environment().get_template("page.html.j2")
     plots = [_plot_data(plot, view) for plot in view.plots]
     return page.render(

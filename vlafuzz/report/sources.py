@@ -87,23 +87,22 @@ def _plot(store: Store, runs: Sequence[Run]) -> Plot:
     return plot_of(title_of([runs[0].manifest]), space_of(store.path, runs[0].manifest), list(scenes.values()))
 
 
-def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, int]]:
-    """Each cause with the failure that shows it, and the number of failures that its run could explain.
+def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, str]]:
+    """Each cause with the failure that shows it, and all failures of its run in words.
 
     Then what is certified without being in a list, as of random scenes, one failure for each signature.
     """
     policies = {run.id: run.manifest.key() for run in runs}
     failures, told = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}, set[str]()
     for found in listing.causes:
-        explained = sum(cause.failures for cause in found.causes) + found.unexplained
         for cause in found.causes:
             keys = ((digest, policies[found.run]) for digest in cause.found)
             told.add(policies[found.run] + str(cause.signature))
-            yield cause, next((failures[key] for key in keys if key in failures), None), explained
+            yield cause, next((failures[key] for key in keys if key in failures), None), found.all_failures
     for one in listing.failures:
         if one.bucket == "minimal" and (name := one.run.key() + str(one.signature)) not in told:
             told.add(name)
-            yield ListedCause.of_failure(one), one, 0
+            yield ListedCause.of_failure(one), one, ""
 
 
 def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) -> Head:
@@ -114,7 +113,8 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) ->
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
     said = told(found, causes, failed, judged)
-    return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found))
+    left = f", {found.left}" if found and found.causes else ""
+    return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found) + left)
 
 
 def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:

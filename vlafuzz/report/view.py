@@ -23,11 +23,12 @@ class Strip(NamedTuple):
 
 
 class Shot(NamedTuple):
-    """A film of a card; ``kind`` is ``passes``, ``fails`` or ``solves``."""
+    """A film of a card; ``kind`` is ``passes``, ``fails`` or ``solves``; ``missing``: why there is no film."""
 
     kind: str
     says: str
-    film: Film
+    film: Film | None
+    missing: str = ""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -157,8 +157,8 @@ class SimulatorSceneRunner:
         except PrerequisiteError:
             return None
 
-    def film(self, scene: Scene, actions: Actions | None = None) -> Film | None:
-        """What the policy does in a fair scene, or the robot that executes actions; None if that broke."""
+    def film(self, scene: Scene, actions: Actions | None = None) -> Film | str:
+        """What the policy does in a fair scene, or the robot that executes actions; why there is none if that broke."""
         from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4
 
         played = actions is not None
@@ -171,7 +171,7 @@ class SimulatorSceneRunner:
             self._player.actions = actions
         outcome = evaluate_safely(evaluator, [scene])[0]
         if not outcome.rollouts:
-            return None
+            return outcome.detail
         hz = min(self._world.robot(scene.robot).control_hz or of.spec.action.hz, FRAMES)
         (rollout, *_), frames = outcome.rollouts, recording.frames
         stages = tuple(
@@ -189,7 +189,7 @@ class SimulatorSceneRunner:
             rate=hz * FILM_SPEED,
             moment=moment,
             stages=stages,
-            lost=outcome.lost_stage or "",
+            lost=outcome.lost_stage or "" if len(self.stages) > 1 else "",
         )
 
     def close(self) -> None:

@@ -37,7 +37,7 @@ class Film:
         still: JPEG of the moment that tells most: where a failure makes no progress any more, or at success.
         moment: the frame of the still.
         stages: that were reached, each with its frame.
-        lost: the stage that was not reached, of a failure.
+        lost: the stage that was not reached, of a failure; empty in a task whose only stage is success.
     """
 
     video: bytes

@@ -75,12 +75,12 @@ class ValuesSpace(Space):
         problem = None
         for _ in range(REDRAWS):
             scene = self.compose({path: self.draw(path, rng) for path in self.by_path})
-            if (problem := self._world.unfair(dict(scene.values))) is None:
+            if (problem := self._world.unfair(self._world.values_in(scene))) is None:
                 return scene
         raise UsageError(f"{self.task.name}: no fair scene in {REDRAWS}: {problem}", hint="narrow the ranges")
 
     def repaired(self, scene: Scene, rng: np.random.Generator) -> Scene | None:
-        return scene if self._world.unfair(dict(scene.values)) is None else None
+        return scene if self._world.unfair(self._world.values_in(scene)) is None else None
 
     def jittered(self, scene: Scene, number: int) -> Scene:
         """Numbers that vary change by less than half a step, within their ranges."""
@@ -106,7 +106,7 @@ class ValuesEpisode(Episode):
         task: Task,
         cameras: Collection[str] = (),
     ) -> None:
-        self._world, self._state, self._cameras = world, world.reset(dict(scene.values), seed), cameras
+        self._world, self._state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
         self._hash = hashlib.blake2b(digest_size=16)
         monitor = Monitor(task.stages)
         super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=world.horizon)
@@ -160,7 +160,7 @@ class ValuesEvaluator(SceneEvaluator):
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._task.name or dict(scene.values).keys() != self._world.named.keys():
             return Rejection("semantic", f"it is no scene of {self._task.name}")
-        problem = self._world.unfair(dict(scene.values))
+        problem = self._world.unfair(self._world.values_in(scene))
         return Rejection("geometry", problem) if problem else None
 
     def begin(self, scene: Scene, seed: int) -> Episode:
@@ -264,6 +264,11 @@ class ValuesWorld(World, Generic[State]):
         """The scene of a task with these values."""
         told = tuple(sorted(values.items()))
         return Scene(task, (), self.instruction(own_name(task), values), robot=ROBOT, values=told)
+
+    def values_in(self, scene: Scene) -> dict[str, Value]:
+        """The values of a scene by name: of a stored one whole numbers again, which its file has as ``2.0``."""
+        whole = {one.name for one in self.parameters if one.kind == "integer"}
+        return {name: int(value) if name in whole else value for name, value in scene.values}
 
     def has(self, task: str) -> bool:
         return own_name(task) in self.tasks

@@ -115,7 +115,7 @@ def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> by
         return None
     with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
         film = runner.film(probe.scene)
-    return film.still if film else None
+    return None if isinstance(film, str) else film.still
 
 
 def _check_power(corpus: Corpus, scenes: Sequence[Probe], baseline: str | None, alpha: float, watch: Watch) -> None:
