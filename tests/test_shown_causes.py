@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from tests.documentation import PAGES, ROOT, files, text
+from vlafuzz.failures.regions import DRAWN
 
 EXAMPLE = text("docs/example-report.html")
 _LIST = re.compile(r"^```text\n(Causes of run .*?)^```$", re.DOTALL | re.MULTILINE)
@@ -101,7 +102,8 @@ def test_the_failure_probability_in_readme_is_that_of_the_example_report():
 
 @pytest.mark.parametrize(("page", "row"), SHOWN, ids=[f"{page}-{row['scene']}" for page, row in SHOWN])
 def test_a_share_is_the_probability_of_its_range_times_the_failure_rate_there(page, row):
-    inside, rounding = region(row, ranges(page)), 0.1
+    inside = region(row, ranges(page))
+    rounding = 0.1 + 200 * math.sqrt(inside / 100 * (1 - inside / 100) / DRAWN)  # two sigma of the scenes it is from
     share, *rate = (float(row[name]) for name in ("share", "rate_low", "rate_high"))
     assert inside * rate[0] / 100 - rounding <= share <= inside * rate[1] / 100 + rounding
     assert float(row["low"]) <= share <= float(row["high"])
