@@ -151,7 +151,7 @@ class CauseList:
 
     @property
     def all_failures(self) -> str:
-        """The failures that are explained or not, in words; variants that were tried to explain them are not counted."""
+        """The failures that are explained or not, in words, without variants that were tried to explain them."""
         if self.failed:
             return f"{plural(self.failed, 'failure')} in random scenes"
         return plural(sum(cause.failures for cause in self.causes) + self.unexplained, "failure")

@@ -158,7 +158,7 @@ class SimulatorSceneRunner:
             return None
 
     def film(self, scene: Scene, actions: Actions | None = None) -> Film | str:
-        """What the policy does in a fair scene, or the robot that executes actions; why there is none if that broke."""
+        """What the policy does in a fair scene, or the robot that executes actions; else why there is none."""
         from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4
 
         played = actions is not None
