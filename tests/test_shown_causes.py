@@ -15,8 +15,8 @@ from vlafuzz.failures.regions import DRAWN
 EXAMPLE = text("docs/example-report.html")
 _LIST = re.compile(r"^```text\n(Causes of run .*?)^```$", re.DOTALL | re.MULTILINE)
 _ROW = re.compile(
-    r"(?P<conditions>.*? on) (?:fails at: (?P<stage>\w+) · )?(?P<share>[\d.]+)% \((?P<low>[\d.]+)–(?P<high>[\d.]+)%\) of "
-    r"random scenes · explains (?P<explains>\d+) failures? · certified: fails (?P<count>\d+) of (?P<of>\d+) "
+    r"(?P<conditions>.*? on) (?:fails at: (?P<stage>\w+) · )?(?P<share>[\d.]+)% \((?P<low>[\d.]+)–(?P<high>[\d.]+)%\) "
+    r"of random scenes · explains (?P<explains>\d+) failures? · certified: fails (?P<count>\d+) of (?P<of>\d+) "
     r"\((?P<rate_low>[\d.]+)–(?P<rate_high>[\d.]+)%\), solved by the (?P<solver>.*?) · (?P<scene>\w+)"
 )
 _CONDITION = re.compile(r"([\w-]+) \([^)]*\): fails from ([a-z]+) ([-× \d.]+)")
