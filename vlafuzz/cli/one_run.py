@@ -176,7 +176,7 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
 
 
 def _next(store: Store, summary: Summary, found: CauseList | None, again: str) -> str:
-    """What to do next: the command, and how long it takes."""
+    """Say what to do next, with the command and how long it takes."""
     trust = trust_flag(summary.policy)
     if summary.stopped == TIME_OVER:
         left = (summary.budget - summary.rollouts) * summary.seconds / max(summary.rollouts, 1)

@@ -51,11 +51,11 @@ _IN_WORDS: dict[Shape, str] = {
 
 
 def believe(baseline: Floats, outcomes: Floats) -> dict[Shape, Floats]:
-    """By shape of the loss, the probability that it has this shape and begins with each of the checkpoints.
+    """Give, by shape of the loss, the probability that it has this shape and begins with each of the checkpoints.
 
     Args:
         baseline: 1 where the baseline passed, 0 where it failed, NaN where that is not known: (scenes,).
-        outcomes: likewise those of the checkpoints, in order: (checkpoints, scenes). The last one has some.
+        outcomes: those of the checkpoints, in order, in the same way: (checkpoints, scenes). The last one has some.
     """
     number, ran = len(outcomes), np.flatnonzero(~np.isnan(outcomes).all(axis=1))
     logs = _log_likelihoods(baseline, outcomes[ran])
@@ -71,9 +71,9 @@ def believe(baseline: Floats, outcomes: Floats) -> dict[Shape, Floats]:
 
 
 def _log_likelihoods(baseline: Floats, outcomes: Floats) -> Floats:
-    """Of each checkpoint's outcomes: (checkpoints, losses, latent).
+    """Give the log likelihoods of each checkpoint's outcomes: (checkpoints, losses, latent).
 
-    Latent are what all share: how alike scenes are, and the mean pass rate of what works (Jeffreys' prior).
+    Latent is what all checkpoints share: how alike scenes are, and the mean pass rate of what works (Jeffreys' prior).
     """
     rates = betaincinv((baseline == 1).sum() + 0.5, (baseline == 0).sum() + 0.5, RATES)
     alike, rate = (values.ravel() for values in np.meshgrid(ALIKE, rates, indexing="ij"))
@@ -88,7 +88,7 @@ def _log_likelihoods(baseline: Floats, outcomes: Floats) -> Floats:
 
 @cache
 def _courses(number: int) -> dict[Shape, tuple[Integers, Integers]]:
-    """By shape, equally likely courses of the loss, as indices of ``GRID``, and where each begins."""
+    """List the equally likely courses of the loss by shape, as indices of ``GRID``, and where each begins."""
     at = range(number)
     pairs, growths = list(combinations(at, 2)), list(combinations(STEPS[::2], 2))
     # A course is a line from corner to corner, of which these are the checkpoints and the losses.
@@ -227,7 +227,7 @@ class Bisection:
 
     @property
     def _if_one_step(self) -> Floats:
-        """Likewise, if the loss comes in one step."""
+        """The same probabilities, if the loss comes in one step."""
         one_step: Floats = self.chances["one step"]
         return one_step / one_step.sum() if one_step.sum() > 0 else self._first
 
@@ -263,7 +263,7 @@ class Bisection:
 
     @property
     def shape(self) -> Shape | None:
-        """How it came, most likely."""
+        """The most likely one of these; None without an alarm."""
         return max(self.shapes, key=self.shapes.__getitem__, default=None)
 
     @property
@@ -284,7 +284,7 @@ def _passed(outcome: Outcome) -> float:
 
 
 def _said(probability: float) -> str:
-    """Never 100 %."""
+    """A probability in words, never as 100 %."""
     return percent(probability) if probability < 0.999 else "over 99.9%"
 
 
