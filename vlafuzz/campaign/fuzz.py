@@ -213,7 +213,7 @@ class _Campaign:
             self._admit(proposals)
 
     def _room(self) -> int:
-        """For how many proposals to ask now."""
+        """The number of proposals to ask for now."""
         manifest, awaited = self.tally.manifest, len(self.awaited)
         if self.tally.stopped or (awaited and not overlaps(self.strategy)):
             return 0

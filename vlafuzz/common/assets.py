@@ -48,7 +48,7 @@ def find(path: str) -> Path | None:
 
 
 def need(path: str, what: str) -> Path:
-    """As ``find``; a PrerequisiteError, which says ``what`` needs the file, if it is nowhere."""
+    """Find a path as ``find`` does; a PrerequisiteError, which says ``what`` needs the file, if it is nowhere."""
     place = find(path)
     if place is None:
         folders = ", ".join(listed())

@@ -59,7 +59,7 @@ class Share:
 
     @property
     def share(self) -> float:
-        """In [0, 1]; 0 where there are no cases."""
+        """The share in [0, 1]; 0 where there are no cases."""
         return self.count / self.of if self.of else 0.0
 
     def __str__(self) -> str:

@@ -38,7 +38,7 @@ class Rate:
 
     @property
     def share(self) -> float:
-        """Of the rollouts, those that failed; 0 where there are none."""
+        """The share of the rollouts that failed; 0 where there are none."""
         return self.failures / max(self.rollouts, 1)
 
     @classmethod

@@ -121,7 +121,7 @@ class InitialPose:
 
 @dataclass(frozen=True)
 class Noise:
-    """Of every image that the policy sees, in this order.
+    """Noise in every image that the policy sees, applied in this order.
 
     ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the quality of JPEG
     compression, 100 for none.

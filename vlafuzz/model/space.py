@@ -260,7 +260,7 @@ class Space(ABC):
 
     @property
     def quantities(self) -> Mapping[str, Quantity]:
-        """By name, the numbers of a scene that a policy may fail by, whichever operators change them."""
+        """The numbers, by name, of a scene that a policy may fail by, whichever operators change them."""
         return {}
 
     def measured(self, scene: Scene) -> Mapping[str, float]:

@@ -145,7 +145,7 @@ def _of_quantity(of: DescribedFailure, plot: Plot, cause: ListedCause | None) ->
 
 
 def _step(source: Path, of: DescribedFailure) -> tuple[str, str]:
-    """What to do next, and the command."""
+    """Say what to do next, with the command."""
     trust = trust_flag(of.run.policy)
     if of.bucket == "observed":
         return "Find out whether it holds:", shlex.join(["vlafuzz", "triage", str(source), "--limit", "5", *trust])

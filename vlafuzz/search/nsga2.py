@@ -145,7 +145,7 @@ class Nsga2:
 
     @staticmethod
     def _objectives(score: Score, novelty: float) -> tuple[float, float, float]:
-        """To be minimized. Severity and novelty count for failures only."""
+        """The numbers to be minimized. Severity and novelty count for failures only."""
         if score.failed:
             return score.ease, score.severity, -novelty
         return (score.ease if score.rolled_out else 0.0), MOST_SEVERE, 0.0

@@ -143,7 +143,7 @@ class Rates:
         return elsewhere + (inside - elsewhere) * explained
 
     def chance(self, *, explained: bool) -> float:
-        """With which to roll out: less where outcomes vary less (Neyman 1934 <https://doi.org/10.2307/2342192>)."""
+        """The probability with which to roll out: less where outcomes vary less (Neyman 1934 <https://doi.org/10.2307/2342192>)."""
         if not explained:
             return 1.0
         inside, elsewhere = (math.sqrt(rate * (1 - rate)) for rate in (self.predict(1.0), self.predict(0.0)))
