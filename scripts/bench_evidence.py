@@ -33,7 +33,7 @@ from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.evidence import Threshold
 from vlafuzz.model.scene import Scene
 from vlafuzz.search import registry
-from vlafuzz.search.base import causes, looks_for_causes
+from vlafuzz.search.base import looks_for_causes, said_by
 from vlafuzz.store.records import Finding, Triaged
 
 EFFECT = 0.2  # by which a reset lowers the rate where a row is true
@@ -56,7 +56,7 @@ def run(job: Job) -> Row:
     space = space_of(here.task)
     strategy = registry.strategy_factory(options.strategy)(space, job.seed, options.budget)
     tried = [pair for batch in search(space, here.evaluate, strategy, options.budget) for pair in batch]
-    listed = sorted(causes(strategy), key=lambda cause: -(cause.share.value if cause.share else 0))
+    listed = sorted(said_by(strategy, "causes", ()), key=lambda cause: -(cause.share.value if cause.share else 0))
     scenes = [(space.decode(cause.genome), cause.operators) for cause in listed]
     true = [is_true(here, scene, operators) for scene, operators in scenes]
     faults = {met[0] for scene, _ in scenes if len(met := here.met(scene)) == 1}

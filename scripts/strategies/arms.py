@@ -18,7 +18,7 @@ from strategies.faults import World, space_of
 from strategies.search import search
 from strategies.triaged import Triages
 from vlafuzz.search import registry
-from vlafuzz.search.base import Source, Strategy, causes
+from vlafuzz.search.base import Source, Strategy, said_by
 from vlafuzz.search.causes.strategy import Causes
 
 HUNTING = "causes"
@@ -52,8 +52,8 @@ def hunt(world: World, strategy: Strategy, budget: int) -> Course:
     for tried in search(space, world.evaluate, strategy, budget):
         spent += len(tried)
         course.touched.append((spent, touched(world, tried)))
-        reported = [(cause.genome.tobytes(), cause.operators) for cause in causes(strategy)]
-        for key, cause in zip(reported, causes(strategy), strict=True):
+        reported = [(cause.genome.tobytes(), cause.operators) for cause in said_by(strategy, "causes", ())]
+        for key, cause in zip(reported, said_by(strategy, "causes", ()), strict=True):
             if key not in verdicts:
                 verdicts[key] = judge(world, space.decode(cause.genome), cause.operators)
         course.report(spent, [verdicts[key] for key in reported])

@@ -4,7 +4,6 @@ import pytest
 from tests.search.toy import Toy
 from tests.search.worlds import EASY, judged, space, toy
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.search.base import about
 from vlafuzz.search.nsga2 import LARGEST, SMALLEST, TINIEST, Nsga2
 from vlafuzz.search.scoring import Score
 
@@ -61,7 +60,7 @@ def test_a_budget_has_room_for_ten_generations(budget: int | None, size: int):
 
 @pytest.mark.parametrize(("budget", "says"), [(300, "population of 20, 15 generations"), (None, "population of 64")])
 def test_it_says_how_large_its_population_is(budget: int | None, says: str):
-    assert about(Nsga2(space(), 0, budget)) == says
+    assert Nsga2(space(), 0, budget).about == says
 
 
 def test_the_population_moves_toward_failures():

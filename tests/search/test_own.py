@@ -12,7 +12,7 @@ from tests.search.worlds import space, toy
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.search.base import Proposal, about
+from vlafuzz.search.base import Proposal, said_by
 from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.store import Store
 
@@ -101,5 +101,5 @@ def test_what_it_raises_is_a_sentence_that_says_where():
 
 
 def test_it_may_say_something_of_itself():
-    assert about(Own("python:mine:make", Given([0.5]), 1)) == "nothing new"
-    assert about(strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60)) == ""
+    assert said_by(Own("python:mine:make", Given([0.5]), 1), "about", "") == "nothing new"
+    assert said_by(strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60), "about", "") == ""

@@ -11,7 +11,7 @@ from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.search.base import Cause, Genome, Strategy, at_random, causes, probability, unexplained
+from vlafuzz.search.base import Cause, Genome, Strategy, said_by
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.scoring import Measure
 from vlafuzz.store.records import Attribution, FoundCause
@@ -28,14 +28,15 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
 
     A cause's failures are some of all failures, so no bound of its share is above that of the probability.
     """
-    overall = probability(strategy)
+    overall: Probability | None = said_by(strategy, "probability", None)
     trials = list(store.trials(run))
     failures = [
         (trial.scene, trial.genome)
         for trial in trials
         if trial.outcome.verdict is Verdict.FAILED and trial.genome is not None
     ]
-    listed, drawn = causes(strategy), at_random(strategy)
+    listed: Sequence[Cause] = said_by(strategy, "causes", ())
+    drawn = tuple(said_by(strategy, "at_random", ()))
     plain = [
         FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall))
         for cause in listed
@@ -44,7 +45,7 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
     left = set(range(len(plain))) - {member for one in merged for member in one.members}
     found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall) for one in merged]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
-    return Attribution(tuple(found), unexplained(strategy), overall, drawn)
+    return Attribution(tuple(found), len(said_by(strategy, "unexplained", ())), overall, drawn)
 
 
 def _as_one(found: Sequence[FoundCause], merged: Merged, overall: Probability | None) -> FoundCause:

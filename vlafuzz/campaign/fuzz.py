@@ -17,7 +17,7 @@ from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import Executor
-from vlafuzz.search.base import Genome, Proposal, Strategy, causes_found, looks_for_causes, overlaps
+from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
 from vlafuzz.search.scoring import Measure, cell, score
 from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
@@ -272,7 +272,8 @@ class _Campaign:
         with self.tally.search:
             self.strategy.tell([asked.proposal for asked in group], scores)
             if looks_for_causes(self.strategy):
-                self.tally.causes = causes_found(self.strategy)
+                found = said_by(self.strategy, "found", None)
+                self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
 
     def _take(self, asked: _Asked, outcome: Outcome) -> None:
         """Store a trial; one to which the policy did not answer is stored once it answers again.

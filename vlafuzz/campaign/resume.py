@@ -31,8 +31,7 @@ def resume(flags: Mapping[str, Any]) -> Plan:
     wanted = dict(flags) | ({"strategy": named.strategy} if asked.scenes else {})
     with Store.open(path) as store:
         run = _unfinished(store, wanted)
-        own = (trial for trial in store.trials(run.id) if not trial.duplicate)
-        done = sum(len(trial.outcome.rollouts) for trial in own)
+        done = store.rollouts(run.id)
     check_trusted(run.manifest.policy, run.manifest.strategy)
     stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}

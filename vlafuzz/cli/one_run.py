@@ -28,7 +28,7 @@ from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_caus
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.cards import evidence, told
 from vlafuzz.report.tables import half_in_words, half_of_run, rate_of
-from vlafuzz.search.base import about, looks_for_causes
+from vlafuzz.search.base import looks_for_causes, said_by
 from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED
 from vlafuzz.store.store import Store
@@ -77,7 +77,7 @@ def run_plan(
     trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
     again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
     summary = _start(plan, search, again)
-    causes, says = _causes(summary), about(plan.strategy)
+    causes, says = _causes(summary), said_by(plan.strategy, "about", "")
     document = asdict(summary)
     if summary.stopped:
         Bar.note(f"stopped: {summary.stopped}")

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
 
-# Share of the budget that is spent to find the severity at which one half fails, and the fewest rollouts for it. With 60
-# rollouts, the 95 % interval of that severity is 0.17 to 0.28 wide in simulation.
+# Share of the budget that is spent to find the severity at which one half fails, and the fewest rollouts for it. With
+# 60 rollouts, the 95 % interval of that severity is 0.17 to 0.28 wide in simulation.
 PROBING, FEWEST = 0.25, 20
 
 

@@ -14,20 +14,18 @@ from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.triage.jobs import Job as TriageJob
-from vlafuzz.failures.triage.jobs import runner_of_run
+from vlafuzz.failures.triage.jobs import Allowance, runner_of_run, work
 from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
+from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
 from vlafuzz.lab.runs import Job, SpeedOf, complete
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.rollouts.crew import Make, crew_at
+from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place
-from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Run, Triaged, Trial
 from vlafuzz.store.store import Store
 
-Known = dict[tuple[str, str], Triaged | None]
-"""Results of triage by the finding's key; None where a finding could not be judged."""
+Known = dict[tuple[str, str], Triaged]  # results of triage by the finding's key
 
 
 def compare(
@@ -101,7 +99,7 @@ def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None,
         run=run.id,
         strategy=run.manifest.strategy,
         seed=run.manifest.seed,
-        rollouts=sum(len(trial.outcome.rollouts) for trial in trials if not trial.duplicate),
+        rollouts=store.rollouts(run.id),
         **(made._asdict() if made else {}),
         causes=len(made.signatures) if made else None,
         failures=len({trial.scene.digest for trial in trials if trial.outcome.verdict is Verdict.FAILED}),
@@ -136,8 +134,7 @@ def certified(findings: Sequence[Finding], known: Known, limit: int) -> Certifie
 
 def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch: Watch) -> None:
     """Triage the failures of each run, as far as that was not done before."""
-    results = known_results(store)
-    left = [run for run in runs if _missing(findings_in_order(store, run.id), results, limit)]
+    left = [run for run in runs if _left(store, run, limit)[0]]
     if not left:
         return
     most = len(left) * limit
@@ -155,6 +152,20 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch:
             f"{plural(unjudged, 'failure')} could not be judged: the policy broke, or it is no longer fair\n"
             "hint: the same command tries them again"
         )
+
+
+def _left(store: Store, run: Run, limit: int) -> tuple[list[Finding], Allowance]:
+    """The findings of a run that are to be triaged, and what those before the first of them leave of the limit."""
+    known, left, spent, allowance = known_results(store), list[Finding](), 0, Allowance(limit)
+    for finding in findings_in_order(store, run.id):
+        if spent >= limit:
+            break
+        if result := known.get(finding.key):
+            spent += result.policy_rollouts
+            allowance.spent += 0 if left else result.policy_rollouts
+        else:
+            left.append(finding)
+    return left, allowance
 
 
 def certify(
@@ -176,39 +187,19 @@ def certify(
     Returns:
         The number of findings that could not be judged: see ``pipeline.triage``.
     """
-    results = known_results(store)
+    unjudged = 0
     for index, run in enumerate(runs):
-        findings = findings_in_order(store, run.id)
-        job = job_of(store, run, findings)
-        watch(index, 0)
-        with crew_at(place, partial(make, run), run.manifest.policy) as crew:
-            triage = partial(_triaged, job, crew.runner)
-            while batch := _missing(findings, results, limit)[: place.workers]:
-                for number, triaged in crew.each(triage, batch):
-                    results[batch[number].key] = triaged
-                    if triaged:
-                        store.settle(triaged)
-                watch(index, certified(findings, results, limit).triage_rollouts)
-    return sum(result is None for result in results.values())
+        left, allowance = _left(store, run, limit)
+        watch(index, min(allowance.spent, limit))
+        for result in work(make, [job_of(store, run, left)], place, allowance):
+            if isinstance(result, Triaged):
+                allowance.charge(result)
+                store.settle(result)
+            else:
+                unjudged += result is not Unjudged.LATE
+            watch(index, min(allowance.spent, limit))
+    return unjudged
 
 
 def known_results(store: Store) -> Known:
     return {triaged.key: triaged for triaged in store.triaged()}
-
-
-def _triaged(job: TriageJob, runner: SceneRunner, finding: Finding) -> Triaged | None:
-    triaged = job.triager(runner).triage(finding)
-    return triaged if isinstance(triaged, Triaged) else None
-
-
-def _missing(findings: Sequence[Finding], results: Known, limit: int) -> list[Finding]:
-    """The findings that were not triaged yet and for which the others have left rollouts."""
-    spent, missing = 0, []
-    for finding in findings:
-        if spent >= limit:
-            break
-        if finding.key not in results:
-            missing.append(finding)
-        elif result := results[finding.key]:
-            spent += result.policy_rollouts
-    return missing

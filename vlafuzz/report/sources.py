@@ -13,7 +13,7 @@ from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.cards import card_of, evidence, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
-from vlafuzz.report.tables import Standing, Table, cause_table, draws, rollouts_of, row_of_run, run_table, standings_of
+from vlafuzz.report.tables import Standing, Table, cause_table, draws, row_of_run, run_table, standings_of
 from vlafuzz.report.view import Head, View
 from vlafuzz.store.database import is_being_written
 from vlafuzz.store.records import Run
@@ -124,7 +124,7 @@ def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str
     run, written = runs[-1], is_being_written(store.path)
     if run.status != "finished" and run.status != "stopped":
         word = "searching" if run.status == "running" and written else "interrupted"
-        return f"{word}: {rollouts_of(store, run)} of {run.manifest.budget} rollouts done"
+        return f"{word}: {store.rollouts(run.id)} of {run.manifest.budget} rollouts done"
     if written:
         found = next((one for one in lists if one.run == run.id), None)
         return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"

@@ -57,11 +57,6 @@ class Standing:
         return {"policy": self.policy, "task": self.task, **rates, **known}
 
 
-def rollouts_of(store: Store, run: Run) -> int:
-    """The rollouts of a run, without those that another run had made."""
-    return sum(len(trial.outcome.rollouts) for trial in store.trials(run.id) if not trial.duplicate)
-
-
 def draws(store: Store, run: Run) -> Callable[[Trial], bool]:
     """Tells whether a trial of a run is a random draw, whose choice depended on no outcome."""
     if run.manifest.strategy == RANDOM:
@@ -93,7 +88,7 @@ def standings_of(store: Store, lists: Sequence[CauseList] | None = None) -> tupl
                 rate=next(filter(None, rates), None),
                 causes=found.found if found else None,
                 certified=found.certified if found else None,
-                rollouts=sum(rollouts_of(store, run) for run in several),
+                rollouts=sum(store.rollouts(run.id) for run in several),
             )
         )
     return tuple(standings)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from vlafuzz.model.genes import Genome as Genome
 from vlafuzz.model.space import Space
@@ -60,8 +60,10 @@ class Strategy(Protocol):
         """Receive the score of every proposal exactly once, in the order of ``ask``, stored ones included."""
 
 
-def about(strategy: Strategy) -> str:
-    return str(getattr(strategy, "about", ""))
+def said_by(strategy: Strategy, name: str, default: Any) -> Any:
+    """What a strategy says beside ``ask`` and ``tell``, see ``Strategy``; a method is called."""
+    said = getattr(strategy, name, default)
+    return said() if callable(said) else said
 
 
 def overlaps(strategy: Strategy) -> bool:
@@ -76,25 +78,3 @@ def batch_of(strategy: Strategy) -> int:
 
 def looks_for_causes(strategy: Strategy) -> bool:
     return hasattr(strategy, "causes")
-
-
-def causes(strategy: Strategy) -> Sequence[Cause]:
-    return strategy.causes() if hasattr(strategy, "causes") else ()
-
-
-def causes_found(strategy: Strategy) -> int:
-    """The number of causes found so far."""
-    found = getattr(strategy, "found", None)
-    return len(causes(strategy)) if found is None else int(found)
-
-
-def unexplained(strategy: Strategy) -> int:
-    return len(getattr(strategy, "unexplained", ()))
-
-
-def at_random(strategy: Strategy) -> tuple[int, ...]:
-    return tuple(getattr(strategy, "at_random", ()))
-
-
-def probability(strategy: Strategy) -> Probability | None:
-    return strategy.probability() if hasattr(strategy, "probability") else None

@@ -186,6 +186,11 @@ class Store:
         ((trials, last),) = self._select(query, run)
         return trials, last
 
+    def rollouts(self, run: int) -> int:
+        """Number of rollouts of a run, without those that another run had made."""
+        query = "SELECT count(*) FROM rollout JOIN trial ON trial.id = trial WHERE run = ?"
+        return int(self._select(query, run)[0][0])
+
     def judged(self, runs: Sequence[int]) -> tuple[int, int]:
         """Number of scenes of some runs that failed, and that failed or passed, by their last verdict."""
         query = (

@@ -199,12 +199,11 @@ def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidenc
     counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
     counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "unproven", "flaky")}
     runs = [run.id for run in store.runs() if task in (None, run.manifest.task)]
-    trials = (trial for run in runs for trial in store.trials(run))
     return Evidence(
         findings=summary.findings,
         shares={name: Share.of_counts(count, summary.triaged) for name, count in counts.items()},
         left_out=dict(left_out),
-        search_rollouts=sum(len(trial.outcome.rollouts) for trial in trials),
+        search_rollouts=sum(map(store.rollouts, runs)),
         triage_rollouts=summary.policy_rollouts,
         expert_rollouts=summary.expert_rollouts,
         seconds=summary.seconds,

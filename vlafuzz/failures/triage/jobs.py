@@ -74,6 +74,8 @@ class Job(NamedTuple):
 def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
     """Triage run by run, as many findings at a time as the place has room for; results as they are done."""
     for job in jobs:
+        if allowance.used_up:
+            return
         with crew_at(place, partial(make, job.run), job.run.manifest.policy) as crew:
             yield from _in_waves(job, crew, allowance)
 
