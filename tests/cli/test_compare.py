@@ -16,7 +16,6 @@ from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts import crew as crew  # which takes the runner by its name, before that is replaced
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 

@@ -1,5 +1,6 @@
 from dataclasses import replace
 from pathlib import Path
+from shutil import copy
 
 import pytest
 
@@ -33,14 +34,20 @@ class FilmDesk:
         self.closed = True
 
 
+@pytest.fixture(scope="module")
+def triaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A store with two triaged failures, which takes a while to make."""
+    return store(tmp_path_factory.mktemp("triaged") / "a.db", triaged=2)
+
+
 @pytest.fixture(autouse=True)
-def place(tmp_path: Path, monkeypatch) -> Path:
+def place(triaged: Path, tmp_path: Path, monkeypatch) -> Path:
     """A folder with a triaged store, on a machine that renders."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(FilmDesk, "made", [])
     monkeypatch.setattr(runner, "SimulatorSceneRunner", FilmDesk)
     monkeypatch.setattr(renderer, "probe_once", lambda: Renderer("made up", None, None))
-    store(tmp_path / "a.db", triaged=2)
+    copy(triaged, tmp_path / "a.db")
     return tmp_path
 
 

@@ -48,9 +48,9 @@ def printed(capsys) -> str:
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
 def test_a_run_is_gone_on_with_by_its_store_alone(monkeypatch, capsys, strategy: str):
-    flags = ("--strategy", strategy, "--budget", "48", "--seed", "3", "--vary", "light,target-position")
+    flags = ("--strategy", strategy, "--budget", "36", "--seed", "3", "--vary", "light,target-position")
     run(*flags, "--store", "whole.db", "--json")
-    cut(monkeypatch, *flags, "--store", "a.db", after=33)
+    cut(monkeypatch, *flags, "--store", "a.db", after=25)
     expected = json.loads(capsys.readouterr().out)
     summary = told(capsys, ["run", "--resume", "--trust", "--store", "a.db", "--json"])
     assert proposed("a.db") == proposed("whole.db")
@@ -165,7 +165,7 @@ def test_a_second_run_in_a_store_is_told_at_once_who_writes(monkeypatch, capsys)
 
 @pytest.mark.parametrize("flags", [("--resume",), IDLE])
 def test_a_damaged_store_is_a_sentence(capsys, flags: tuple[str, ...]):
-    run("--budget", "60", "--store", "a.db")
+    run("--budget", "5", "--store", "a.db")
     data = Path("a.db").read_bytes()
     Path("a.db").write_bytes(data[: len(data) // 2])
     assert "a.db: is damaged" in complaint(capsys, ["run", *flags, "--store", "a.db"])
@@ -203,7 +203,7 @@ def test_a_wrong_merge_is_a_sentence(capsys, arguments: list[str], says: str):
 
 
 def test_a_run_of_narrower_ranges_is_gone_on_with_in_these(monkeypatch, capsys):
-    flags = ("--strategy", "random", "--budget", "48", "--seed", "3", "--severity", "0.3")
+    flags = ("--strategy", "random", "--budget", "12", "--seed", "3", "--severity", "0.3")
     run(*flags, "--store", "whole.db")
     cut(monkeypatch, *flags, "--store", "parted.db")
     run("--resume", "--store", "parted.db")

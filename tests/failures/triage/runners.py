@@ -12,6 +12,7 @@ from tests.failures.triage.planted import SPACE, STAGES, Condition, Planted
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.rollouts import crew as crew  # which takes the real runner by its name, before tests replace that
 from vlafuzz.store.records import Finding, Triaged
 
 
