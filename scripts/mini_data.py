@@ -66,6 +66,14 @@ def write(steps: Sequence[dict[str, Any]], folder: Path) -> None:
     np.savez(folder / "steps.npz", **table)
 
 
+def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
+    """All words of these texts, in alphabetical order; ValueError when there are more than ``KNOWN``."""
+    known = sorted({word for text in texts for word in words.WORD.findall(text.lower())})
+    if len(known) > words.KNOWN:
+        raise ValueError(f"{len(known)} words, at most {words.KNOWN}")
+    return tuple(known)
+
+
 def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path | None = None) -> Data:
     """All demonstrations below a folder, in chunks: ``moves`` (n, HORIZON, 6), ``weights`` (n, HORIZON).
 
@@ -76,7 +84,7 @@ def load(folder: Path, device: str, known: tuple[str, ...] = (), replayed: Path 
     paths = [path.parent for each in folders for path in sorted(each.glob("*/steps.npz"))]
     parts = [dict(np.load(path / "steps.npz")) for path in paths]
     frames = [torch.from_numpy(np.load(path / "frames.npy")) for path in paths]
-    known = known or words.vocabulary([str(text) for part in parts for text in part["texts"]])
+    known = known or vocabulary([str(text) for part in parts for text in part["texts"]])
     joined = {key: np.concatenate([part[key] for part in parts]) for key in parts[0] if key != "texts"}
     source = np.repeat(np.arange(len(parts)), [len(part["text"]) for part in parts])
     pairs = np.stack([source, joined["episode"]], axis=1)

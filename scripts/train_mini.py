@@ -24,12 +24,13 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 from torch.nn import functional
 
-from vlafuzz.policies.mini.model import BINS, WATCHED, Network, decode, to_bins
+from vlafuzz.policies.mini.model import BINS, FARTHEST, Network, decode
 from vlafuzz.policies.mini.policy import CARD, WEIGHTS
 
 SOFT = 1.0  # bins, standard deviation of a label
 RATE, DECAY, WARM_UP, AVERAGED = 1e-3, 0.05, 300, 0.999
 VERSION = "2"
+WATCHED = 3  # keypoints that lie on a, b and the hand
 
 
 def jitter(pictures: Tensor) -> Tensor:
@@ -42,6 +43,13 @@ def jitter(pictures: Tensor) -> Tensor:
     mean = views.mean((1, 2, 3, 4), keepdim=True)
     varied = (mean + (views - mean) * contrast[..., None]) * gain[..., None]
     return varied.clamp(0, 1).reshape(pictures.shape)
+
+
+def to_bins(actions: Tensor) -> Tensor:
+    """``(..., 6)`` metric deltas to bin coordinates in [0, BINS - 1], not rounded: the inverse of ``from_bins``."""
+    share = actions / torch.tensor(FARTHEST, device=actions.device)
+    bent = share.abs().clamp(max=1.0).sqrt() * share.sign()
+    return (bent + 1) / 2 * (BINS - 1)
 
 
 def loss_of(predicted: dict[str, Tensor], data: Data, index: Tensor) -> tuple[Tensor, dict[str, Tensor]]:

@@ -41,7 +41,7 @@ SHAPES = {
     ),
     "three objects": Region(
         (
-            among("targets.0.object", load_catalogue().graspable()[3:6]),
+            among("targets.0.object", load_catalogue().names("graspable")[3:6]),
             near("light.intensity", 4.3, 8.6),
             near("camera.yaw", 5.0, 10.0),
         )

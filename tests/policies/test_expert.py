@@ -29,7 +29,7 @@ def moved_near(*names: str) -> Scene:
 
 SCENES = {
     f"{name} {pose.name}": pick_up(put(name, -0.02, 0.06, 35.0, pose.name))
-    for name in CATALOGUE.graspable()
+    for name in CATALOGUE.names("graspable")
     for pose in CATALOGUE[name].stable_poses
     if pose.grasps
 }
@@ -82,7 +82,7 @@ def test_without_the_simulators_state_it_refuses():
 def test_it_solves_nearly_all_fair_random_scenes(expert_on):
     rng, verdicts = np.random.default_rng(0), []
     for _ in range(100):
-        name = str(rng.choice(CATALOGUE.graspable()))
+        name = str(rng.choice(CATALOGUE.names("graspable")))
         rest = CATALOGUE[name].stable_poses[rng.integers(len(CATALOGUE[name].stable_poses))].name
         spot = rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)
         scene = pick_up(Placement(name, rest, *map(float, spot)))

@@ -64,7 +64,7 @@ def test_numbers_stay_in_their_range_and_move_by_a_step_at_least():
 def test_a_category_is_drawn_anew_from_all_others():
     scene = drawn(0, around=0)
     found = Counter(mutated(scene, "target-type", seed=seed).targets[0].object for seed in range(300))
-    assert set(found) == set(CATALOGUE.graspable()) - {scene.targets[0].object}
+    assert set(found) == set(CATALOGUE.names("graspable")) - {scene.targets[0].object}
 
 
 def test_the_count_goes_up_or_down_by_one_and_the_other_confounders_stay():

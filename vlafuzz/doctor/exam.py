@@ -70,7 +70,7 @@ class Exam:
         self._evaluator.close()
 
     def looks(self) -> Iterator[Check]:
-        """Only what the other checks begin with: some answers in a few scenes."""
+        """Observe some answers in a few scenes, with which the other checks begin, too."""
         return self._guarded(self._observe() for _ in range(1))
 
     def quick(self) -> Iterator[Check]:
@@ -78,7 +78,7 @@ class Exam:
         return self._guarded(self._probed(quick=True))
 
     def speed(self, at_once: int) -> Speed:
-        """As it was measured in the checks, and with so many observations at once."""
+        """The speed that was measured in the checks, and measured now for so many observations at once."""
         recorder, most = self._recorder, min(at_once, self._spec.max_batch)
         answer, batched = median(recorder.seconds[1:] or recorder.seconds), 0.0
         words = f"measured: an answer takes {answer:.2g} s"
@@ -284,7 +284,7 @@ def _say(plan: Plan, watch: Watch) -> None:
 
 
 def speed_of(plan: Plan) -> Speed | None:
-    """How fast a plan's policy usually is, or as measured, which takes seconds; None if it breaks."""
+    """The speed of a plan's policy: the usual one, or measured, which takes seconds; None if the policy breaks."""
     if is_built_in(plan.manifest.policy):
         return usual_speed(plan)
     with closing(Exam(plan.manifest, plan.policy)) as exam:

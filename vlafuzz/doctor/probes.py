@@ -47,7 +47,7 @@ class Lent:
         finish(self._policy, episodes)
 
     def close(self) -> None:
-        """Nothing: the owner closes the policy."""
+        """Do nothing: the owner closes the policy."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,20 +240,20 @@ def same(moment: Moment, _: Moment) -> Moment:
 
 
 def black(moment: Moment, _: Moment) -> Moment:
-    """No light: black pictures, no outlines."""
+    """Show no light: black pictures, no outlines."""
     images = {name: np.zeros_like(picture) for name, picture in moment.seen.images.items()}
     outlines = moment.seen.outlines and Outlines((), None, moment.seen.outlines.table)
     return _shown(moment, images=images, outlines=outlines)
 
 
 def elsewhere(moment: Moment, other: Moment) -> Moment:
-    """The view of another scene."""
+    """Show the view of another scene."""
     seen = other.seen
     return _shown(moment, images=seen.images, outlines=seen.outlines, privileged=seen.privileged)
 
 
 def reworded(rewordings: Mapping[str, str]) -> Probe:
-    """Another instruction: from ``rewordings``, else that of the other scene."""
+    """A probe with another instruction: from ``rewordings``, else that of the other scene."""
 
     def probe(moment: Moment, other: Moment) -> Moment:
         text = rewordings.get(moment.start.instruction, other.start.instruction)
@@ -264,7 +264,7 @@ def reworded(rewordings: Mapping[str, str]) -> Probe:
 
 
 def moved(moment: Moment, _: Moment) -> Moment:
-    """Proprioception of a displaced hand, closed where it was open and the reverse."""
+    """Report the hand as displaced, and as closed where it is open and the reverse."""
     if moment.seen.state is None:
         return moment
     state = moment.seen.state.copy()

@@ -88,7 +88,7 @@ def corrections(spec: PolicySpec, longest: int) -> list[Correction]:
 
 
 def _turned(fault: str, moves: object, turns: object = None, advice: str = "") -> Correction:
-    """Translations and rotations in another frame, by ``(3, 3)`` matrices; None for the same one."""
+    """A correction that gives moves and turns in another frame, by ``(3, 3)`` matrices; None for the same one."""
     both = [np.eye(3) if matrix is None else np.array(matrix) for matrix in (moves, turns)]
 
     def actions(chunk: Array, _: PolicySpec) -> Array:
@@ -165,7 +165,7 @@ class Trial:
             self.solved += corrected.verdict is Verdict.PASSED
 
     def wealth(self, bound: float, more: int = 0) -> float:
-        """Wealth of the bettor, from 1, after these and ``more`` of the largest possible gains."""
+        """The bettor's wealth, from 1, after these and ``more`` of the largest possible gains."""
         gains = np.array([*(corrected - without for without, corrected in self.progress), *[1.0] * more])
         return float(_SPLIT @ (1 + np.outer(_STAKES / (1 + bound), gains - bound)).prod(axis=1))
 

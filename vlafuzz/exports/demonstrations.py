@@ -56,7 +56,7 @@ class Demonstrations:
         return solved
 
     def shown(self, solved: Sequence[Solved]) -> Iterator[Packed]:
-        """What the policies would see and do, in order.
+        """Replay the solutions; yields what the policies would see and do, in order.
 
         Raises:
             PrerequisiteError: rendering does not work here.

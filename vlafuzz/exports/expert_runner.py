@@ -14,6 +14,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.model import Interface, Written, interface_of
+from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
@@ -65,7 +66,7 @@ class ExpertRunner:
         return UNSOLVED
 
     def record(self, scene: Scene, actions: Actions, finding: str = "") -> Packed | None:
-        """What the policy would see and do; None if the actions do not solve the scene.
+        """Record what the policy would see and do; None if the actions do not solve the scene.
 
         Args:
             finding: see ``Packed``.
@@ -88,7 +89,7 @@ class ExpertRunner:
         self._solving, self._playing = None, {}
 
     def _played(self, scene: Scene, actions: Actions, *, pictures: bool) -> list[tuple[Observation, Written]] | None:
-        """Observations with the actions that follow them, up to success; None without it."""
+        """Replay actions; the observations with the actions that follow them, up to success, or None without it."""
         if pictures not in self._playing:
             player = _Player(self.interface, pictures=pictures)
             self._playing[pictures] = make_evaluator(self._run, player, checked=False), player
@@ -99,30 +100,24 @@ class ExpertRunner:
         return player.steps if outcome.verdict is Verdict.PASSED and in_time else None
 
 
-class _Player:
-    """A policy that executes actions as they are written, waits for late ones, and keeps what it sees.
+class _Player(Player):
+    """Executes actions as they are written, waits for late ones, and keeps what it sees.
 
     Attributes:
-        actions: ``(steps, n)``, to be set before a rollout.
         steps: observations with the actions that followed.
     """
 
     def __init__(self, interface: Interface, *, pictures: bool) -> None:
+        super().__init__(interface.spec)
         cameras = interface.spec.cameras if pictures else ()
         self.spec = replace(interface.spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
-        self.actions: Actions = np.zeros((0, interface.spec.action.width), np.float32)
         self.steps: list[tuple[Observation, Written]] = []
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         self.steps = []
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        chunks, still = [], np.append(np.zeros(6, np.float32), self.actions[-1:, -1])  # the gripper as it was
-        for seen in observations:
-            number = len(self.steps)
-            written: Written = self.actions[number] if number < len(self.actions) else still
-            self.steps.append((seen, written))
-            chunks.append(ActionChunk(written[None].astype(np.float64)))
+        chunks = super().act(observations)
+        written = (chunk.actions[0].astype(np.float32) for chunk in chunks)
+        self.steps += zip(observations, written, strict=True)
         return chunks
-
-    def close(self) -> None: ...

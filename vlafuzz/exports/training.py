@@ -21,7 +21,7 @@ TRIES = 4  # scenes that the expert tries for each demonstration, at most
 
 
 class Written(NamedTuple):
-    """What was written.
+    """The result of ``write_demonstrations``.
 
     Attributes:
         demonstrations: number of episodes; ``left_out``: scenes that were tried in vain, by reason. held_out: number of

@@ -32,7 +32,7 @@ class Episode:
 
     @property
     def same(self) -> Hashable | None:
-        """What repeats of this episode share; None where the log numbers no episodes."""
+        """A key that repeats of this episode share; None where the log numbers no episodes."""
         names = (self.suite, self.task, self.condition, self.state, self.seed)
         return names if self.state or self.seed else None
 
@@ -44,13 +44,13 @@ class Episode:
 
 
 def judged(episodes: Iterable[Episode]) -> list[Episode]:
-    """Those that did not end in an error."""
+    """The episodes that did not end in an error."""
     return [episode for episode in episodes if episode.success is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """How often episodes succeed; ``errors``: further ones that ended in an error, counted for neither."""
+    """The success rate of some episodes; ``errors``: further ones that ended in an error, counted for neither."""
 
     suite: str = ""
     task: str = ""
@@ -65,7 +65,7 @@ class Rate:
 
 
 def rates(episodes: Sequence[Episode]) -> list[Rate]:
-    """By suite, then by condition, then by task, where there are several; the first one is of all."""
+    """The rates by suite, by condition and by task, where there are several; the first one is of all episodes."""
 
     def by(those: Sequence[Episode], *names: str) -> list[Rate]:
         groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
@@ -84,7 +84,7 @@ def rates(episodes: Sequence[Episode]) -> list[Rate]:
 
 
 def share(episodes: Iterable[Episode]) -> Share:
-    """Of the judged ones those that succeed; where several have the same start, these are a group."""
+    """The share of judged episodes that succeed; where several have the same start, these are a group."""
     counted = judged(episodes)
     if len({episode.start for episode in counted}) == len(counted):
         return Share.of_counts(sum(bool(episode.success) for episode in counted), len(counted))

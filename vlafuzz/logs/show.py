@@ -22,7 +22,7 @@ class Reading:
 
     @property
     def suites(self) -> dict[str, Rate]:
-        """By name, those of all conditions and tasks."""
+        """The rates of whole suites, by the suite's name."""
         return {rate.suite or ALL: rate for rate in self.rates if not (rate.condition or rate.task)}
 
 
@@ -71,7 +71,7 @@ def _contrasts(compared: Comparison) -> list[Row]:
 
 
 def sentences(reading: Reading) -> list[str]:
-    """What the tables do not say."""
+    """The verdict of a comparison and how to read its table, a sentence each."""
     compared = reading.against
     if compared is None:
         return []

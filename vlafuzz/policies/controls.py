@@ -17,13 +17,13 @@ class Frozen:
         self.spec = PolicySpec("frozen")
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Nothing to prepare."""
+        """Do nothing: there is no state."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(np.array([[0.0, 0, 0, 0, 0, 0, 1]])) for _ in observations]
 
     def close(self) -> None:
-        """Nothing to close."""
+        """Do nothing."""
 
 
 class Random:
@@ -54,7 +54,7 @@ class Player:
         self.actions: NDArray[np.floating[Any]] = np.zeros((0, like.action.width), dtype=np.float32)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Observations have the number of their step."""
+        """Do nothing: observations have the number of their step."""
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self._at(observation.step)[None]) for observation in observations]

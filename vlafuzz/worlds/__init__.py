@@ -59,12 +59,12 @@ def usual_world() -> World:
 
 
 def default_task() -> str:
-    """What a run is about where nobody names a task."""
+    """The task of a run where nobody names one."""
     return next(iter(usual_world().tasks))
 
 
 def default_policy(task: str | None = None, robot: str | None = None) -> str:
-    """What is tested where nobody names a policy; a UsageError if the task's world has none."""
+    """The policy that is tested where nobody names one; a UsageError if the task's world has none."""
     world = world_of(task) if task else usual_world()
     return world.default_policy(robot or next(iter(world.robots)))
 

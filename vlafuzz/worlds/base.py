@@ -44,7 +44,7 @@ class Demonstrator(TryingPolicy, Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """What acts in the scenes of a world.
+    """A robot of a world.
 
     Attributes:
         robot: its name.
@@ -143,7 +143,7 @@ class World(ABC):
         return ""
 
     def renderer(self) -> str:
-        """What draws its pictures here, with versions; empty if that is not known."""
+        """The device and driver that draw its pictures here, with versions; empty if they are not known."""
         return ""
 
     @abstractmethod
@@ -159,7 +159,7 @@ class World(ABC):
         """The robot of that name; a UsageError if there is none."""
 
     def default_policy(self, robot: str) -> str:
-        """What is tested where nobody names a policy; a UsageError if there is none."""
+        """The policy that is tested where nobody names one; a UsageError if there is none."""
         raise UsageError("this world has no default policy", hint="--policy python:pkg.mod:factory")
 
     def begin_early(self, policy: str | None) -> None:
@@ -169,14 +169,14 @@ class World(ABC):
         """Import what its evaluators need, for workers that are forked from this process."""
 
     def conditions_of(self, scene: Scene) -> Mapping[str, Any]:
-        """What a scene from a file takes to be run: fields of ``Conditions`` by name."""
+        """The fields of ``Conditions``, by name, under which a scene from a file can be run."""
         return {}
 
     def check_pictures(self) -> None:
         """Raise a PrerequisiteError if no pictures can be drawn here."""
 
     def maps(self, task: str) -> Sequence[SceneMap]:
-        """Which values of a task's scenes are places, for maps in a report."""
+        """The maps of a report: which values of a task's scenes are places."""
         return ()
 
     @abstractmethod
@@ -204,7 +204,7 @@ class World(ABC):
     def evaluator(
         self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
-        """What runs a policy in scenes; a UsageError if the policy asks for what this world does not have."""
+        """The evaluator of a policy; a UsageError if the policy asks for what this world does not have."""
 
     @abstractmethod
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
@@ -217,7 +217,7 @@ class World(ABC):
     # What only some worlds have, for the commands that are about it.
 
     def machine(self) -> Iterable[Check]:
-        """What this machine lacks of what the world needs, one check at a time; some take seconds."""
+        """Check that this machine has what the world needs; some checks take seconds."""
         return ()
 
     def open_packs(self, folders: Sequence[str], watch: Watch) -> tuple[Any, ...]:
@@ -240,7 +240,7 @@ class World(ABC):
         raise UsageError("the operators of this world are not listed", hint="its page or its class says what varies")
 
     def judge(self, packs: Sequence[Any], *, settle: bool) -> Judge:
-        """What tells without a policy whether scenes are fair; ``settle``: with physics, which takes longer."""
+        """A judge of scenes, for which no policy is needed; ``settle``: with physics, which takes longer."""
         raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
 
     def imported(self, path: Path, frame: Frame) -> Imported:

@@ -22,7 +22,7 @@ _HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay
 
 
 class DelayedCommands:
-    """Commands on their way to the robot, which holds still until the first one arrives."""
+    """A queue of commands on their way to the robot, which holds still until the first one arrives."""
 
     def __init__(self, latency: Latency) -> None:
         self._commands: deque[Command] = deque([_HOLD] * latency.delay)

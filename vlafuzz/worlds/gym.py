@@ -113,7 +113,7 @@ class GymWorld(ValuesWorld[Now]):
 
     @classmethod
     def policy(cls, act: Any, *, name: str = "", deterministic: bool = True) -> Callable[[], GymPolicy]:
-        """What makes a policy of this world, for ``--policy python:module:NAME``; also as a decorator.
+        """A factory of a policy of this world, for ``--policy python:module:NAME``; also as a decorator.
 
         Args:
             act: a function of an observation; or a class without arguments, or an object, with a method ``act``
@@ -292,7 +292,7 @@ class GymPolicy:
 
 
 def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
-    """Actions as rows of ``action_width`` numbers: of one action, or of several one after the other."""
+    """A chunk of one action, or of several, one after the other, with ``action_width`` numbers each."""
     given, space = np.asarray(answer, dtype=np.float64), world.space_of_actions
     rows = given.reshape(len(given), -1) if given.ndim > len(space.shape or ()) else given.reshape(1, -1)
     if rows.shape[1] == WIDTH == world.action_width - 1:

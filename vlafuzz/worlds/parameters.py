@@ -128,7 +128,7 @@ class Parameters:
         return hashlib.blake2b(self.to_json().encode(), digest_size=16).hexdigest()
 
     def to_json(self) -> str:
-        """As conditions keep them."""
+        """The parameters as conditions keep them."""
         ranges = {name: _stored(parameter) for name, parameter in self.parameters.items()}
         scaled = {"severity": self.severity} if self.severity != 1 else {}
         return json.dumps({"varied": sorted(self.varied), "operators": ranges} | scaled, sort_keys=True)

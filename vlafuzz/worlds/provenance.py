@@ -68,7 +68,7 @@ def by_place(places: Mapping[int, str]) -> str:
 
 
 def elsewhere(then: str, now: str) -> str:
-    """Where something was made, in words that follow "made"; empty if that is where it is now."""
+    """The place where something was made, in words that follow "made"; empty if it is this place."""
     if then == now:
         return ""
     if not (then and now):

@@ -90,7 +90,7 @@ class Recording:
 
 
 def _drawn(outlines: Outlines) -> Picture:
-    """Outlines in their apparent colours on the table's, with the hand as a cross."""
+    """Draw outlines in their apparent colours on the table's, with the hand as a cross."""
     picture = np.full((_DRAWN, _DRAWN, 3), np.round(outlines.table * 255), dtype=np.uint8)
     for thing in outlines.things:
         u, v = np.minimum((thing.pixels * _DRAWN).astype(int), _DRAWN - 1).T
@@ -108,7 +108,7 @@ def write_picture(path: Path, picture: Picture) -> None:
 
 
 def to_mp4(frames: list[Picture], fps: int) -> bytes:
-    """H.264 video, small enough for dozens of them in a page."""
+    """Encode H.264 video, small enough for dozens of them in a page."""
     return _encoded(
         np.stack(frames + [frames[-1]] * _HELD_FRAMES),
         extension=".mp4",
@@ -131,7 +131,7 @@ def to_png(picture: Picture) -> bytes:
 
 
 def to_jpeg(picture: Picture) -> bytes:
-    """JPEG of a few kilobytes."""
+    """Encode a JPEG of a few kilobytes."""
     return _encoded(picture, extension=".jpg", quality=85)
 
 

@@ -248,7 +248,7 @@ class _Exam:
         return self._trace(world, world.reset(dict(values), SEED), steps)
 
     def _trace(self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False) -> Trace:
-        """What happens from a state on, by the same random actions every time."""
+        """Roll out from a state, by the same random actions every time."""
         rng, success = np.random.default_rng(SEED), world.stages[-1]
         applied, held = dict(world.applied(state)), [success.holds(state)]
         states = [world.fingerprint(state)]
@@ -262,7 +262,7 @@ class _Exam:
         return Trace(tuple(states), picture, applied, all(held[: success.steps]))
 
     def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
-        """Rollouts with a value all over its range, the others nominal."""
+        """Roll out with a value all over its range, the others nominal."""
         if one.name not in self._tried:
             with closing(self._opened()) as world:
                 scenes = [(value, self.nominal_values | {one.name: value}) for value in _spread(one)]
@@ -355,7 +355,7 @@ def _equal(value: Value, has: Value) -> bool:
 
 
 def _mistake(value: Value, has: Value) -> str:
-    """What may be the reason for a value that arrives as another."""
+    """A likely reason for a value that arrives as another."""
     if not isinstance(value, str) and not isinstance(has, str) and value:
         for factor, means in UNITS.items():
             if math.isclose(has / value, factor, rel_tol=1e-3):

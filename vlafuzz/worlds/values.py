@@ -83,7 +83,7 @@ class ValuesSpace(Space):
         return scene if self._world.unfair(self._world.values_in(scene)) is None else None
 
     def jittered(self, scene: Scene, number: int) -> Scene:
-        """Numbers that vary change by less than half a step, within their ranges."""
+        """Change the numbers that vary by less than half a step, within their ranges."""
         rng = np.random.default_rng([int(scene.digest, 16), number])
         values = self.values(scene)
         for one in self._world.parameters:
@@ -206,14 +206,14 @@ class ValuesWorld(World, Generic[State]):
 
     @abstractmethod
     def observe(self, state: State) -> Any:
-        """What the policy sees, as ``Observation.state``: an array of numbers."""
+        """The numbers that the policy sees, as ``Observation.state``."""
 
     def ended(self, state: State) -> bool:
         """Whether a rollout cannot go on, before the horizon."""
         return False
 
     def instruction(self, task: str, values: Mapping[str, Value]) -> str:
-        """What the policy is told."""
+        """The instruction for the policy."""
         return task.replace("-", " ")
 
     def unfair(self, values: Mapping[str, Value]) -> str | None:
@@ -243,7 +243,7 @@ class ValuesWorld(World, Generic[State]):
         return rng.uniform(-1, 1, self.action_width)
 
     def fingerprint(self, state: State) -> bytes:
-        """Equal for equal states, bit for bit, as far as they are seen."""
+        """A fingerprint that is equal for states that are seen equal, bit for bit."""
         return np.asarray(self.observe(state), dtype=np.float64).tobytes()
 
     def opened(self, task: str) -> Self:

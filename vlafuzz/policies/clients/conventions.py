@@ -27,7 +27,7 @@ def _two_fingers(state: State) -> State:
 
 
 def _quaternion(state: State) -> State:
-    """As SimplerEnv has it: w x y z, opening in [0, 1]."""
+    """The state in SimplerEnv's layout: a quaternion w x y z, the opening in [0, 1]."""
     turn = Rotation.from_rotvec(state[3:6])
     x, y, z, w = turn.as_quat(canonical=True) * (-1 if turn.magnitude() > np.pi / 2 and state[3] < 0 else 1)
     return np.concatenate([state[:3], [w, x, y, z], state[6:]], dtype=np.float32)

@@ -139,7 +139,7 @@ class Groot:
         }
 
     def _check_keys(self) -> None:
-        """UsageError where the model wants other keys than the options name, or past steps."""
+        """Raise a UsageError if the model wants other keys than the options name, or past steps."""
         prefixes = {"video": "image", "state": "state", "language": "instruction", "action": "action"}
         for kind, keys in self._keys().items():
             modality: Modality = getattr(self._modalities, kind)

@@ -69,7 +69,7 @@ class Model:
 
 
 def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
-    """Third-person, unless its size is (0, 0), then wrist, by default of the same size."""
+    """The cameras of a model: third-person, unless its size is (0, 0), and wrist, by default of the same size."""
     size = options.camera or (SIDE, SIDE)
     cameras = [CameraRequest("front", *size)] if size != (0, 0) else []
     if options.wrist:
@@ -79,7 +79,7 @@ def _cameras(options: ProfiledOptions) -> tuple[CameraRequest, ...]:
 
 
 class _Config(BaseModel):
-    """Of a policy that lerobot saved: what it takes, by name."""
+    """The inputs, by name, of a policy that lerobot saved."""
 
     input_features: dict[str, Any] = {}
 
@@ -100,7 +100,7 @@ class Interface:
 
     @property
     def action_names(self) -> list[str]:
-        """Of the numbers of an action, a move."""
+        """The names of the numbers of an action, a move."""
         return [*(f"d{name}" for name in (*PLACE, *ROTATIONS[self.spec.action.rotation])), "gripper"]
 
     @property
@@ -108,7 +108,7 @@ class Interface:
         return list(STATES[self.layout])
 
     def state(self, seen: Observation) -> Written:
-        """What the policy is told of the robot, in its layout."""
+        """The proprioception that the policy gets, in its layout."""
         return sent(self.layout, seen)
 
     def written(self, action: NDArray[np.float64]) -> Written:

@@ -33,9 +33,7 @@ class OpenPi(Sessions):
     schemes: ClassVar[Sequence[str]] = ("ws", "wss")
     options: ClassVar[type[CommonOptions]] = OpenPiOptions
     server, start_it, packages = "openpi", "uv run scripts/serve_policy.py …", ("msgpack", "websockets")
-
-    def _connect(self) -> WebSocketConnection:
-        return WebSocketConnection(self._url, self._options.timeout)
+    connection = WebSocketConnection
 
     def _greet(self, session: Session) -> None:
         self._next(session, {})  # the server's metadata, which is arbitrary

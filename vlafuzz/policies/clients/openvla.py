@@ -41,9 +41,7 @@ class OpenVla(Sessions):
     schemes: ClassVar[Sequence[str]] = ("http", "https")
     options: ClassVar[type[CommonOptions]] = ActOptions
     server, start_it = "/act", "python vla-scripts/deploy.py …"
-
-    def _connect(self) -> HttpConnection:
-        return HttpConnection(self._url, self._options.timeout)
+    connection = HttpConnection
 
     def _send(self, session: Session, seen: Observation) -> None:
         options: ActOptions = self._options

@@ -81,7 +81,7 @@ def names_its_model(name: str) -> bool:
 
 
 def guesses(name: str, spec: PolicySpec) -> dict[str, str]:
-    """What nobody declares about a policy behind a server or from a folder: see ``CommonOptions.guesses``."""
+    """The conventions of a policy behind a server or in a folder that nobody declares: ``CommonOptions.guesses``."""
     options = options_of(name)
     return {} if options is None else options.guesses(spec)
 

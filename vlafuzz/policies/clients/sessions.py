@@ -16,6 +16,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.servers import Address, needed
+from vlafuzz.policies.clients.wire import HttpConnection, WebSocketConnection
 from vlafuzz.policies.harness import answered, check_chunks
 
 T = TypeVar("T")
@@ -40,6 +41,7 @@ class Sessions(ABC):
     server: ClassVar[str]  # in messages
     start_it: ClassVar[str]  # how to start one
     packages: ClassVar[tuple[str, ...]] = ()  # optional ones that it needs
+    connection: ClassVar[type[HttpConnection | WebSocketConnection]]
 
     def __init__(self, address: Address) -> None:
         self._name, self._url, self._options = address.name, address.url, address.options
@@ -49,10 +51,6 @@ class Sessions(ABC):
         first.connection.close()
         self._model = self._described(first)
         self.spec = self._model.spec
-
-    @abstractmethod
-    def _connect(self) -> Any:
-        """A connection."""
 
     def _greet(self, session: Session) -> Any:  # noqa: B027
         """Exchange greetings; what the server says of itself."""
@@ -111,7 +109,7 @@ class Sessions(ABC):
         self.finish([session.start for session in self._live.values() if session.start])
 
     def _open(self, start: EpisodeStart | None = None) -> Session:
-        session = Session(self._connect(), start)
+        session = Session(self.connection(self._url, self._options.timeout), start)
         with wire.closed_on_error(session.connection):
             session.greeting = self._greet(session)
         return session
@@ -121,7 +119,7 @@ class Sessions(ABC):
         return check_chunks([chunk], 1, self._name)[0]
 
     def _tried(self, step: Callable[[Session, Observation], T], seen: Observation) -> T | PolicyError:
-        """What a step of a live rollout gives, or why it gives nothing: then its connection is closed."""
+        """The result of a step of a live rollout, or the error that it raised, after which its connection is closed."""
         if seen.episode not in self._live:
             return PolicyError(f"{self._name}: no live rollout {seen.episode!r}", cause="protocol")
         try:

@@ -174,9 +174,7 @@ class VlaEval(Sessions):
     answers_batches: ClassVar[bool] = True
     options: ClassVar[type[CommonOptions]] = VlaEvalOptions
     server, start_it, packages = "vla-eval", "vla-eval serve --config …", ("msgpack", "websockets")
-
-    def _connect(self) -> WebSocketConnection:
-        return WebSocketConnection(self._url, self._options.timeout)
+    connection = WebSocketConnection
 
     def _greet(self, session: Session) -> Hello:
         self._say(session, "hello", GREETING)

@@ -18,7 +18,6 @@ from vlafuzz.policies.mini import words
 
 TEXT = 128
 POINTS = 24  # soft keypoints; the first three are trained to lie on a, b and the hand
-WATCHED = 3
 FEATURES = 64
 DESCRIBED = 8  # keypoints whose features are read
 HIDDEN = 512
@@ -42,7 +41,7 @@ class Told:
 
 
 class Film(nn.Module):
-    """Factor and offset of each channel from the text vector. Initialized to the identity."""
+    """A layer that computes factor and offset of each channel from the text vector; at first the identity."""
 
     def __init__(self, channels: int) -> None:
         super().__init__()
@@ -84,7 +83,7 @@ class Down(nn.Module):
 
 
 class Reader(nn.Module):
-    """Words to a vector: token and position embeddings, one transformer layer, mean pooling."""
+    """An encoder of words to a vector: token and position embeddings, one transformer layer, mean pooling."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -108,7 +107,7 @@ class Reader(nn.Module):
 
 
 class Network(nn.Module):
-    """Images, words and proprioception to a chunk of actions. ``views``: the number of cameras."""
+    """The network from images, words and proprioception to a chunk of actions. ``views``: the number of cameras."""
 
     def __init__(self, views: int = 1) -> None:
         super().__init__()
@@ -135,7 +134,7 @@ class Network(nn.Module):
         return self.act(pictures, self.read(tokens), state)
 
     def read(self, tokens: Tensor) -> Told:
-        """What the instructions say: ``(n, words.LENGTH)`` tokens."""
+        """Encode instructions: ``(n, words.LENGTH)`` tokens."""
         text = self.reader(tokens)
         films = tuple(block.film(text) for block in (*self.middle, *self.far))
         return Told(text, films, self.queries(text).unflatten(1, (self.views, POINTS, FEATURES)))
@@ -218,15 +217,8 @@ def proprioception(
     return np.concatenate(known, axis=1).astype(np.float32)
 
 
-def to_bins(actions: Tensor) -> Tensor:
-    """``(..., 6)`` metric deltas to bin coordinates in [0, BINS - 1], not rounded."""
-    share = actions / torch.tensor(FARTHEST, device=actions.device)
-    bent = share.abs().clamp(max=1.0).sqrt() * share.sign()
-    return (bent + 1) / 2 * (BINS - 1)
-
-
 def from_bins(places: Tensor) -> Tensor:
-    """The inverse of ``to_bins``."""
+    """``(..., 6)`` bin coordinates in [0, BINS - 1] to metric deltas, finer near zero."""
     bent = places / (BINS - 1) * 2 - 1
     return bent * bent.abs() * torch.tensor(FARTHEST, device=places.device)
 

@@ -10,21 +10,13 @@ from numpy.typing import NDArray
 LENGTH = 24  # words; longer instructions are cut
 KNOWN, BUCKETS = 192, 64  # size limit of the vocabulary, and number of buckets for unknown words
 SIZE = 1 + KNOWN + BUCKETS  # 0 is padding
-_WORD = re.compile(r"[a-z0-9]+")
-
-
-def vocabulary(texts: Sequence[str]) -> tuple[str, ...]:
-    """All words of these texts, in alphabetical order; ValueError when there are more than ``KNOWN``."""
-    words = sorted({word for text in texts for word in _WORD.findall(text.lower())})
-    if len(words) > KNOWN:
-        raise ValueError(f"{len(words)} words, at most {KNOWN}")
-    return tuple(words)
+WORD = re.compile(r"[a-z0-9]+")
 
 
 def encode(text: str, words: Sequence[str]) -> NDArray[np.int64]:
     """``(LENGTH,)`` token ids of the text's words, padded with zeros."""
     index = {word: number for number, word in enumerate(words, start=1)}
-    ids = [index.get(word) or _bucket(word) for word in _WORD.findall(text.lower())][:LENGTH]
+    ids = [index.get(word) or _bucket(word) for word in WORD.findall(text.lower())][:LENGTH]
     return np.array(ids + [0] * (LENGTH - len(ids)), dtype=np.int64)
 
 

@@ -30,7 +30,7 @@ class Objects:
 
     @cached_property
     def words(self) -> dict[str, tuple[str, ...]]:
-        """How each object is said."""
+        """The words by which instructions say each object."""
         return {name: words for members in self.classes.values() for name, words in members.items()}
 
     def alike(self, kind: str) -> tuple[str, ...]:
@@ -66,11 +66,6 @@ def kind_of(name: str) -> str:
     return re.sub(r"_\d+$", "", name)
 
 
-def replaced(words: str, others: str, text: str) -> str:
-    """A text that says something else."""
-    return _pattern(words).sub(others, text)
-
-
 def _count(words: str, text: str) -> int:
     return len(_pattern(words).findall(text))
 
@@ -82,7 +77,7 @@ def _pattern(words: str) -> re.Pattern[str]:
 
 @cache
 def swaps(task: LiberoTask) -> tuple[tuple[str, ...], ...]:
-    """For each thing of a task what may stand in its place, itself first.
+    """The things that may stand in the place of each thing of a task, itself first.
 
     Nothing else may where the thing is not carried, has no class, or the instruction does not say it once.
     """
@@ -122,7 +117,7 @@ def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
             raise SceneError(problem, hint=f"expected {expected}")
         if name != own:
             said = objects.said(kind_of(own), task.instruction)
-            instruction = replaced(str(said), objects.words[name][0], instruction)
+            instruction = _pattern(str(said)).sub(objects.words[name][0], instruction)
     if len(set(things)) < len(things):
         raise SceneError(f"targets: {', '.join(things)}: one thing is there twice")
     initial, goal = (

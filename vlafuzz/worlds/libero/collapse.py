@@ -21,7 +21,7 @@ _TURN = 0.3  # cosine of the turn at which a triangle counts as flipped
 
 
 class Mesh(NamedTuple):
-    """Points ``(n, 3)``, unit normals, texture coordinates ``(n, 2)``; triangles ``(m, 3)`` of points."""
+    """A mesh: points ``(n, 3)``, unit normals, texture coordinates ``(n, 2)``, and triangles ``(m, 3)`` of points."""
 
     points: Floats
     normals: Floats
@@ -30,7 +30,7 @@ class Mesh(NamedTuple):
 
 
 class _Quadrics(NamedTuple):
-    """Of each corner: its squared error at ``x`` is ``x @ square @ x + 2 * linear @ x + constant``."""
+    """A quadric for each corner: the squared error at ``x`` is ``x @ square @ x + 2 * linear @ x + constant``."""
 
     square: Floats
     linear: Floats
@@ -113,7 +113,7 @@ def _smoothed(groups: Ints, normals: Floats) -> Ints:
 
 
 def _scaled(mesh: Mesh) -> Floats:
-    """Texture coordinates in metres, by the areas of both."""
+    """Convert texture coordinates to metres, by the areas of texture and surface."""
     sides = np.diff(mesh.textures[mesh.triangles], axis=1)
     flat = np.abs(np.linalg.det(sides)).sum()
     solid = np.linalg.norm(_across(mesh.points[mesh.triangles]), axis=1).sum()
@@ -121,7 +121,7 @@ def _scaled(mesh: Mesh) -> Floats:
 
 
 def _across(triangles: Floats) -> Floats:
-    """Of ``(n, 3, 3)`` corners: normals, as long as twice the area."""
+    """The normals of triangles, ``(n, 3, 3)`` corners, as long as twice the area."""
     return np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
 
 
@@ -200,7 +200,7 @@ def _edges(owner: Ints, triangles: Ints) -> _Edges:
 
 
 def _different(pairs: Ints, count: int) -> tuple[Ints, Ints, Ints]:
-    """The different ones of ``(n, 2)`` numbers below ``count``, the index of each pair, how often each is."""
+    """The distinct pairs of ``(n, 2)`` numbers below ``count``, the index of each given pair, and their counts."""
     codes = pairs[:, 0].astype(np.int64) * count + pairs[:, 1]
     codes, index, times = np.unique(codes, return_inverse=True, return_counts=True)
     return np.stack(np.divmod(codes, count), axis=1), index, times
@@ -218,7 +218,7 @@ def _allowed(edges: _Edges, owner: Ints, triangles: Ints) -> NDArray[np.bool_]:
 
 
 def _flips(points: Floats, triangles: Ints, edges: _Edges, best: Ints) -> NDArray[np.bool_]:
-    """Of collapses: whether a triangle would turn over. ``triangles``: by their points."""
+    """Whether each collapse would turn a triangle over. ``triangles``: by their points."""
     target, flips = np.full(len(points), -1), np.zeros(len(points), bool)
     target[edges.start[best]] = edges.end[best]
     corners = points[triangles]

@@ -37,7 +37,7 @@ OUTSIDE = 0.02  # metres beyond a region's border, which LIBERO's own states rea
 
 
 class Defect(NamedTuple):
-    """What is wrong, by one of these checks, in a sentence with its amount.
+    """A defect of a state: the check that found it, and a sentence with its amount.
 
     ``overlaps``: two things begin inside each other; ``slides``, ``falls``: something moves while the robot keeps
     still; ``moving``: still so after the settling steps; ``solved``: the goal holds at the start; ``premise``: what
@@ -49,7 +49,7 @@ class Defect(NamedTuple):
 
     @property
     def kind(self) -> tuple[str, str]:
-        """What is wrong with what, without the amount."""
+        """The check and the things that it is about, without the amount."""
         return self.check, self.reason.split(" by ")[0]
 
 
@@ -117,7 +117,7 @@ def _overlaps(env: LiberoEnv) -> dict[tuple[str, str], float]:
 
 
 def broken_premises(env: LiberoEnv) -> Iterator[Defect]:
-    """What the task says of its start and is not true now."""
+    """The statements of the task about its start that are not true now."""
     for atom in env.task.initial:
         place = env.robosuite.object_sites_dict.get(atom[-1]) if atom[0] in PLACING else None
         bare = place is not None and not getattr(place, "parent_name", None)  # a part of table or floor: no contact
@@ -165,7 +165,7 @@ def _misleading(env: LiberoEnv) -> Iterator[str]:
 
 
 def _misfit(env: LiberoEnv, relation: str, name: str, anchors: list[str]) -> float:
-    """How badly words fit where something is: 0 perfectly, from 1 on not at all."""
+    """How badly words fit the place of a thing: 0 perfectly, from 1 on not at all."""
     place, first = env.place(name), env.place(anchors[0])
     if relation == "between" and len(anchors) == 2:
         line = (env.place(anchors[1]) - first)[:2]

@@ -142,7 +142,7 @@ class LiberoEnv:
         return all(self.holds(atom) for atom in self.task.goal)
 
     def pictures(self) -> dict[str, Image]:
-        """By the names of ``CAMERAS``, see ``picture``."""
+        """The pictures of ``CAMERAS``, by name, see ``picture``."""
         return {camera: self.picture(camera, self.size) for camera in CAMERAS}
 
     def picture(self, camera: str, size: int) -> Image:
@@ -157,7 +157,7 @@ class LiberoEnv:
         return np.concatenate([shown.site_xpos[robot.eef_site_id], rotation, self._control.seen_fingers])
 
     def _seen(self) -> Any:
-        """Everything where robosuite's observation of the last step shows it."""
+        """The positions that robosuite's observation of the last step shows, as MuJoCo data."""
         self._shown.qpos[:] = self._control.seen
         for place in (self._mujoco.mj_kinematics, self._mujoco.mj_comPos, self._mujoco.mj_camlight):
             place(self.model, self._shown)

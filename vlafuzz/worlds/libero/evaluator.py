@@ -88,7 +88,7 @@ class LiberoEpisode(Episode):
 
 
 def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
-    """What a policy asks for, turned by 180°: of 256 pixels a side, as LIBERO evaluates, or made smaller from these."""
+    """The picture for a policy, turned by 180°: of 256 pixels a side, as LIBERO evaluates, or reduced from these."""
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:
         return picture
@@ -170,7 +170,7 @@ class Workplace:
         return Fairness(self.of)
 
     def of(self, scene: Scene) -> Setting:
-        """Where a scene is set up, not yet begun; a SceneError if the task has no such things."""
+        """The setting in which a scene can begin; a SceneError if the task has no such things."""
         own = cast(self.task, scene) == self.task and not scene.confounders
         more = () if own else pool(self.task)
         if more not in self._made:

@@ -54,7 +54,7 @@ class Fairness:
         return self._judged(seen, replace(nominal, start=scene.start))
 
     def _judge(self, scene: Scene, own: Scene) -> Rejection | None:
-        """What a scene has of defects that its initial state does not have."""
+        """The first defect of a scene that its initial state does not have."""
         try:
             setting = self._of(scene)
             setting.begin(scene)
@@ -82,7 +82,7 @@ class Fairness:
 
 
 def _unknown(nominal: Scene, scene: Scene) -> str | None:
-    """What a scene has and LIBERO's scenes do not; nothing of a scene may be ignored."""
+    """The first part of a scene that LIBERO's scenes do not have: nothing of a scene may be ignored."""
     for part in ("backdrop", "frame", "then"):
         if getattr(scene, part) != getattr(nominal, part):
             return f"{part}: scenes of {nominal.task} have none of their own"

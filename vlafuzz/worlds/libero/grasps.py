@@ -24,7 +24,7 @@ YAWS = np.radians([0, 15, -15, 30, -30, 45, -45, 60, -60, 75, -75, 90])
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Where the hand's centre is to be, metres, and its yaw from the robot's own, radians."""
+    """A grasp: position of the hand's centre, metres, and its yaw from the robot's own, radians."""
 
     position: Array
     yaw: float

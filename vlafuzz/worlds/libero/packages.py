@@ -17,7 +17,7 @@ HINT = "scripts/setup-libero, in a checkout of vlafuzz, makes an environment tha
 
 
 class Versions(NamedTuple):
-    """What decides physics and pictures of LIBERO: the versions of its packages."""
+    """The versions of LIBERO's packages, which decide physics and pictures."""
 
     mujoco: str
     robosuite: str

@@ -76,7 +76,7 @@ class _Buffer:
 
 @dataclass
 class _Still:
-    """What stands still before a camera: a buffer, a display list that copies it, and what it shows."""
+    """The picture of what stands still: its buffer, a display list that copies it, and what it depends on."""
 
     kept: _Buffer
     copying: int
@@ -110,7 +110,7 @@ class Artist:
         return np.asarray(Pillow.fromarray(buffer.pixels()).reduce(SMOOTH))
 
     def _before_still(self, data: Any, view: Any, size: int) -> Image:
-        """What moves, drawn before what stands still."""
+        """Draw what moves before the picture of what stands still."""
         mujoco, scene, key = self._mujoco, self._scene, (view.fixedcamid, size)
         still = self._stills[key] = self._stills.get(key) or self._new_still(size)
         if (shows := self._seen_still(data, view.fixedcamid)) != still.shows:
@@ -129,7 +129,7 @@ class Artist:
         return buffer.pixels()
 
     def _draw_still(self, kept: _Buffer, data: Any, view: Any) -> None:
-        """Colours as LIBERO draws them, with several samples a pixel; depths in the middle of each pixel."""
+        """Draw what stands still: colours with several samples a pixel, as LIBERO does, depths at their middles."""
         plain, sampled = self._buffer(kept.side), self._buffer(kept.side, SAMPLES)
         self._arrange(data, view, self._parts.mjCAT_STATIC)
         self._render(plain)
@@ -224,7 +224,7 @@ class Detail:
                 geom.dataid = numbers[geom.objid]
 
     def _in_view(self, data: Any, camera: int) -> NDArray[np.bool_]:
-        """Of all geoms: whether the box around them is in the camera's pyramid, or may be."""
+        """Whether the box around each geom is in the camera's pyramid, or may be."""
         boxes = self._model.geom_aabb
         corners = boxes[:, None, :3] + _CORNERS * boxes[:, None, 3:]
         corners = np.einsum("gij,gkj->gki", data.geom_xmat.reshape(-1, 3, 3), corners)

@@ -29,7 +29,7 @@ SLACK = 0.005  # metres by which two things may come closer than in the initial 
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """Where things stand in the initial states, and how far they reach. All numbers are in metres.
+    """The places and sizes of a task's things in the initial states. All numbers are in metres.
 
     Attributes:
         places: ``(states, things, 2)`` of their middles; ``radii``: ``(things,)`` of circles about them. base: ``(2,)``
@@ -79,7 +79,7 @@ class Room:
 
     @cached_property
     def _carriers(self) -> list[int]:
-        """What each thing stands on, itself for most."""
+        """The number of the thing that each thing stands on, its own for most."""
         things, riders = self.task.things, self.task.riders
         return [things.index(riders.get(name, name)) for name in things]
 
@@ -115,7 +115,7 @@ def _added_radii(name: str) -> dict[str, float]:
 
 
 def _once(what: str, task: LiberoTask, look: Callable[[LiberoTask], Any], *given: object) -> Any:
-    """What looking finds, which takes seconds once on a machine."""
+    """Look, which takes seconds, once on a machine; later the result is read from the cache."""
     name = f"libero-{what}-{str(task).replace('/', '-')}"
     return kept(name, lambda: look(task), VERSION, str(versions()), *given)
 
@@ -151,6 +151,6 @@ def _look_at_added(task: LiberoTask) -> dict[str, float]:
 
 
 def _radius(env: LiberoEnv, body: int) -> float:
-    """Of the circle about a body, seen from above, that has its surface in it; metres."""
+    """The radius, metres, of the circle around a body, seen from above, that contains its surface."""
     outline = surface(env, body, OUTLINE)[:, :2] - env.data.xpos[body, :2]
     return float(np.linalg.norm(outline, axis=1).max())

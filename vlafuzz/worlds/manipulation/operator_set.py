@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, Field, ValidationError, create_model
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
@@ -96,7 +96,7 @@ class OperatorSet:
 
     @property
     def conditions(self) -> dict[str, Any]:
-        """As fields of ``Conditions`` by name."""
+        """The set as fields of ``Conditions``, by name."""
         world = {MIN_DISTANCE.name: self.min_distance, VISIBLE.name: visible_json(self.visible)}
         return {"world": world, "operators": operators_json(self), "operators_digest": self.digest}
 
@@ -130,7 +130,7 @@ def _read(path: Path, extended: tuple[Path, ...]) -> _File:
     """A file, completed by the files that it extends."""
     if path.resolve() in extended:
         raise CatalogueError(f"{path}: extends: goes round in a circle")
-    file = _validated(path, "", _File, read_yaml(path, CatalogueError))
+    file = _validated(path, _File, read_yaml(path, CatalogueError))
     if file.extends is None:
         return file
     return _merged(_read(_find(file.extends, beside=path), (*extended, path.resolve())), file)
@@ -160,71 +160,65 @@ def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
     return _TaskPart(min_distance=nearest, visible=visible, operators=base.operators | changed)
 
 
+_Operators: Any = create_model("_Operators", __base__=Strict, **{name: (kind, ...) for name, kind in OPERATORS.items()})  # type: ignore[call-overload]
+
+
+class _Part(Strict):
+    """The ranges of a task, or of all others, complete."""
+
+    min_distance: _Distance
+    visible: Annotated[Visible | None, BeforeValidator(lambda bounds: None if bounds is False else bounds)]
+    operators: _Operators
+
+    def as_set(self, path: Path, varied: Iterable[str]) -> OperatorSet:
+        ranges = {name: getattr(self.operators, name) for name in OPERATORS}
+        distance, visible = self.min_distance, self.visible
+        return OperatorSet(
+            source=path, min_distance=distance, operators=ranges, varied=frozenset(varied), visible=visible
+        )
+
+
+class _Whole(_Part):
+    tasks: dict[str, _Part]
+
+
 def _make(path: Path, file: _File) -> OperatorSet:
-    missing = [f"operators.{name}" for name in OPERATORS if name not in file.operators]
-    if file.min_distance is None or missing:
-        key = "min_distance" if file.min_distance is None else missing[0]
-        hint = "`extends: tabletop` fills in what a file leaves out"
-        raise CatalogueError(f"{path}: {key}: missing", hint=hint)
     vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
-    _known(path, "tasks", file.tasks, TASKS)
-    whole = _ranges(path, "", file, frozenset(vary))
-    tasks = {
-        name: _ranges(path, f"tasks.{name}.", _overlaid(file, part), whole.varied) for name, part in file.tasks.items()
-    }
+    for name in file.tasks:
+        if name not in TASKS:
+            raise CatalogueError(f"{path}: tasks: unknown name {name!r}", hint=suggestion(name, TASKS))
+    parts = {name: _overlaid(file, part) for name, part in file.tasks.items()}
+    written = file.model_copy(update={"tasks": parts}).model_dump(exclude={"extends", "vary"}, exclude_none=True)
+    whole = _validated(path, _Whole, written)
+    tasks = {name: part.as_set(path, vary) for name, part in whole.tasks.items()}
     try:
-        return replace(whole, tasks=tasks).only(vary)
+        return replace(whole.as_set(path, vary), tasks=tasks).only(vary)
     except UsageError as error:
         raise CatalogueError(f"{path}: vary: {error.message}", hint=error.hint) from None
 
 
-def _ranges(path: Path, where: str, part: _TaskPart, varied: frozenset[str]) -> OperatorSet:
-    """The set of one task, or of all others."""
-    _known(path, f"{where}operators", part.operators, OPERATORS)
-    operators = {
-        name: _validated(path, f"{where}operators.{name}", kind, part.operators[name])
-        for name, kind in OPERATORS.items()
-    }
-    assert part.min_distance is not None
-    return OperatorSet(
-        source=path,
-        min_distance=part.min_distance,
-        operators=operators,
-        varied=varied,
-        visible=None if part.visible is False else _validated(path, f"{where}visible", Visible, part.visible),
-    )
-
-
-def _known(path: Path, where: str, names: Iterable[str], known: Iterable[str]) -> None:
-    for name in names:
-        if name not in known:
-            raise CatalogueError(f"{path}: {where}: unknown name {name!r}", hint=suggestion(name, known))
-
-
 S = TypeVar("S", bound=BaseModel)
-_MODELS: tuple[type[BaseModel], ...] = (_File, Visible, Box, Range, *OPERATORS.values())
+_MODELS: tuple[type[BaseModel], ...] = (_File, _Operators, Visible, Box, Range, *OPERATORS.values())
 _KEYS = {key for model in _MODELS for key in model.model_fields}
 
 
-def _validated(path: Path, where: str, kind: type[S], raw: object) -> S:
-    """Data as a model; a CatalogueError with file, key and value, and a suggestion for a misspelt key."""
+def _validated(path: Path, kind: type[S], raw: object) -> S:
+    """Validate data as a model; a CatalogueError with file, key and value, and a suggestion for a misspelt key."""
     try:
         return kind.model_validate(raw)
     except ValidationError as error:
         problem = error
-    for misspelt in problem.errors(include_url=False):  # it explains a missing one
-        if misspelt["type"] == "extra_forbidden":
-            *keys, last = map(str, misspelt["loc"])
-            place = ".".join(filter(None, [where, *keys, last]))
-            hint = suggestion(last, _KEYS)
+    for wrong in problem.errors(include_url=False):
+        place = ".".join(map(str, wrong["loc"]))
+        if wrong["type"] == "extra_forbidden":  # it explains a missing one
+            hint = suggestion(str(wrong["loc"][-1]), _KEYS)
             raise CatalogueError(f"{path}: {place}: unknown key", hint=hint)
-    says = first_problem(problem)
-    if not problem.errors()[0]["loc"]:
-        says = f"{where or 'the file'}: {says}"
-    elif where:
-        says = f"{where}.{says}"
+    first = problem.errors()[0]
+    if first["type"] == "missing" and len(first["loc"]) < 3:
+        hint = "`extends: tabletop` fills in what a file leaves out"
+        raise CatalogueError(f"{path}: {'.'.join(map(str, first['loc']))}: missing", hint=hint)
     raise CatalogueError(
-        f"{path}: {says}",
+        f"{path}: {'' if first['loc'] else 'the file: '}{first_problem(problem)}",
         hint="operators/README.md says what each key means; `vlafuzz list operators` shows the ranges in use",
     )
 

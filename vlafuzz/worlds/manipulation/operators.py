@@ -33,14 +33,14 @@ class _Type(Operator):
 
 
 class TargetType(_Type):
-    """Which of ``names`` is manipulated, and which of ``onto`` it is brought to."""
+    """The targets: which of ``names`` is manipulated, and which of ``onto`` it is brought to."""
 
     name, says, part = "target-type", "which objects the task is about", "targets"
     onto: tuple[str, ...] | None = Field(default=None, strict=False, min_length=1)
 
 
 class ConfounderType(_Type):
-    """Which objects stand around: all that can be grasped, or those of ``names``."""
+    """The other objects on the table: all that can be grasped, or those of ``names``."""
 
     name, says, part = "confounder-type", "which other objects are there", "confounders"
 
@@ -76,7 +76,7 @@ class _Position(Operator):
 
 
 class TargetPosition(_Position):
-    """Where the targets stand, the second one in the box ``onto`` if given. One nominal place per target."""
+    """The targets' places, the second one in the box ``onto`` if given. One nominal place per target."""
 
     name, says, part, spots = "target-position", "where the targets stand", "targets", 2
     onto: Box | None = None
@@ -86,7 +86,7 @@ class TargetPosition(_Position):
 
 
 class ConfounderPosition(_Position):
-    """Where the confounders stand. One nominal place per slot."""
+    """The confounders' places. One nominal place per slot."""
 
     name, says, part = "confounder-position", "where the confounders stand", "confounders"
     spots = MOST_CONFOUNDERS
@@ -112,13 +112,13 @@ class _Orientation(Operator):
 
 
 class TargetOrientation(_Orientation):
-    """How the targets rest, and their yaw, which the ``fixed`` rest poses do not vary."""
+    """The targets' rest poses, and their yaw, which does not vary in the ``fixed`` rest poses."""
 
     name, says, part = "target-orientation", "how the targets lie and are turned", "targets"
 
 
 class ConfounderOrientation(_Orientation):
-    """How the confounders rest, and their yaw, which the ``fixed`` rest poses do not vary."""
+    """The confounders' rest poses, and their yaw, which does not vary in the ``fixed`` rest poses."""
 
     name, says, part = "confounder-orientation", "how the confounders lie and are turned", "confounders"
 
@@ -262,7 +262,7 @@ class Extra(Operator):
 
 
 class Backdrop(Extra):
-    """What the table top and the wall behind the robot look like."""
+    """The looks of the table top and of the wall behind the robot."""
 
     name, says, part = "backdrop", "what table and wall look like", "backdrop"
     table: tuple[Pattern, ...] = Field(strict=False)
@@ -271,7 +271,7 @@ class Backdrop(Extra):
 
 
 class InitialPose(Extra):
-    """How far each of the arm's joints is from its usual position at the start: as many as the robot has."""
+    """The offset of each of the robot's arm joints from its usual position at the start, degrees."""
 
     name, says, part = "initial-pose", "how the arm is bent at the start", "initial_pose"
     j1: Span
@@ -287,7 +287,7 @@ class InitialPose(Extra):
 
 
 class SensorNoise(Extra):
-    """How blurred, noisy and compressed the images are that the policy sees."""
+    """Blur, noise and compression of the images that the policy sees."""
 
     name, says, part = "sensor-noise", "blur, noise and compression of images", "noise"
     blur: Span
@@ -296,14 +296,14 @@ class SensorNoise(Extra):
 
 
 class ControlLatency(Extra):
-    """How many control steps late the policy's actions are executed."""
+    """The delay of the policy's actions, control steps."""
 
     name, says, part = "control-latency", "how late actions are executed", "latency"
     delay: Span
 
 
 class InitialState(Extra):
-    """From which of the task's own initial states a scene deviates, where the world has several."""
+    """The number of the task's own initial state from which a scene deviates, where the world has several."""
 
     name, says, part = "initial-state", "which of the task's own initial states it is", "start"
     state: Span
@@ -330,7 +330,7 @@ class _Bystander(Extra):
 
 
 class BystanderPosition(_Bystander):
-    """How far those things are from where they are in the task's own states."""
+    """The offset of those things from their places in the task's own states."""
 
     name, says = "bystander-position", "where the task's own things stand that it is not about"
     x: Span
@@ -338,7 +338,7 @@ class BystanderPosition(_Bystander):
 
 
 class BystanderOrientation(_Bystander):
-    """How far those things are turned from how they stand in the task's own states."""
+    """The turn of those things from their orientation in the task's own states."""
 
     name, says = "bystander-orientation", "how the task's own things are turned that it is not about"
     yaw: Span

@@ -166,7 +166,7 @@ class TableSpace(Space):
         return self.operators.conditions
 
     def embed(self, scene: Scene) -> Vector:
-        """See ``Space.embed``; the camera's position is a point in space."""
+        """Embed a scene, see ``Space.embed``; the camera's position is a point in space."""
         values = self._composer.values(scene)
         numbers = embedded(self._turned, values)
         if self._farthest:
@@ -193,7 +193,7 @@ class TableSpace(Space):
         return [_name(one) for slot, one in enumerate(scene.targets) if f"targets.{slot}" in slots]
 
     def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
-        """Confounders have their number and, if it matters what they are, their kinds: ``1,can``."""
+        """See ``Space.direction``; confounders have their number and, if it matters, their kinds: ``1,can``."""
         if operators == CONFOUNDERS:
             others = self.reset(scene, [kinds.ConfounderType.name], start).confounders
             pairs = zip(scene.confounders, others, strict=True)
@@ -208,7 +208,7 @@ class TableSpace(Space):
         return None
 
     def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
-        """Of the camera's position: x, y and z, in metres."""
+        """See ``Space.axes``; the camera's position has x, y and z, in metres."""
         if group != kinds.CameraPosition.name:
             return {}
         offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
@@ -271,7 +271,7 @@ class TableSpace(Space):
         return super().clause(scene, group, other, fails)
 
     def _turns(self, scene: Scene, other: Scene, fails: Sequence[Range]) -> str:
-        """How the camera turns, a clause of ``clause``."""
+        """The turns of the camera in words, for ``clause``."""
         values, usual = self.values(scene), self.values(other)
         ways = []
         for path in dict(fails[0][0]) if fails else _TURNED:

@@ -80,7 +80,7 @@ def probe_once() -> Renderer:
 
 
 def keep_to_avx() -> None:
-    """Before SAPIEN loads a driver: with vectors of 128 bits, lavapipe 25.0 crashes on AVX-512 processors."""
+    """Limit lavapipe 25.0 to AVX before it is loaded: with 128-bit vectors it crashes on AVX-512 processors."""
     if os.environ.get("LP_NATIVE_VECTOR_WIDTH") == "128":
         os.environ.setdefault(CPU_CAPS, "avx")
 

@@ -84,7 +84,7 @@ def _said(task: str, spoken: tuple[str, ...]) -> tuple[str, ...]:
 
 def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:
     types, around = operators.get(kinds.TargetType), operators.get(kinds.ConfounderType)
-    takes = tuple(name for name in catalogue.graspable() if _takes(hand, catalogue[name]))
+    takes = tuple(name for name in catalogue.names("graspable") if _takes(hand, catalogue[name]))
     slots = {"targets.0": _narrowed("target-type: names", takes, types.names, catalogue)}
     if task.targets > 1:
         slots["targets.1"] = _narrowed("target-type: onto", _offering(task, catalogue), types.onto, catalogue)
@@ -100,7 +100,7 @@ def _takes(hand: Hand, model: ObjectModel) -> bool:
 
 def _offering(task: TableTask, catalogue: Catalogue) -> tuple[str, ...]:
     if task.onto is None:
-        return catalogue.graspable()
+        return catalogue.names("graspable")
     models = [catalogue[name] for name in catalogue.names()]
     if task.onto == "container":
         return tuple(model.name for model in models if model.container and model.role != "marker")

@@ -54,7 +54,7 @@ class Base(Strict):
 
 
 class Original(Strict):
-    """What VLATest's files leave out: robots by task, sizes, and names in instructions."""
+    """The facts that VLATest's files leave out: robots by task, sizes, and names in instructions."""
 
     robots: dict[str, str]
     bases: dict[str, Base]
@@ -267,7 +267,7 @@ def _spoken(model: str, original: Original) -> str:
 
 
 def _from_base(thing: _Thing, base: Base, ours: Sequence[float]) -> tuple[float, float, Quaternion]:
-    """Where an object is and how it is turned, in the frame of our rig, whose base is at ``ours``."""
+    """Position and orientation of an object in the frame of our rig, whose base is at ``ours``."""
     turn = math.radians(-base.yaw)
     x, y = thing.xy[0] - base.x, thing.xy[1] - base.y
     w, i, j, k = thing.quaternion

@@ -30,7 +30,7 @@ def catalogue():
 
 
 def test_there_are_fifteen_objects_to_grasp_and_five_places(catalogue):
-    assert list(catalogue.graspable()) == GRASPABLE
+    assert list(catalogue.names("graspable")) == GRASPABLE
     assert list(catalogue.names("place")) == PLACES
     assert list(catalogue) == list(catalogue.names()) == GRASPABLE + PLACES
     assert catalogue["7up_can"].spoken == "7up can"

@@ -22,7 +22,7 @@ def found(name: str, rest: str) -> tuple[Grasp, ...]:
 
 
 def test_every_object_to_grasp_has_grasps_that_fit_the_gripper_the_best_one_first():
-    for pose in (pose for name in CATALOGUE.graspable() for pose in CATALOGUE[name].stable_poses):
+    for pose in (pose for name in CATALOGUE.names("graspable") for pose in CATALOGUE[name].stable_poses):
         assert 1 <= len(pose.grasps) <= 12
         assert max(grasp.width for grasp in pose.grasps) <= 0.074
         assert all(pose.top - 0.034 <= grasp.z + 1e-4 < pose.top for grasp in pose.grasps)

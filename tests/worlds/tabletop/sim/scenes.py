@@ -21,8 +21,8 @@ STILL = np.array([0.0, 0, 0, 0, 0, 0, 1])
 
 def nominal(task: str = "pick-up") -> Scene:
     """A fair scene with the first suitable objects."""
-    names = {"move-near": CATALOGUE.graspable()[:2], "put-on": (CATALOGUE.graspable()[0], "plate")}
-    names |= {"pick-up": CATALOGUE.graspable()[:1], "put-in": (CATALOGUE.graspable()[0], "basket")}
+    names = {"move-near": CATALOGUE.names("graspable")[:2], "put-on": (CATALOGUE.names("graspable")[0], "plate")}
+    names |= {"pick-up": CATALOGUE.names("graspable")[:1], "put-in": (CATALOGUE.names("graspable")[0], "basket")}
     targets = tuple(put(name, *place) for name, place in zip(names[task], ((-0.05, 0.0), (-0.05, 0.2)), strict=False))
     return Scene(task, targets, say(load_wordings()[task][0], [CATALOGUE[name].spoken for name in names[task]]))
 

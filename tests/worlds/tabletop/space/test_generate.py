@@ -44,7 +44,7 @@ def test_every_count_and_every_object_comes_up() -> None:
     counts = Counter(len(scene.confounders) for scene in scenes)
     assert set(counts) == {0, 1, 2, 3}
     assert min(counts.values()) > 30
-    assert {scene.targets[0].object for scene in scenes} == set(CATALOGUE.graspable())
+    assert {scene.targets[0].object for scene in scenes} == set(CATALOGUE.names("graspable"))
 
 
 @tasks

@@ -99,7 +99,7 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
         ("varry: [light]", "varry: unknown key", "did you mean 'vary'?"),
         ("vary: [ligt]", "vary: unknown operator 'ligt'", "did you mean 'light'?"),
         ("vary: [confounder-type]", "vary: confounder-type: there is no confounder", "vary confounder-count"),
-        ("operators: {lite: {}}", "operators: unknown name 'lite'", "did you mean 'light'?"),
+        ("operators: {lite: {}}", "operators.lite: unknown key", "did you mean 'light'?"),
         ("operators: {light: {intensty: 3}}", "operators.light.intensty: unknown key", "'intensity'?"),
         (
             "operators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",

@@ -57,7 +57,7 @@ class Scripted(ABC):
 
     @abstractmethod
     def begin(self, start: EpisodeStart) -> Acting:
-        """What acts in a rollout that begins."""
+        """Begin a rollout; returns what gives its actions."""
 
     @property
     def catalogue(self) -> Catalogue:
@@ -66,7 +66,7 @@ class Scripted(ABC):
         return self._catalogue
 
     def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``."""
+        """Use this catalogue from now on, see ``Knowing``."""
         self._catalogue = catalogue
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -130,13 +130,13 @@ def _belief(known: object) -> Belief:
 
 
 class Pose(NamedTuple):
-    """Of the hand: ``place`` (3,) metres."""
+    """A pose of the hand: ``place`` (3,) in metres."""
 
     place: Array
     turn: Rotation
 
     def moved(self, move: Array) -> "Pose":
-        """After a move of ``(6,)``: metres, and a rotation vector about the base's axes."""
+        """The pose after a move ``(6,)``: metres, and a rotation vector about the base's axes."""
         return Pose(self.place + move[:3], Rotation.from_rotvec(move[3:6]) * self.turn)
 
     def move_to(self, other: "Pose") -> Array:

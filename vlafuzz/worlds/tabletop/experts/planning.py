@@ -36,7 +36,7 @@ class Thing:
 
     @cached_property
     def top(self) -> float:
-        """Highest point, metres."""
+        """The height of the highest point, metres."""
         return float(self.corners[:, 2].max())
 
 
@@ -73,7 +73,7 @@ def nearest_yaw(yaw: float, to: float) -> float:
 
 
 def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
-    """(yaw, width, offset (2,) from the origin, z, quality) of each grasp in the object's current pose."""
+    """List the grasps of an object in its pose: (yaw, width, offset (2,) from the origin, z, quality)."""
     bottom = float(thing.corners[:, 2].min())
     for pose in thing.model.stable_poses:
         nominal = np.array(rotation_matrix(pose.quaternion))
@@ -94,7 +94,7 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
 
 
 def _crowding(tcp: Array, yaw: float, others: Sequence[Thing], hand: Hand) -> float:
-    """How many collisions there are between the gripper's boxes and other objects' bounding boxes."""
+    """Count collisions between the gripper's boxes and other objects' bounding boxes."""
     along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     across = np.array([-along[1], along[0], 0.0])
     frame = np.stack([across, along, [0.0, 0.0, 1.0]])
@@ -122,7 +122,7 @@ def travel_height(start: Array, end: Array, others: Sequence[Thing], radius: flo
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """Where to put a down, metres and radians."""
+    """A place to put a down, metres and radians."""
 
     place: Array  # (2,) of its origin
     turn: float  # on the way there, up to half a turn
@@ -130,12 +130,12 @@ class Goal:
 
 
 def goal_on(a: Thing, b: Thing) -> Goal:
-    """On the centre of b."""
+    """The goal on the centre of b."""
     return Goal(b.position[:2].copy(), 0.0, b.top)
 
 
 def goal_in(a: Thing, b: Thing) -> Goal:
-    """In the centre of b, with the long sides of a and b aligned."""
+    """The goal in the centre of b, with the long sides of a and b aligned."""
     container = b.model.container
     if container is None:  # a policy that takes the wrong object for b still needs a goal
         return goal_on(a, b)
@@ -154,7 +154,7 @@ def _long_axis(thing: Thing) -> tuple[float, float]:
 
 
 def goal_near(a: Thing, b: Thing, others: Sequence[Thing], closing: float, rig: Rig, *, in_view: bool = False) -> Goal:
-    """Beside b: the nearest free place with the right gap to b and without the fingers between the two.
+    """The goal near b: the nearest free place with the right gap to b and without the fingers between the two.
 
     ``in_view``: prefer places that are not between b and the camera.
     """

@@ -50,7 +50,7 @@ class Guess(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """How well an object agrees with an outline, in [0, 1]."""
+    """A guess with its agreement with an outline, in [0, 1]."""
 
     agreement: float
     guess: Guess
@@ -81,12 +81,12 @@ class Look:
         self._sizes = np.bincount(self._labels.ravel(), minlength=HAND + 1)
 
     def besides(self, things: Iterable[Thing]) -> list[int]:
-        """Labels of the outlines that are not of things known."""
+        """The labels of the outlines that are of no known thing."""
         known = list(things)
         return [n for n in self.colours if all(self.agreement(thing, n) < SAME for thing in known)]
 
     def alike(self, model: ObjectModel, labels: Iterable[int]) -> list[int]:
-        """Those of some outlines that are most like an object in colour; none if none has its colour."""
+        """Select the outlines that are most like an object in colour; none if none has its colour."""
         apparent = camera_values(np.minimum(model.colour * self._light, 1.0))
         apart = {label: float(np.abs(self.colours[label] - apparent).max()) for label in labels}
         nearest = min([NOISE, *apart.values()])
@@ -150,7 +150,7 @@ class Look:
         return guess.moved(place - self._view.back_project(middle, height)[0] * [1, 1, 0])
 
     def _refine(self, fit: Fit, label: int) -> Fit:
-        """Moved and turned as long as it agrees better, by ever smaller steps."""
+        """Move and turn a guess as long as it agrees better, by ever smaller steps."""
         halved = 0
         while halved < HALVINGS and fit.agreement <= GOOD:
             tries = (self._rate(fit.guess.moved(step / 2**halved), label) for step in STEPS)

@@ -31,7 +31,7 @@ POINTS = 400  # of an object's surface, of which the camera sees less than half
 
 @dataclass(frozen=True, eq=False)
 class Skin:
-    """Points that stand for equal areas, in the object's frame."""
+    """A sample of an object's surface: points that stand for equal areas, in the object's frame."""
 
     points: Array  # (n, 3) metres
     normals: Array  # (n, 3) outwards
@@ -83,7 +83,7 @@ def _spread(corners: Array) -> tuple[Array, NDArray[np.int64], Array]:
 
 @dataclass(frozen=True)
 class Hidden:
-    """How much of an object's outline is in the picture and not hidden, and by what most of the rest is."""
+    """The visible share of an object's outline, and what hides most of the rest."""
 
     inside: float  # share of the outline
     unhidden: float  # share of the outline inside
@@ -125,7 +125,7 @@ class Picture:
         return labels
 
     def hidden(self, index: int) -> Hidden:
-        """How much of an object is hidden."""
+        """Measure how much of an object is hidden."""
         alone, label = blank(self._view), index + 1
         fill(alone, self._outlines[index], 1)
         hiding = np.bincount(self._labels[alone > 0], minlength=256)
@@ -176,7 +176,7 @@ class Picture:
         return "the robot" if label == ROBOT else self._models[label - 1].spoken
 
     def _surroundings(self, index: int) -> Iterator[tuple[str, Array, int]]:
-        """What borders on an object: name, ``(k, 3)`` pixel values, and along how many pixels."""
+        """Yield what borders on an object: name, ``(k, 3)`` pixel values, and along how many pixels."""
         uv, _ = self._view.project(np.concatenate(self._parts[index]))
         height, width = self._labels.shape
         low, high = uv.min(axis=0) * [width, height] - REACH, uv.max(axis=0) * [width, height] + REACH

@@ -56,10 +56,6 @@ class Catalogue:
         """The names of all objects, or of those with one of some roles, in their order."""
         return tuple(name for name in self if not roles or self[name].role in roles)
 
-    def graspable(self) -> tuple[str, ...]:
-        """Names of the objects that a gripper can pick up."""
-        return self.names("graspable")
-
     def preferred(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """The default choice among some names: the packs' objects if there are any, else all."""
         packed = tuple(name for name in names if name in self._packed)

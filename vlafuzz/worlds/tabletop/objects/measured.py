@@ -93,7 +93,7 @@ def _read(file: Path) -> bytes:
 
 @contextmanager
 def _reading(file: Path) -> Iterator[None]:
-    """CatalogueError for all kinds of errors that trimesh's readers raise for damaged files."""
+    """Convert all kinds of errors that trimesh's readers raise for damaged files to a CatalogueError."""
     try:
         yield
     except Exception as error:

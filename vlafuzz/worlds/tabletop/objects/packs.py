@@ -134,7 +134,7 @@ def packs_of(objects: Iterable[str]) -> tuple[Pack, ...]:
 
 
 def spoken(name: str) -> str:
-    """What an instruction calls an object: its name without the words that only distinguish meshes."""
+    """The spoken name of an object: its name without the words that only distinguish meshes."""
     words = name.replace("-", "_").split("_")
     return " ".join(word for word in words if not _UNSPOKEN.fullmatch(word)) or name
 
@@ -213,7 +213,7 @@ def _hash(file: Path, pack: Path, *_: int) -> str:
 
 
 def check_references(file: Path, folder: Path) -> None:
-    """CatalogueError if a file in a pack's folder, or one that it names, is elsewhere, a link, or too large.
+    """Raise a CatalogueError if a file of a pack, or one that it names, is elsewhere, a link, or too large.
 
     Whatever its format, everything in a file that is the path of another one counts as its name. A name without a file
     is harmless: some meshes still have a path of their author's machine.
@@ -236,7 +236,7 @@ def check_references(file: Path, folder: Path) -> None:
 
 
 def _names(data: bytes) -> Iterator[str]:
-    """What could be paths in a file: its words, and what stands in a line or between quotes after a keyword."""
+    """Yield what could be paths in a file: its words, and what stands in a line or between quotes after a keyword."""
     if data.startswith(b"glTF"):
         data = data[20 : 20 + int.from_bytes(data[12:16], "little")]  # the JSON part
     text = re.sub(r"\\u00([0-7][0-9a-fA-F])", lambda code: chr(int(code[1], 16)), data.decode("utf-8", "replace"))

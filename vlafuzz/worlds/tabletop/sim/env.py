@@ -151,7 +151,7 @@ class TabletopEnv(BaseEnv):
         return image
 
     def check(self, scene: Scene) -> None:
-        """SimulatorError if the simulator, read back before the first step, does not contain this scene."""
+        """Read the simulator back before the first step; a SimulatorError if it does not contain this scene."""
         names, built = [thing.object for thing in scene.placements], [model.name for model in self.models]
         if names != built:
             _fail("objects", names, built)

@@ -30,7 +30,7 @@ from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 
 class TabletopEpisode(Episode):
-    """Begins a rollout of a scene in an environment."""
+    """A rollout of a scene in an environment."""
 
     def __init__(self, env: TabletopEnv, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
         self._env, self._spec = env, spec

@@ -121,7 +121,7 @@ class World:
 
     @property
     def poses(self) -> tuple[sapien.Pose, ...]:
-        """Of the objects."""
+        """The poses of the objects."""
         return tuple(body.entity_pose for body in self._bodies)
 
     def _move_over(self) -> None:
