@@ -1,7 +1,9 @@
 """``vlafuzz diff``: two policies by the causes of their failures."""
 
+import re
 from collections import Counter
 from dataclasses import replace
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.report.stores import MANIFEST, MadeUpFilms
 from vlafuzz.cli import main
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.diff import diff as compare_causes
@@ -21,6 +24,8 @@ from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.tabletop import renderer
+from vlafuzz.worlds.tabletop.renderer import Renderer
 
 TILTED = CONDITIONS["camera-orientation"][0]
 
@@ -68,7 +73,7 @@ def corpora(tmp_path: Path, monkeypatch) -> None:
         ("old", "idle", [*map(case, range(4)), *map(aside, range(2))]),
         ("new", "pinhole", [*map(bright, range(4)), *map(aside, range(2))]),
     ):
-        corpus = replace(make_corpus(*cases), runs=[manifest(policy=policy)])
+        corpus = replace(make_corpus(*cases), runs=[replace(MANIFEST, policy=policy)])
         write_corpus(corpus, tmp_path / name)
 
 
@@ -121,6 +126,24 @@ def test_the_table_names_the_causes_and_a_sentence_counts_them(capsys):
     assert "1 remaining, 1 new (p = 0.00" in printed.out
     assert "light: fails from intensity" in " ".join(printed.out.split())
     assert "6 and 6 certified failures" in printed.err
+
+
+def test_a_page_shows_each_cause_with_the_rollouts_of_both_policies(monkeypatch, capsys):
+    class Filmed(RuleRunner):
+        def film(self, scene: Scene, actions=None):
+            return replace(MadeUpFilms()(self.run, scene, actions), failed=actions is None and not self._rule(scene))
+
+    monkeypatch.setattr(renderer, "probe_once", lambda: Renderer("made up", None, None))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda source, run, policy: Filmed(RULES[policy], run))
+    assert "written: page.html (" in typed(capsys, "diff old new --out page.html").err
+    page = Path("page.html").read_text(encoding="utf-8")
+    assert "Causes of failure in pinhole, compared with idle: 1 new, 1 remaining, 1 fixed." in page
+    shown = [unescape(" ".join(card.split())) for card in re.findall(r"<article.*?</article>", page, re.DOTALL)]
+    told = {re.search(r'class="badge (\w+)"', card)[1]: re.findall(r"<dd>(.*?)</dd>", card)[0] for card in shown}
+    assert told == {"new": "0 → 12", "remaining": "8 → 8", "fixed": "12 → 0"}
+    films = [re.findall(r"<figcaption>(.*?)</figcaption>", card)[:2] for card in shown]
+    assert films[0] == ["idle: passes", "pinhole: fails at grasp"]
+    assert films[2] == ["idle: fails at grasp", "pinhole: passes"]
 
 
 def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_path: Path, capsys):

@@ -22,7 +22,7 @@ class FilmDesk:
 
     made: list["FilmDesk"] = []  # noqa: RUF012
 
-    def __init__(self, source: Path, run) -> None:
+    def __init__(self, source: Path, run, policy=None) -> None:
         self.run, self.closed, self._films = run, False, MadeUpFilms()
         self.made.append(self)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.report.stores import MadeUpFilms, store, view
-from vlafuzz.report.films import filmed
+from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import render
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get i
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("page")
-    shown = filmed(view(store(folder / "a.db", triaged=3)), MadeUpFilms(), 50, lambda *_: None)
+    shown = filmed(view(store(folder / "a.db", triaged=3)), beside(MadeUpFilms()), 50, lambda *_: None)
     (folder / "page.html").write_text(render(shown), encoding="utf-8")
     return (folder / "page.html").as_uri()
 

@@ -12,7 +12,7 @@ from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError
 from vlafuzz.model.scene import Scene
-from vlafuzz.report.films import filmed
+from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import check_place, render, write_page
 from vlafuzz.report.sources import view_of_corpus
 from vlafuzz.store.store import Store
@@ -45,7 +45,7 @@ class Page(HTMLParser):
 
 def page_of(path: Path, films: bool = False) -> Page:
     shown = view(path)
-    return Page(render(filmed(shown, MadeUpFilms(), 50, lambda *_: None) if films else shown))
+    return Page(render(filmed(shown, beside(MadeUpFilms()), 50, lambda *_: None) if films else shown))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_fifty_films_make_a_page_below_five_megabytes(tmp_path: Path):
         return replace(film, video=len(made.requests).to_bytes(2, "big") * 12_500, still=b"a" * 6_000)
 
     shown = view(store(tmp_path / "a.db", findings=25, triaged=0))
-    page = render(filmed(shown, films, 50, lambda *_: None))
+    page = render(filmed(shown, beside(films), 50, lambda *_: None))
     assert page.count("<video") == 100
     assert len(page.encode()) < 5e6
 

@@ -21,7 +21,7 @@ from vlafuzz.failures.described import DescribedFailure, deviations
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.evidence import Causes, Threshold
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
-from vlafuzz.report.films import filmed
+from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.plots import plot_of
 from vlafuzz.report.sources import view_of_corpus, view_of_store
@@ -207,7 +207,7 @@ def test_scenes_from_elsewhere_are_shown_as_well():
 
 def test_the_first_cards_are_filmed_run_by_run_beside_what_passes_and_what_solves(triaged: View):
     films, seen = MadeUpFilms(), []
-    shown = filmed(triaged, films, 5, lambda done, of: seen.append((done, of)))
+    shown = filmed(triaged, beside(films), 5, lambda done, of: seen.append((done, of)))
     assert [[shot.kind for shot in card.shots] for card in shown.cards] == [["passes", "fails", "solves"]] * 5 + [[]]
     assert shown.notes == ()
     seeds = [run.seed for run, _, _ in films.requests]
@@ -228,7 +228,7 @@ def test_where_nominal_fails_too_another_neighbour_is_shown(triaged: View):
     for neighbours in (card.neighbours, card.neighbours[:1]):
         shown = filmed(
             replace(triaged, causes=(replace(card, neighbours=neighbours),), failures=()),
-            Failing(passing=1),
+            beside(Failing(passing=1)),
             1,
             lambda *_: None,
         )
@@ -242,10 +242,10 @@ def test_a_film_that_cannot_be_made_is_replaced_by_the_reason(triaged: View):
             fails = actions is None and scene != SPACE.nominal(like=scene)
             return "simulator: a wheel came off" if fails else super().__call__(run, scene, actions)
 
-    page = render(filmed(triaged, Broken(), 1, lambda *_: None))
+    page = render(filmed(triaged, beside(Broken()), 1, lambda *_: None))
     assert page.count("<p>No film: simulator: a wheel came off</p><figcaption>this</figcaption>") == 1
     assert page.count("<video") == 2
-    none = render(filmed(triaged, lambda *_: "no device", 1, lambda *_: None))
+    none = render(filmed(triaged, beside(lambda *_: "no device"), 1, lambda *_: None))
     assert none.count("<p>No film: no device</p>") == 3
 
 
@@ -260,7 +260,7 @@ def test_a_failure_of_a_task_without_stages_names_none(triaged: View, monkeypatc
 
 
 def test_films_in_which_the_policy_passes_are_noted(triaged: View):
-    shown = filmed(triaged, MadeUpFilms(passing=2), 50, lambda done, of: None)
+    shown = filmed(triaged, beside(MadeUpFilms(passing=2)), 50, lambda done, of: None)
     (note,) = shown.notes
     assert note.startswith("In 2 of 6 films the policy passes:")
 

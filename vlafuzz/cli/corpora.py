@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, option, option_of
+from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, VideosFlag, option, option_of
 from vlafuzz.cli.output import Bar, print_json, print_lines, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
+
+if TYPE_CHECKING:
+    from vlafuzz.failures.corpus.diff import Difference
+    from vlafuzz.report.view import View
 
 CorpusFlag = Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")]
 BaselineFlag = Annotated[
@@ -116,6 +120,8 @@ def diff(
     run_a: Annotated[int | None, option("Only this run of A.", "all runs")] = None,
     run_b: Annotated[int | None, option("Only this run of B.", "all runs")] = None,
     alpha: AlphaFlag = 0.05,
+    out: Annotated[Path | None, option("Write one HTML page, with films of both.", "the terminal")] = None,
+    videos: VideosFlag = True,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -129,7 +135,12 @@ def diff(
     _check_policies(policy_a, policy_b)
     from vlafuzz.failures.corpus.diff import diff_policies
     from vlafuzz.failures.corpus.tables import difference_document, difference_rows
+    from vlafuzz.report.page import check_place
+    from vlafuzz.report.sources import view_of
 
+    if out:  # what is wrong with it is said before minutes go by
+        check_place(out)
+    views = [view_of(source) for source in (a, b)] if out else []
     with Bar() as bar:
         result = diff_policies(
             a,
@@ -148,6 +159,23 @@ def diff(
     else:
         print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
         print_lines(result.verdict)
+    if out:
+        _write_difference(a, b, *views, result, out, videos=videos)
+
+
+def _write_difference(
+    a: Path, b: Path, first: View, second: View, result: Difference, out: Path, *, videos: bool
+) -> None:
+    from vlafuzz.cli.report import FILMED, with_films, write
+    from vlafuzz.report.differences import view_of_difference
+    from vlafuzz.report.films import RunFilms, of_both
+
+    view = view_of_difference(first, second, result)
+    if videos and view.cards:
+        in_b = {run.key(): b for run in second.runs}
+        films = [RunFilms(a, policy, in_b) for policy in result.asked]
+        view = with_films(view, films, of_both((result.first, result.second), films), FILMED)
+    write(out, view)
 
 
 def bisect(

@@ -158,6 +158,9 @@ OperatorsFlag = Annotated[str | None, option_of("operators")]
 WorkersFlag = Annotated[int | None, option_of("workers")]
 ExecutorFlag = Annotated[str | None, option_of("executor")]
 PackFlag = Annotated[list[str] | None, option_of("packs")]
+VideosFlag = Annotated[
+    bool, option("Film what passes, what fails and what solves it, on a page.", flag="--videos/--no-videos")
+]
 AlphaFlag = Annotated[float, option("Probability of a false alarm, at most.")]
 TimeFlag = Annotated[
     str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")

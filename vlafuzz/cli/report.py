@@ -5,7 +5,8 @@ from __future__ import annotations
 import shlex
 import sys
 import time
-from contextlib import closing
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import JsonFlag, TrustFlag, option, refuse
+from vlafuzz.cli.flags import JsonFlag, TrustFlag, VideosFlag, option, refuse
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list
 from vlafuzz.common.plugins import trust_flag
 from vlafuzz.common.text import plural, size
@@ -21,6 +22,7 @@ from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
 if TYPE_CHECKING:
     from vlafuzz.failures.described import DescribedFailure
+    from vlafuzz.report.films import RunFilms, ShotsOf
     from vlafuzz.report.view import View
 
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
@@ -39,9 +41,7 @@ def command(
     limit: Annotated[
         int | None, option("Most that are listed, 0 for all; on a page, filmed.", f"{FEW}; {FILMED} on a page")
     ] = None,
-    videos: Annotated[
-        bool, option("Film what passes, what fails and what solves it, on a page.", flag="--videos/--no-videos")
-    ] = True,
+    videos: VideosFlag = True,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -128,21 +128,30 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
 def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     if limit is not None and not videos:
         raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
-    from vlafuzz.report.page import check_place, render, write_page
+    from vlafuzz.report.films import RunFilms, beside
+    from vlafuzz.report.page import check_place
     from vlafuzz.report.sources import view_of
 
     view = view_of(source)
     check_place(out)  # before minutes go by
     if videos and view.cards:
-        view = _with_films(source, view, limit or FILMED)
+        films = RunFilms(source)
+        view = with_films(view, [films], beside(films), limit or FILMED)
+    write(out, view)
+
+
+def write(out: Path, view: View) -> None:
+    """Write a page, and say so."""
+    from vlafuzz.report.page import render, write_page
+
     page = render(view)
     write_page(out, page)
     Bar.note(f"written: {out} ({size(len(page.encode()))})")
 
 
-def _with_films(source: Path, view: View, limit: int) -> View:
-    """The view with films, or with a note why there are none."""
-    from vlafuzz.report.films import RunFilms, filmed
+def with_films(view: View, films: Sequence[RunFilms], shots_of: ShotsOf, limit: int) -> View:
+    """The view with shots of these films, or with a note why there are none."""
+    from vlafuzz.report.films import filmed
     from vlafuzz.worlds import no_pictures
 
     problems = [no_pictures(task) for task in dict.fromkeys(run.task for run in view.runs)]
@@ -151,8 +160,10 @@ def _with_films(source: Path, view: View, limit: int) -> View:
     else:
         with interruptible("interrupted: nothing is written\nhint: --no-videos takes no time") as bar:
             try:
-                with closing(RunFilms(source)) as films:
-                    return filmed(view, films, limit, partial(bar.progress, "films"))
+                with ExitStack() as stack:
+                    for one in films:
+                        stack.enter_context(closing(one))
+                    return filmed(view, shots_of, limit, partial(bar.progress, "films"))
             except VlafuzzError as error:
                 reason = error.message
     Bar.note(f"note: no videos: {reason}.")

@@ -71,6 +71,7 @@ def card_of(
         title=f"{title[:1].upper()}{title[1:]}",
         of=of,
         badge=_badge(of, cause),
+        mark=of.bucket if of else "none",
         numbers=list(_numbers(of, cause, failures)) if cause else (),
         strips=[*_of_quantity(of, plot, cause), *_strips(of, plot, bands)] if plot and of else (),
         step=_step(source, of) if of else None,

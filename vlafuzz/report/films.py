@@ -1,8 +1,10 @@
 """Films of failures beside what passes, for a page."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import SOLVERS
@@ -16,6 +18,7 @@ from vlafuzz.worlds.evaluator import Film
 
 # Makes a film of the run's policy in a scene, or of the given actions; says why there is none if that broke.
 Films = Callable[[Manifest, Scene, Actions | None], Film | str]
+ShotsOf = Callable[[Card, DescribedFailure], Iterator[Shot]]
 TRIED = 2  # neighbours, of which the first that passes is shown
 
 
@@ -23,10 +26,16 @@ class RunFilms:
     """Films made in the simulator, which is kept while the run stays the same, as starting it takes seconds.
 
     What the policy does in a scene is filmed once: many failures have the same nominal scene.
+
+    Args:
+        policy: another one than that of the runs.
+        elsewhere: the stores or corpora of runs that are not in ``source``, by their keys.
     """
 
-    def __init__(self, source: Path) -> None:
-        self._source = source
+    def __init__(
+        self, source: Path, policy: str | None = None, elsewhere: Mapping[str, Path] = MappingProxyType({})
+    ) -> None:
+        self._source, self._policy, self._elsewhere = source, policy, elsewhere
         self._run: Manifest | None = None
         self._runner: scene_runner.SimulatorSceneRunner | None = None
         self._made: dict[str, Film | str] = {}
@@ -34,7 +43,8 @@ class RunFilms:
     def __call__(self, run: Manifest, scene: Scene, actions: Actions | None) -> Film | str:
         if self._runner is None or run != self._run:
             self.close()
-            self._run, self._runner = run, scene_runner.SimulatorSceneRunner(self._source, run)
+            source = self._elsewhere.get(run.key(), self._source)
+            self._run, self._runner = run, scene_runner.SimulatorSceneRunner(source, run, self._policy)
         if actions is not None:
             return self._runner.film(scene, actions)
         if scene.digest not in self._made:
@@ -48,7 +58,7 @@ class RunFilms:
             self._runner = None
 
 
-def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], None]) -> View:
+def filmed(view: View, shots_of: ShotsOf, limit: int, watch: Callable[[int, int], None]) -> View:
     """The view with films of its first ``limit`` cards, made run by run: each run needs its own simulator.
 
     A note says in how many the policy does not fail.
@@ -57,7 +67,7 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
     shots: dict[Card, list[Shot]] = {}
     for done, (card, of) in enumerate(sorted(chosen, key=lambda pair: view.runs.index(pair[1].run))):
         watch(done, len(chosen))
-        shots[card] = list(_shots(card, of, films))
+        shots[card] = list(shots_of(card, of))
     watch(len(chosen), len(chosen))
     causes, failures = (
         tuple(replace(card, shots=shots.get(card, ())) for card in cards) for cards in (view.causes, view.failures)
@@ -70,7 +80,25 @@ def filmed(view: View, films: Films, limit: int, watch: Callable[[int, int], Non
     return replace(view, causes=causes, failures=failures, notes=tuple(notes))
 
 
-def _shots(card: Card, of: DescribedFailure, films: Films) -> Iterator[Shot]:
+def beside(films: Films) -> ShotsOf:
+    """What passes beside each failure, the failure, and the reference solution."""
+    return partial(_shots, films)
+
+
+def of_both(names: Sequence[str], films: Sequence[Films]) -> ShotsOf:
+    """What each of two policies does in the scene of a failure, and the reference solution."""
+
+    def shots(card: Card, of: DescribedFailure) -> Iterator[Shot]:
+        for name, one in zip(names, films, strict=True):
+            film = one(of.run, of.scene, None)
+            kind = "fails" if isinstance(film, Film) and film.failed else "passes"
+            yield _shot(kind, name, film)
+        yield from _reference(films[0], of)
+
+    return shots
+
+
+def _shots(films: Films, card: Card, of: DescribedFailure) -> Iterator[Shot]:
     """What passes beside it, the failure, and the reference solution; each with a film, or why there is none."""
     neighbour = None
     for name, scene in card.neighbours[:TRIED]:
@@ -79,20 +107,25 @@ def _shots(card: Card, of: DescribedFailure, films: Films) -> Iterator[Shot]:
         film = films(of.run, scene, None)
         passes = isinstance(film, Film) and not film.failed
         if neighbour is None or passes:
-            neighbour = _shot("passes", name, film, "passes", "fails, too")
+            neighbour = _shot("passes", name, film, fails="fails, too")
         if passes:
             break
     if neighbour:
         yield neighbour
-    film = films(of.run, of.scene, None)
-    stage = f" at {film.lost}" if isinstance(film, Film) and film.lost else ""
-    yield _shot("fails", "this", film, "passes this time", f"fails{stage}")
+    yield _shot("fails", "this", films(of.run, of.scene, None), passes="passes this time")
+    yield from _reference(films, of)
+
+
+def _reference(films: Films, of: DescribedFailure) -> Iterator[Shot]:
     if of.witness:
         solves = f"solves it ({SOLVERS[of.witness.solver]})"
-        yield _shot("solves", "reference", films(of.run, of.scene, of.witness.actions), solves, "fails here")
+        film = films(of.run, of.scene, of.witness.actions)
+        yield _shot("solves", "reference", film, passes=solves, fails="fails here")
 
 
-def _shot(kind: str, name: str, film: Film | str, passes: str, fails: str) -> Shot:
+def _shot(kind: str, name: str, film: Film | str, *, passes: str = "passes", fails: str = "") -> Shot:
+    """A shot with what is seen in it; ``fails`` is by default at which stage."""
     if isinstance(film, str):
         return Shot(kind, name, None, film or "the scene cannot be rolled out here")
+    fails = fails or ("fails at " + film.lost if film.lost else "fails")
     return Shot(kind, f"{name}: {fails if film.failed else passes}", film)

@@ -37,7 +37,7 @@ class Card:
 
     Attributes:
         of: the failure; None for a cause that no stored failure shows.
-        badge: how well it is shown, and what that means.
+        badge: how well it is shown, and what that means; ``mark``: its kind, for its colour.
         step: what to do next, and the command.
         neighbours: scenes in which the policy should pass, the likeliest first, with their names.
         plot: the scenes among which it is; ``bands``: what fails there.
@@ -47,6 +47,7 @@ class Card:
     title: str
     of: DescribedFailure | None
     badge: tuple[str, str]
+    mark: str = "none"
     numbers: Sequence[tuple[str, str]] = ()
     strips: Sequence[Strip] = ()
     step: tuple[str, str] | None = None

@@ -71,6 +71,8 @@ class CauseChange:
         scenes: minimal ones with this signature; in ``passes`` of them the other policy mostly passes. p_value: that
         the other policy fails there as often, by the sign test over pairs of rollouts. scene: digest of the first one.
         detail: why the other policy fails there, or could not be judged.
+        of_second: whether it is a cause of the second policy.
+        failures: of the first policy and of the second one, each in so many ``rollouts``.
     """
 
     signature: str
@@ -81,6 +83,9 @@ class CauseChange:
     scene: str
     p_value: float = 1.0
     detail: str = ""
+    of_second: bool = False
+    failures: tuple[int, int] = (0, 0)
+    rollouts: int = 0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,6 +95,7 @@ class Difference:
     Attributes:
         fixed: test of the second policy in the first one's failing scenes; ``broken``: in the passing ones beside them.
         new: test of the first policy in the second one's failing scenes: whether some of these are new.
+        asked: the names under which the policies were asked; empty if they were none.
     """
 
     first: str
@@ -98,6 +104,7 @@ class Difference:
     fixed: Change
     broken: Change
     new: Change
+    asked: tuple[str, ...] = ()
 
     def of(self, standing: Standing) -> list[CauseChange]:
         return [cause for cause in self.causes if cause.standing == standing]
@@ -154,7 +161,8 @@ def diff_policies(
             return stack.enter_context(closing(Rerun(model.short, tested.runs, make)))
 
         in_a, in_b = ((side(one, tested), side(other, tested)) for tested in (first, second))
-        return diff(first, second, in_a, in_b, alpha=alpha, watch=watch)
+        result = diff(first, second, in_a, in_b, alpha=alpha, watch=watch)
+    return replace(result, asked=(one.policy, other.policy))
 
 
 def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str | None) -> tuple[Model, Model]:
@@ -279,6 +287,10 @@ def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alph
             shown: Standing = where_it_passes if p_value <= alpha else "unclear"
             standing = shown if passes else "remaining"
         first = scenes[0].probe.scene
+        of_second = where_it_passes == "new"
+        own, other = (
+            (sum(not outcome.passed for outcome in side) for side in zip(*pairs, strict=True)) if pairs else (0, 0)
+        )
         yield CauseChange(
             signature=signature,
             title=known.causes[first][1],
@@ -288,4 +300,7 @@ def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alph
             scene=first.digest,
             p_value=p_value,
             detail=next((scene.detail for scene in scenes if scene.detail), ""),
+            of_second=of_second,
+            failures=(other, own) if of_second else (own, other),
+            rollouts=len(pairs),
         )
