@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,16 +161,15 @@ def diff(
         print_rows(difference_rows(result), title=f"{result.first} and {result.second}")
         print_lines(result.verdict)
     if out:
-        _write_difference(a, b, *views, result, out, videos=videos)
+        _write_difference(a, b, result, views, out, videos=videos)
 
 
-def _write_difference(
-    a: Path, b: Path, first: View, second: View, result: Difference, out: Path, *, videos: bool
-) -> None:
+def _write_difference(a: Path, b: Path, result: Difference, views: Sequence[View], out: Path, *, videos: bool) -> None:
     from vlafuzz.cli.report import FILMED, with_films, write
     from vlafuzz.report.differences import view_of_difference
     from vlafuzz.report.films import RunFilms, of_both
 
+    first, second = views
     view = view_of_difference(first, second, result)
     if videos and view.cards:
         in_b = {run.key(): b for run in second.runs}
