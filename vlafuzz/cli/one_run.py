@@ -3,7 +3,6 @@
 This is loaded after the simulator for workers has begun to load.
 """
 
-import shlex
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -19,7 +18,7 @@ from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.cli.output import Bar, interruptible, print_lines, print_list, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, shown_on
 from vlafuzz.common.deadline import Deadline
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command
 from vlafuzz.common.text import duration, interval, named, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
@@ -74,8 +73,8 @@ def run_plan(
         if words := forecast.of_tasks(tasks):
             Bar.note(words)
         search = forecast.search
-    trust = trust_flag(plan.manifest.policy, plan.manifest.strategy)
-    again = again or shlex.join(["vlafuzz", "run", "--resume", "--store", str(plan.store), *trust])
+    names = (plan.manifest.policy, plan.manifest.strategy)
+    again = again or command("run", "--resume", "--store", plan.store, names=names)
     summary = _start(plan, search, again)
     causes, says = _causes(summary), said_by(plan.strategy, "about", "")
     document = asdict(summary)
@@ -177,19 +176,18 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
 
 def _next(store: Store, summary: Summary, found: CauseList | None, again: str) -> str:
     """Say what to do next, with the command and how long it takes."""
-    trust = trust_flag(summary.policy)
     if summary.stopped == TIME_OVER:
         left = (summary.budget - summary.rollouts) * summary.seconds / max(summary.rollouts, 1)
         return f"to go on: `{again}` (about {duration(left)})"
     if found and found.certify:
         return f"to certify what is left: {found.certify}"
     if summary.findings and not found:
-        command = shlex.join(["vlafuzz", "triage", summary.store, *trust])
-        return f"to find the causes: `{command}`{hours(store, summary.findings)}"
+        triage = command("triage", summary.store, names=[summary.policy])
+        return f"to find the causes: `{triage}`{hours(store, summary.findings)}"
     cards = max(len(found.causes) if found else 0, 1)
-    page = ("--limit", str(cards), "--out", str(Path(summary.store).with_suffix(".html")))
-    command = shlex.join(["vlafuzz", "report", summary.store, *page, *trust])
-    return f"to see it: `{command}` (about {duration(STARTING + FILMS * cards * pace(store, 1))})"
+    page = ("--limit", cards, "--out", Path(summary.store).with_suffix(".html"))
+    report = command("report", summary.store, *page, names=[summary.policy])
+    return f"to see it: `{report}` (about {duration(STARTING + FILMS * cards * pace(store, 1))})"
 
 
 def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
@@ -211,7 +209,7 @@ def _foresee(plan: Plan, found: CauseList, until: Deadline) -> bool:
 def _certify(plan: Plan, summary: Summary, until: Deadline) -> bool:
     """Certify the commonest causes of a run; whether nobody interrupted it."""
     runner = partial(runner_of_run, plan.store, note=Bar.note)
-    others = shlex.join(["vlafuzz", "triage", str(plan.store), *trust_flag(plan.manifest.policy)])
+    others = command("triage", plan.store, names=[plan.manifest.policy])
     try:
         with (
             interruptible(f"interrupted: all finished causes are stored\nhint: `{others}` goes on") as bar,

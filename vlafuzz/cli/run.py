@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ import typer
 from vlafuzz.campaign.options import AUTO, LEAST
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
+from vlafuzz.common.plugins import command as command_line
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def _run_tasks(
     path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
     shared = {**flags, "store": path, "policy": policy}
     config = RunConfig(**{**shared, "task": None}, command=typed())
-    again = shlex.join(["vlafuzz", *(word for word in sys.argv[1:] if word != "--resume"), "--resume"])
+    again = command_line(*(word for word in sys.argv[1:] if word != "--resume"), "--resume")
     first, left = None, ""
     runs: list[Done] = []
     for number, task in enumerate(tasks):
@@ -239,12 +239,12 @@ def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
             hint = "give it more --time"
             if summary.proposals:
                 checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
-                export = shlex.join(["vlafuzz", "export", summary.store, "--verdict", "all", "--out", "F.jsonl"])
+                export = command_line("export", summary.store, "--verdict", "all", "--out", "F.jsonl")
                 hint = f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
             raise UsageError(f"{of}{summary.unjudged}", hint=hint)
         if summary.short:
             then = f"then `{again}` goes on" if summary.stopped else "the same command tries them again"
-            doctor = shlex.join(["vlafuzz", "doctor", "--policy", summary.policy])
+            doctor = command_line("doctor", "--policy", summary.policy)
             raise PrerequisiteError(f"{of}{summary.short}", hint=f"`{doctor}` says what is wrong; {then}")
     if left:
         raise UsageError(left, hint="give it more --time; with --resume it goes on")

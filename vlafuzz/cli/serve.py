@@ -1,6 +1,5 @@
 """``vlafuzz serve``."""
 
-import shlex
 import sys
 import threading
 from contextlib import closing, suppress
@@ -10,6 +9,7 @@ import typer
 
 from vlafuzz.cli.flags import option
 from vlafuzz.cli.output import data
+from vlafuzz.common.plugins import command
 from vlafuzz.errors import check_number
 
 
@@ -30,7 +30,6 @@ def serve(
     with closing(make_policy(policy)) as served, serving(served, host, port) as name, suppress(KeyboardInterrupt):
         data().write(f"{name}\n")
         data().flush()
-        run = shlex.join(["vlafuzz", "run", "--policy", name])
         sys.stderr.write(f"serving {served.spec.name}; Ctrl-C ends it\n{says_of(served.spec)}\n")
-        sys.stderr.write(f"hint: fuzz it with `{run}`\n")
+        sys.stderr.write(f"hint: fuzz it with `{command('run', '--policy', name)}`\n")
         threading.Event().wait()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -15,7 +14,7 @@ import typer
 
 from vlafuzz.cli.flags import ExecutorFlag, JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command as command_line
 from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
@@ -64,8 +63,7 @@ def command(
     note_alone(store)
     with Store.open(store) as opened:  # to write, an empty file would be made a store
         place = place_of(workers or (1 if executor == "local" else usual_workers(opened)), executor)
-        policies = [run.manifest.policy for run in opened.runs()]
-    again = shlex.join(["vlafuzz", "triage", str(store), *trust_flag(*policies)])
+        again = command_line("triage", store, names=[run.manifest.policy for run in opened.runs()])
     allowance = Allowance(rollouts, until)
     with (
         interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,
@@ -164,4 +162,4 @@ def _print(summary: TriageSummary) -> None:
         "seconds": round(summary.seconds, 1),
     }
     print_rows([{"what": name, "value": value} for name, value in rows.items()], title=summary.store)
-    print_lines(f"`{shlex.join(['vlafuzz', 'report', summary.store])}` lists the failures with what each takes")
+    print_lines(f"`{command_line('report', summary.store)}` lists the failures with what each takes")

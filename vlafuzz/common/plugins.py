@@ -3,10 +3,11 @@
 import hashlib
 import importlib
 import os
+import shlex
 import sys
 import sysconfig
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from ipaddress import ip_address
 from pathlib import Path
@@ -68,6 +69,11 @@ def check_trusted(*names: str) -> None:
 def trust_flag(*names: str) -> list[str]:
     """The flag with which a command accepts these names from a file; empty where it needs none."""
     return [EVERYTHING] if any(map(_risk, names)) else []
+
+
+def command(*words: object, names: Iterable[str] = ()) -> str:
+    """A command of vlafuzz to be copied, with the flag that it takes for these names from a file."""
+    return shlex.join(["vlafuzz", *map(str, words), *trust_flag(*names)])
 
 
 def _risk(name: str) -> str | None:

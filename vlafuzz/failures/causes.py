@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command
 from vlafuzz.common.text import count_of, interval, percent, plural
 from vlafuzz.failures.described import DescribedFailure, described, space_of, title_of
 from vlafuzz.failures.regions import Range, shares
@@ -370,9 +369,8 @@ def _rank(cause: ListedCause) -> tuple[bool, float, int]:
 
 def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
     left = sum(cause.bucket == "observed" and cause.scene is not None for cause in causes)
-    trust = trust_flag(run.manifest.policy)
-    command = shlex.join(["vlafuzz", "triage", str(store.path), "--limit", str(left), *trust])
-    return f"`{command}`{hours(store, left)}" if left else ""
+    triage = command("triage", store.path, "--limit", left, names=[run.manifest.policy])
+    return f"`{triage}`{hours(store, left)}" if left else ""
 
 
 def _nominal(store: Store, run: Run) -> str:

@@ -2,13 +2,13 @@
 
 import os
 import pathlib
-import shlex
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 from vlafuzz.common.assets import FOLDERS
+from vlafuzz.common.plugins import command
 from vlafuzz.common.text import interval, named, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.corpus.corpus import Case, Corpus
@@ -197,7 +197,7 @@ def _repeats(failures: int, repeats: int) -> str:
 
 
 def _replay(source: pathlib.Path, scene: Scene, policy: str) -> str:
-    return shlex.join(["vlafuzz", "replay", str(source), scene.digest[:12], "--policy", policy])
+    return command("replay", source, scene.digest[:12], "--policy", policy)
 
 
 def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | None = None) -> tuple[Deviation, ...]:

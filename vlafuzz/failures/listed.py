@@ -1,13 +1,12 @@
 """Lists of failures: those of causes first, and those with one minimal scene as one."""
 
 import pathlib
-import shlex
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command
 from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.corpus import Corpus
@@ -104,6 +103,6 @@ def _todo(store: Store, causes: Sequence[CauseList], runs: Sequence[Manifest]) -
     left = len(found - {row.key for row in store.triaged()})
     if explained or not left:
         return ()
-    command = shlex.join(["vlafuzz", "triage", str(store.path), *trust_flag(*(run.policy for run in runs))])
+    triage = command("triage", store.path, names=[run.policy for run in runs])
     untriaged = f"{plural(left, 'finding')} {'is' if left == 1 else 'are'} not triaged yet"
-    return ((f"{untriaged}. Triage confirms findings and names their causes{hours(store, left)}:", command),)
+    return ((f"{untriaged}. Triage confirms findings and names their causes{hours(store, left)}:", triage),)
