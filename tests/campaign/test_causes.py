@@ -106,7 +106,7 @@ def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_
             return []
 
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "a.db", LocalExecutor(Cut(after=85)))
+        run(tmp_path / "a.db", LocalExecutor(Cut(after=20)))
     with Store.open(tmp_path / "a.db") as store:
         before = store.causes(1)
     with pytest.raises(KeyboardInterrupt):
@@ -179,6 +179,7 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
 def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(keeping, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
     monkeypatch.setattr(keeping, "SHARE", float("inf"))
+    monkeypatch.setattr(keeping, "mechanisms", lambda *_: [])  # which takes long after each outcome
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     path = tmp_path / "a.db"
 

@@ -28,8 +28,14 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
     return tmp_path
 
 
-def test_the_json_of_a_run_has_its_causes_and_triage_says_the_same_in_words(capsys):
-    printed = told(capsys, [*CAUSES, "--json"])
+def test_a_run_ends_with_what_fails_how_sure_that_is_and_one_command_and_triage_lists_its_causes(capsys):
+    what, sure, step = typed(capsys, CAUSES).out.splitlines()[-3:]
+    assert re.fullmatch(r"Fails when the light is at most .* times the usual, or the camera .*\.", what)
+    rollouts, certified, causes = re.search(r": (\d+) rollouts, (\d) of (\d) causes certified$", sure).groups()
+    assert (int(rollouts) > 120, certified) == (True, causes)
+    assert re.fullmatch(r"Next, to see it: `vlafuzz report a.db --limit \d --out a.html --trust` \(about .*\)", step)
+    again = ["triage", "a.db", "--time", "0.001s"]  # too short for any other failure
+    (printed,) = told(capsys, [*again, "--json"])["runs"]
     causes = {cause["signature"]: cause for cause in printed["causes"]}
     assert causes.keys() >= {"pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw"}
     first = causes["pick-up|grasp|light:dark"]
@@ -45,9 +51,6 @@ def test_the_json_of_a_run_has_its_causes_and_triage_says_the_same_in_words(caps
     with Store.open(Path("a.db")) as store:
         assert certification["rollouts"] == sum(row.policy_rollouts for row in store.triaged())
         assert {row.scene for row in store.triaged()} == {one.scene for one in store.causes(1).causes}
-    again = ["triage", "a.db", "--time", "0.001s"]  # too short for any other failure
-    (run,) = told(capsys, [*again, "--json"])["runs"]
-    assert run["causes"] == printed["causes"]
     shown = typed(capsys, again).out
     assert "light (dark): fails from intensity × 0." in shown
     assert "camera-orientation (+yaw): fails from yaw 2." in shown
@@ -55,10 +58,12 @@ def test_the_json_of_a_run_has_its_causes_and_triage_says_the_same_in_words(caps
     assert "unexplained: " in shown
 
 
-def test_a_short_run_certifies_the_commonest_cause_only_and_triage_the_next_one(capsys):
+def test_the_json_of_a_short_run_has_the_commonest_cause_certified_only_and_triage_certifies_the_next_one(capsys):
     printed = told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--json"])
     assert printed["certification"]["certified"] == 1 < printed["certification"]["causes"]
     assert [cause["bucket"] for cause in printed["causes"]][:2] == ["minimal", "observed"]
+    (again,) = told(capsys, ["triage", "a.db", "--time", "0.001s", "--json"])["runs"]
+    assert again["causes"] == printed["causes"]
     (run,) = told(capsys, ["triage", "a.db", "--limit", "1", "--json"])["runs"]
     assert run["certification"]["certified"] == 2
 
@@ -77,14 +82,6 @@ def test_without_certification_the_causes_are_those_of_the_strategy_and_failures
     triaged = typed(capsys, ["triage", "a.db", "--limit", "1"]).out
     assert "certified 1 of " in triaged
     assert "not certified means: a few single rollouts suggest these operators" in triaged
-
-
-def test_a_run_ends_with_what_fails_how_sure_that_is_and_one_command(capsys):
-    what, sure, step = typed(capsys, CAUSES).out.splitlines()[-3:]
-    assert re.fullmatch(r"Fails when the light is at most .* times the usual, or the camera .*\.", what)
-    rollouts, certified, causes = re.search(r": (\d+) rollouts, (\d) of (\d) causes certified$", sure).groups()
-    assert (int(rollouts) > 120, certified) == (True, causes)
-    assert re.fullmatch(r"Next, to see it: `vlafuzz report a.db --limit \d --out a.html --trust` \(about .*\)", step)
 
 
 def test_after_another_strategy_triage_finds_the_causes(capsys):

@@ -18,7 +18,7 @@ from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.store.store import Store
 
 pytestmark = pytest.mark.usefixtures("folder")
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify", "--strategy", "random")
 
 
 def run(*flags: str, code: int = 0) -> None:

@@ -12,7 +12,6 @@ from tests.failures.triage.test_certify_causes import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare import Certified, certified, certify, known_results
 from vlafuzz.model.scene import Scene
-from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
 from vlafuzz.store.store import Store
 
@@ -85,7 +84,7 @@ def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Stor
     assert counted[1].triage_rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
 
 
-def test_an_interruption_and_the_number_of_workers_change_nothing(tmp_path: Path):
+def test_an_interruption_changes_nothing(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as store, Store.open(tmp_path / "b.db", "write") as other:
         fill(store, SCENES[:2])
         certify(store, runner, store.runs(), limit=1000)
@@ -93,7 +92,7 @@ def test_an_interruption_and_the_number_of_workers_change_nothing(tmp_path: Path
         with interrupted(), pytest.raises(KeyboardInterrupt):
             certify(other, runner, other.runs(), limit=1000)
         assert len(other.triaged()) == 1
-        certify(other, runner, other.runs(), limit=1000, place=Place(2))
+        certify(other, runner, other.runs(), limit=1000)
         assert results(other) == results(store)
 
 

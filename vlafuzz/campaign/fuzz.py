@@ -122,7 +122,7 @@ class Past:
     def check_empty(self) -> None:
         """Raise a StoreError if a stored trial was not handed out."""
         if self.left:
-            raise self._diverged(self._store.count(self._run) - self.left)
+            raise self._diverged(self._store.extent(self._run)[0] - self.left)
 
     def _diverged(self, proposal: int) -> StoreError:
         problem = f"was made by another version: its strategy now differs at proposal {proposal}"

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.common.plugins import command
-from vlafuzz.common.text import count_of, interval, percent, plural
+from vlafuzz.common.text import count_of, plural
 from vlafuzz.failures.described import DescribedFailure, described, space_of, title_of
 from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
@@ -96,7 +96,7 @@ class ListedCause:
         solved = f", solved by the {SOLVERS[self.witness]}" if self.witness else ""
         parts = (
             f"fails at: {self.lost_stage}" if self.lost_stage else "",
-            f"{_estimate(self.share)} of random scenes" if self.share else "",
+            f"{self.share} of random scenes" if self.share else "",
             f"explains {plural(self.failures, 'failure')}",
             f"{EVIDENCE[self.bucket]}{rate}{solved}",
             self.scene[:12] if self.scene else "",
@@ -109,7 +109,7 @@ class ListedCause:
             "cause": "\n".join(self.conditions),
             "fails at": self.lost_stage or "–",
             "explains": self.failures,
-            "share": _estimate(self.share) if self.share else "–",
+            "share": str(self.share or "–"),
             "evidence": EVIDENCE[self.bucket],
             "fails": _counted(self.rate) if self.rate else "–",
             "solved by": SOLVERS[self.witness] if self.witness else "–",
@@ -174,7 +174,7 @@ class CauseList:
             found.append(f"not certified means: {suspected}; {self.certify} certifies them")
         found.append(self.left)
         if self.probability:
-            found.append(f"failure probability of random scenes: {_estimate(self.probability)}")
+            found.append(f"failure probability of random scenes: {self.probability}")
         return tuple(found)
 
     def document(self) -> dict[str, Any]:
@@ -386,10 +386,6 @@ def _nominal(store: Store, run: Run) -> str:
 
 def _counted(rate: Rate) -> str:
     return count_of(rate.failures, rate.rollouts, rate.low, rate.high)
-
-
-def _estimate(estimate: Probability) -> str:
-    return f"{percent(estimate.value)} ({interval(estimate.low, estimate.high)})"
 
 
 def _named(estimate: Probability | None) -> dict[str, float] | None:

@@ -75,7 +75,7 @@ def complete(
                 if summary.stopped:
                     watch.note(f"{job} stopped: {summary.stopped}")
     runs = (stored(store, replace(wanted, **job._asdict())) for job in jobs)
-    tried = [run for run in runs if run and store.count(run.id)]
+    tried = [run for run in runs if run and store.extent(run.id)[0]]
     note_places(tried, watch)
     return tried
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from vlafuzz.common.statistics import Share
-from vlafuzz.common.text import duration, interval, percent
+from vlafuzz.common.text import duration
 from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.search.base import RANDOM
@@ -39,11 +39,10 @@ class Standing:
 
     def row(self) -> dict[str, object]:
         """The columns of a table for people."""
-        rate = self.rate
         return {
             "policy": self.policy,
             "task": self.task,
-            "fails in random scenes": f"{percent(rate.value)} ({interval(rate.low, rate.high)})" if rate else "–",
+            "fails in random scenes": str(self.rate or "–"),
             "causes": "–" if self.causes is None else self.causes,
             "certified": "–" if self.certified is None else self.certified,
             "rollouts": self.rollouts,

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import sequential_interval, wilson
+from vlafuzz.common.text import interval, percent
 
 Numbers = NDArray[np.float64]
 
@@ -70,6 +71,9 @@ class Probability(NamedTuple):
     value: float
     low: float
     high: float
+
+    def __str__(self) -> str:
+        return f"{percent(self.value)} ({interval(self.low, self.high)})"
 
 
 def failure_probability(draws: Sequence[Draw], *, over: bool) -> Probability:

@@ -176,10 +176,6 @@ class Store:
         with intact(self.path):
             return [(rows.to_scene(row), bool(row["failed"])) for row in self._select(query, run)]
 
-    def count(self, run: int) -> int:
-        """Number of trials of a run."""
-        return self.extent(run)[0]
-
     def extent(self, run: int) -> tuple[int, int]:
         """Number of trials of a run, and the largest id of a proposal among them, -1 without any."""
         query = "SELECT count(*), coalesce(max(proposal), -1) FROM trial WHERE run = ?"

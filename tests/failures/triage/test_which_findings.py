@@ -121,12 +121,9 @@ def test_two_workers_come_to_what_one_process_does(tmp_path: Path, executor):
     assert len(made[0]) == 4
 
 
-@pytest.mark.parametrize("executor", [None, RAY])
-def test_workers_that_die_are_one_sentence_and_nothing_is_lost(store, executor):
-    if executor:
-        pytest.importorskip(executor)
+def test_workers_that_die_are_one_sentence_and_nothing_is_lost(store):
     opened = store(scenes([TILTED], 2))
     with pytest.raises(SimulatorError, match="a worker ended with exit code 9, 2 times: finished findings are stored"):
-        triage(opened, dying, place=Place(2, executor))
+        triage(opened, dying, place=Place(2))
     assert triage(opened, tilted) == {}
     assert len(opened.triaged()) == 2
