@@ -84,8 +84,9 @@ class TiltedModel(Afraid):
             noted.write(f"{os.getpid()}\n")
 
 
-@pytest.mark.xdist_group("ray")
-@pytest.mark.parametrize("executor", ["processes", "ray"])
+@pytest.mark.parametrize(
+    "executor", ["processes", pytest.param("ray", marks=[pytest.mark.slow, pytest.mark.xdist_group("ray")])]
+)
 def test_workers_share_one_model_in_triage_wherever_they_are(tmp_path, monkeypatch, executor):
     if executor == "ray":
         pytest.importorskip("ray")
