@@ -194,6 +194,7 @@ def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, 
     with closing(sqlite3.connect(path)) as raw, raw:
         raw.execute("ALTER TABLE run DROP COLUMN world")
         raw.execute("ALTER TABLE triage DROP COLUMN witness_width")
+        raw.execute("ALTER TABLE triage DROP COLUMN more")
         raw.execute("ALTER TABLE cause DROP COLUMN mechanism")
         raw.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         raw.execute("PRAGMA user_version = 17")

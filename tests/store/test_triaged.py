@@ -1,14 +1,15 @@
 import json
 import sqlite3
 from contextlib import closing
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.doubles import failed, manifest, scene, trial
-from vlafuzz.model.evidence import Causes, Threshold, Witness
+from vlafuzz.model.evidence import Causes, Rate, Threshold, Witness
+from vlafuzz.store import rows
 from vlafuzz.store.merge import merge
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store
@@ -67,6 +68,21 @@ def test_what_triage_made_of_a_finding_comes_back(tmp_path: Path, kept: Triaged)
         assert (got.witness.states_hash, got.witness.attempt) == ("a" * 32, 1)
 
 
+def test_a_level_of_evidence_needs_no_column_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    @dataclass(frozen=True, eq=False, kw_only=True)
+    class Deeper(Triaged):
+        elsewhere: Rate | None = None
+        hints: tuple[str, ...] = ()
+
+    made = Deeper(**vars(FLAKY), elsewhere=Rate.of_counts(2, 3), hints=("a", "b"))
+    monkeypatch.setattr(rows, "Triaged", Deeper)
+    earlier = store(tmp_path / "earlier.db", FLAKY)
+    monkeypatch.setattr(rows, "_MORE", rows.without_column(Deeper))
+    for path, known in ((store(tmp_path / "a.db", made), (made.elsewhere, made.hints)), (earlier, (None, ()))):
+        (got,) = read(path)
+        assert (got.elsewhere, got.hints) == known
+
+
 def test_a_threshold_of_an_earlier_version_has_no_interval(tmp_path: Path):
     path = store(tmp_path / "a.db", MINIMAL)
     older = json.dumps([{"operator": "light", "at": [["light.intensity", 0.5]], "share": 0.25}])
@@ -101,6 +117,7 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
     with closing(sqlite3.connect(path)) as connection, connection:
         connection.execute("UPDATE triage SET bucket = 'base'")
         connection.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
+        connection.execute("ALTER TABLE triage DROP COLUMN more")
         connection.execute("PRAGMA user_version = 21")
     (got,) = read(path)
     assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)

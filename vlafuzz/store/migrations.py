@@ -194,6 +194,8 @@ STEPS: dict[int, tuple[str, ...]] = {
     22: ("UPDATE triage SET bucket = 'flaky', shrunk = NULL, signature = NULL WHERE bucket = 'base'",),
     # Success as in VLATest's environments is not judged any more.
     23: ("ALTER TABLE rollout DROP COLUMN published_success",),
+    # JSON by name: levels of evidence that are younger than this step, and have no column of their own.
+    24: ("ALTER TABLE triage ADD COLUMN more TEXT NOT NULL DEFAULT '{}'",),
 }
 
 

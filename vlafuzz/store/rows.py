@@ -6,7 +6,7 @@ import sqlite3
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, fields
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,7 @@ _CAUSES = TypeAdapter(Causes)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
+_OBJECT = TypeAdapter(dict[str, Any])
 _SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _MECHANISM = TypeAdapter(Mechanism | None)
@@ -43,6 +44,17 @@ _JSON: dict[str, TypeAdapter[Any]] = {
     **dict.fromkeys(("rate", "certified"), TypeAdapter(Rate | None)),
     "counterpart_rates": TypeAdapter(dict[str, Rate]),
 }
+# Fields that have columns of another form.
+_OTHERWISE = ("scene", "shrunk", "reference", "counterparts", "causes", "witness")
+
+
+def without_column(kind: type[Triaged]) -> dict[str, TypeAdapter[Any]]:
+    """The fields of evidence that the column ``more`` of ``triage`` holds: all that have none of their own."""
+    own = (*_PLAIN, *_JSON, *_OTHERWISE)
+    return {name: TypeAdapter(hint) for name, hint in get_type_hints(kind).items() if name not in own}
+
+
+_MORE = without_column(Triaged)
 # Columns of ``run`` beside those of its manifest.
 _OF_RUN = ("id", "policy_key", "status", "started", "ended", "seconds", "search_seconds", "store_seconds")
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
@@ -225,12 +237,14 @@ def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:
 def triage_row(triaged: Triaged) -> Row:
     """Columns of ``triage``; scenes are kept by their digests."""
     scenes = {"scene": triaged.scene, "shrunk": triaged.shrunk, "reference": triaged.reference}
+    more = {name: kind.dump_python(getattr(triaged, name), mode="json") for name, kind in _MORE.items()}
     row = {
         **{name: getattr(triaged, name) for name in _PLAIN},
         **{name: kind.dump_json(getattr(triaged, name)).decode() for name, kind in _JSON.items()},
         **{name: json.dumps(value) for name, value in asdict(triaged.causes).items()},
         **{name: scene and scene.digest for name, scene in scenes.items()},
         "counterparts": json.dumps({name: scene.digest for name, scene in triaged.counterparts.items()}),
+        "more": json.dumps(more),
         "seconds": number(triaged.seconds) or 0.0,
     }
     if witness := triaged.witness:
@@ -255,6 +269,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
     check_counts(row)
     causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
+    more = _OBJECT.validate_json(row["more"])
     witness = None
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, row["witness_width"] or _WIDTH)
@@ -264,6 +279,7 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     triaged = Triaged(
         **{name: row[name] for name in _PLAIN},
         **{name: kind.validate_json(row[name]) for name, kind in _JSON.items()},
+        **{name: kind.validate_python(more[name]) for name, kind in _MORE.items() if name in more},
         scene=scene(row["scene"]),
         shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
         reference=scene(row["reference"]) if row["reference"] else None,

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count, groupby
@@ -19,6 +19,7 @@ from vlafuzz.failures.triage.oracle import Answer
 from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.pipeline import SOON, pace, summarise
 from vlafuzz.failures.triage.triager import repeat
+from vlafuzz.model.evidence import Failure
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.crew import Make, crew_at
@@ -139,22 +140,20 @@ def _check(triaged: Triaged, run: int, runner: SceneRunner) -> Case | str:
     if replayed.verdict is not Verdict.PASSED:
         return UNSOLVED
     control = nominal(runner.space, scene)
-    kept = {name: getattr(triaged, name) for name in ("operators", "causes", "counterparts", "reference", "certified")}
+    known = {part.name: getattr(triaged, part.name) for part in fields(Failure)}
     rates = {name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts}
+    anew = {"lost_stage": loses, "repeats": rate.rollouts, "failures": rate.failures, "counterpart_rates": rates}
     return Case(
-        **kept,
+        **known | anew,
         scene=scene,
-        lost_stage=loses,
-        signature=triaged.signature or "",
+        counterparts=triaged.counterparts,
+        reference=triaged.reference,
         nominal=control,
         nominal_passes=repeat(runner, control, EXPORT)[0] is Answer.PASSES,
         witness=replace(witness, states_hash=replayed.rollouts[0].states_hash),
         found=triaged.scene.digest,
         run=run,
-        repeats=rate.rollouts,
-        failures=rate.failures,
         rollouts=triaged.shrink_rollouts,
-        counterpart_rates=rates,
         thumbnail=runner.picture(scene),
     )
 
