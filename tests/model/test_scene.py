@@ -38,8 +38,6 @@ SCENES = st.builds(
     light=st.builds(Light, NUMBER),
     camera=st.builds(Camera, NUMBER, NUMBER, NUMBER, roll=NUMBER, pitch=NUMBER, yaw=NUMBER),
     robot=TEXTS,
-    frame=TEXTS,
-    then=st.lists(TEXTS, max_size=2).map(tuple),
 )
 ONE = Scene(
     "put-on",
@@ -78,7 +76,6 @@ def test_scenes_have_equal_digests_exactly_when_they_are_equal(one: Scene, other
         replace(ONE, light=Light(2.0000000001)),
         replace(ONE, camera=replace(ONE.camera, roll=2.0, pitch=1.0)),
         replace(ONE, robot="widowx"),
-        replace(ONE, then=("put apple on plate",)),
         replace(ONE, schema=0),
     ],
 )
@@ -217,8 +214,6 @@ def test_a_file_without_scenes_is_refused(tmp_path: Path, content: bytes | None,
 def test_what_came_later_is_not_in_the_json_of_what_is_without():
     """Digests of scenes that are older stay as they are."""
     assert "listed" not in TEXT
-    assert "frame" not in TEXT
-    changed = replace(ONE, frame="vlatest", targets=(replace(ONE.targets[0], listed=1), *ONE.targets[1:]))
-    assert '"frame":"vlatest"' in changed.to_json()
+    changed = replace(ONE, targets=(replace(ONE.targets[0], listed=1), *ONE.targets[1:]))
     assert '"listed":1' in changed.to_json()
     assert ONE.digest == "f885afad8c551c3bfdf5aefef426fac6"

@@ -41,14 +41,6 @@ def test_a_wording_that_names_the_objects_in_another_order_swaps_them():
     assert [model.name for model in _named("let the plate carry the apple", models)] == ["plate", "apple"]
 
 
-def test_it_goes_where_it_is_told_only_once_it_holds_the_object():
-    two = nominal("put-on")
-    stepwise = dataclasses.replace(two, instruction="pick up pepsi can", then=(two.instruction,))
-    never = dataclasses.replace(stepwise, then=())
-    verdicts = [outcome.verdict for outcome in outcomes(Pinhole(), two, stepwise, never)]
-    assert verdicts == [Verdict.PASSED, Verdict.PASSED, Verdict.FAILED]
-
-
 def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
     around = (
         Placement("sprite_can", "standing", 0.023, -0.066),

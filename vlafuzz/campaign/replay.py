@@ -100,7 +100,7 @@ def replay(
     report = {
         "scene": scene.digest,
         "task": scene.task,
-        "instruction": " / ".join(scene.instructions),
+        "instruction": scene.instruction,
         "policy": str(Model(name, label or "")),
         "verdict": outcome.verdict.name.lower(),
         "lost stage": outcome.lost_stage,

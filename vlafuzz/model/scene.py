@@ -15,7 +15,7 @@ from vlafuzz.common.reading import first_problem, plain
 from vlafuzz.errors import SceneError
 
 SCHEMA = 1
-MOST = 100  # objects or further instructions
+MOST = 100  # objects or values
 _STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 # Of scenes from outside: far beyond what is fair, and near enough that squares and differences stay numbers.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
@@ -153,8 +153,6 @@ class Start:
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
-    ``frame`` names the coordinate frame of an imported scene; empty for that of its robot, the only one that can be
-    simulated. ``then`` are further instructions: each replaces the one before it when another stage is reached.
     ``values`` are those of a world without a table, by name, in place of targets.
     """
 
@@ -168,23 +166,12 @@ class Scene:
     camera: Camera = Camera()
     robot: Text = "panda"
     schema: Annotated[int, Field(strict=True, ge=0, le=10**6)] = SCHEMA
-    frame: Text = _later("")
-    then: Annotated[tuple[Text, ...], Field(max_length=MOST)] = _later(())
     backdrop: Backdrop = field(default=Backdrop(), metadata=_EXTRA)
     initial_pose: InitialPose = field(default=InitialPose(), metadata=_EXTRA)
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
     start: Start = field(default=Start(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
-
-    @property
-    def instructions(self) -> tuple[str, ...]:
-        """All instructions, in order."""
-        return (self.instruction, *self.then)
-
-    def instruction_at(self, reached: int) -> str:
-        """The instruction after ``reached`` stages."""
-        return self.instructions[min(reached, len(self.then))]
 
     @property
     def placements(self) -> tuple[Placement, ...]:

@@ -94,11 +94,6 @@ class Episode(ABC):
         """Whether the task is solved after the last step."""
         return self.monitor.success_now
 
-    @property
-    def instruction(self) -> str:
-        """The current instruction, see ``Scene.instruction_at``."""
-        return self.scene.instruction_at(len(self.monitor.reached))
-
     @abstractmethod
     def observe(self) -> Observation:
         """The present observation, with the parts that the policy's spec asks for."""

@@ -49,7 +49,7 @@ class Recording:
             stages = " > ".join(monitor.reached) or "-"
             seconds = len(monitor.trace) / episode.hz
             status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
-            frame = _captioned(frame, episode.instruction, status)
+            frame = _captioned(frame, episode.scene.instruction, status)
         self.frames.append(frame.copy())
 
     def stuck(self, trace: NDArray[np.float32]) -> int:

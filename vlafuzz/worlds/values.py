@@ -119,7 +119,7 @@ class ValuesEpisode(Episode):
         return Observation(
             self.start.episode,
             len(self.actions),
-            self.instruction,
+            self.scene.instruction,
             images={camera: self.picture(camera) for camera in self._cameras},
             state=np.asarray(self._world.observe(self._state), dtype=np.float32),
             privileged=self._state,

@@ -62,7 +62,7 @@ class LiberoEpisode(Episode):
         return Observation(
             episode=self.start.episode,
             step=step,
-            instruction=self.instruction,
+            instruction=self.scene.instruction,
             images={
                 camera.name: self._noise.degraded(_shown(env, camera), step, camera.name) for camera in spec.cameras
             },

@@ -108,7 +108,7 @@ class TableComposer(ABC):
             for slot, placement in zip(self.layout.of(part), placements, strict=False):
                 values |= self.placed(slot, placement)
         wordings = self.wordings([target.object for target in scene.targets])
-        return values | {"instruction": math.nan if scene.then else index_of(wordings, scene.instruction)}
+        return values | {"instruction": index_of(wordings, scene.instruction)}
 
     def parts(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Camera, light and extras with these values, by the names of the scene's fields."""
@@ -245,8 +245,7 @@ class TableSpace(Space):
         if operators == kinds.CameraOrientation.name:
             return _fields(scene.camera, other.camera, ("roll", "pitch", "yaw"))
         if operators == kinds.Wording.name:
-            same = scene.instructions == other.instructions
-            return "" if same else f"“{' / '.join(scene.instructions)}”"
+            return "" if scene.instruction == other.instruction else f"“{scene.instruction}”"
         kind = kinds.OPERATORS[operators]
         if issubclass(kind, kinds.Extra) and kind.part != "targets":
             shown, usual = getattr(scene, kind.part), getattr(other, kind.part)

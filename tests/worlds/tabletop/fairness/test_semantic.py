@@ -39,7 +39,7 @@ def test_fair(fair: Scene) -> None:
 UNFAIR = {
     "unknown task 'dance'": scene("dance", at("apple")),
     "unknown robot 'r2'": replace(scene("pick-up", at("apple")), robot="r2"),
-    "an instruction is empty": replace(scene("pick-up", at("apple")), then=(" ",)),
+    "an instruction is empty": replace(scene("pick-up", at("apple")), instruction=" "),
     "light: an intensity of -1 is negative": replace(scene("pick-up", at("apple")), light=Light(-1.0)),
     "move-near names 2 target(s), the scene has 1": scene("move-near", at("apple")),
     "unknown object 'duck'": scene("pick-up", Placement("duck", "flat", 0, 0)),

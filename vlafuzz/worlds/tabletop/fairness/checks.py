@@ -51,7 +51,7 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     """The problems in a sentence each. Only the first is used: later checks assume that there is none."""
     yield from _unknown(scene)
-    if not all(instruction.strip() for instruction in scene.instructions):
+    if not scene.instruction.strip():
         yield "an instruction is empty"
     if scene.light.intensity < 0:
         yield f"light: an intensity of {scene.light.intensity:g} is negative"
@@ -75,8 +75,6 @@ def _unknown(scene: Scene) -> Iterator[str]:
         yield f"unknown task {scene.task!r}"
     if scene.robot not in RIGS:
         yield f"unknown robot {scene.robot!r}"
-    if scene.frame:
-        yield f"its coordinates are in the frame of {scene.frame}, not of its robot"
 
 
 def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:
