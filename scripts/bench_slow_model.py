@@ -30,7 +30,7 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Random
-from vlafuzz.policies.serving.serve import serving
+from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.registry import Place, executor_at

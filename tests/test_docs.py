@@ -23,7 +23,7 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.policies.serving.serve import serving
+from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES
 from vlafuzz.worlds.tabletop.space import load_operators

@@ -12,7 +12,7 @@ from tests.attack.readers import Reader, Rng
 from tests.attack.wires import frame_of
 from tests.policies.clients.faults import Drifting
 from tests.policies.clients.served import STATE
-from vlafuzz.policies.serving.serve import serving
+from vlafuzz.policies.serving import serving
 
 _SERVED = ExitStack()
 

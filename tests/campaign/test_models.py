@@ -14,7 +14,7 @@ from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.policies.clients.servers import guesses, names_its_model
 from vlafuzz.policies.mini.policy import SHIPPED
-from vlafuzz.policies.serving.serve import serving
+from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store

@@ -11,7 +11,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.servers import SERVERS, client
 from vlafuzz.policies.harness import check_chunks
-from vlafuzz.policies.serving.serve import serving
+from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged

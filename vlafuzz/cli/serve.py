@@ -23,8 +23,11 @@ def serve(
     It speaks vla-eval's protocol. The name says what the numbers of its actions mean, so that a run need not guess.
     Simultaneous requests of several clients are batched into one call of the policy, up to its max_batch.
     """
-    from vlafuzz.policies.serving.serve import says_of, serving
+    from vlafuzz.policies.clients.servers import needed
     from vlafuzz.rollouts.policies import make_policy
+
+    with needed("vlafuzz serve"):
+        from vlafuzz.policies.serving import says_of, serving
 
     check_number("--port", port, 0, 65535)
     with closing(make_policy(policy)) as served, serving(served, host, port) as name, suppress(KeyboardInterrupt):

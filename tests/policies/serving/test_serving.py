@@ -29,7 +29,7 @@ from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observ
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.policies.serving.serve import says_of, serving
+from vlafuzz.policies.serving import says_of, serving
 from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")

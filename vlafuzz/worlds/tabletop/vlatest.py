@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
@@ -86,26 +86,21 @@ def vlatest_table() -> Table:
 _Names = Annotated[list[Text], Field(max_length=MOST)]
 
 
-class _First(Strict):  # the key of the orientation differs for the object to grasp
+class _Start(Strict):  # the key of the orientation differs for the object to grasp
     init_xy: tuple[Real, Real]
-    orientation: Quaternion
-
-
-class _Other(Strict):
-    init_xy: tuple[Real, Real]
-    init_rot_quat: Quaternion
+    quaternion: Quaternion = Field(validation_alias=AliasChoices("init_rot_quat", "orientation"))
 
 
 class _Grasp(Strict):
     model_id: Text
-    obj_init_options: _First
+    obj_init_options: _Start
     distractor_model_ids: _Names = Field(default=[])
-    distractor_obj_init_options: dict[str, _Other] = Field(default={})
+    distractor_obj_init_options: dict[str, _Start] = Field(default={})
 
 
 class _Two(Strict):
     model_ids: _Names
-    obj_init_options: dict[str, _Other]
+    obj_init_options: dict[str, _Start]
     source_obj_id: int
     target_obj_id: int
 
@@ -183,9 +178,9 @@ def _entry(where: str, raw: object) -> _Entry:
     try:
         if isinstance(raw, dict) and "model_id" in raw:
             grasp = _Grasp.model_validate(raw)
-            taken = grasp.obj_init_options
+            (taken,) = _things(where, [grasp.model_id], {grasp.model_id: grasp.obj_init_options})
             others = _things(where, grasp.distractor_model_ids, grasp.distractor_obj_init_options)
-            return _Entry((_Thing(grasp.model_id, taken.init_xy, taken.orientation), *others), (0,))
+            return _Entry((taken, *others), (0,))
         two = _Two.model_validate(raw)
     except ValidationError as error:
         raise SceneError(f"{where}: {first_problem(error)}") from None
@@ -196,11 +191,11 @@ def _entry(where: str, raw: object) -> _Entry:
     return _Entry(things, (two.source_obj_id, two.target_obj_id))
 
 
-def _things(where: str, models: Sequence[str], options: Mapping[str, _Other]) -> tuple[_Thing, ...]:
+def _things(where: str, models: Sequence[str], options: Mapping[str, _Start]) -> tuple[_Thing, ...]:
     for model in models:
         if model not in options:
             raise SceneError(f"{where}: there are no options for {model!r}")
-    return tuple(_Thing(model, options[model].init_xy, options[model].init_rot_quat) for model in models)
+    return tuple(_Thing(model, options[model].init_xy, options[model].quaternion) for model in models)
 
 
 def _task(path: Path, entry: _Entry) -> str:

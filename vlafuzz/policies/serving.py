@@ -1,11 +1,14 @@
-"""A WebSocket server of vla-eval's protocol."""
+"""Serves a policy of ours by vla-eval's protocol, under a name by which vlafuzz reaches it."""
 
+import errno
 import logging
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import asdict
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import urlencode
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +19,13 @@ from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
 from vlafuzz.common.reading import array_of, decoded
-from vlafuzz.policies.base import CameraRequest, EpisodeStart, Observation
+from vlafuzz.errors import UsageError
+from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.batching import Request, ServedPolicy
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
-from vlafuzz.policies.clients.vla_eval import PICTURE, PROTOCOL_VERSION, declared_actions
+from vlafuzz.policies.clients.options import CONVENTIONS
+from vlafuzz.policies.clients.vla_eval import PICTURE, PROTOCOL_VERSION, UNDECLARED, declared_actions
 from vlafuzz.policies.clients.wire import short
 
 MAX_BYTES = 64 << 20  # of an observation
@@ -28,6 +33,57 @@ INTERNAL_ERROR = 1011  # close code of WebSockets
 HEALTH = {"/health": '{"status":"ok"}\n', "/config": "{}\n"}  # of vla-eval
 LOG = logging.getLogger(__name__)
 LOG.addHandler(logging.NullHandler())
+
+
+@contextmanager
+def serving(policy: Policy, address: str = "127.0.0.1", port: int = 0) -> Iterator[str]:
+    """Serve a policy within the block; yields the name by which vlafuzz reaches it, with suitable options.
+
+    Raises:
+        UsageError: the port is taken, or the policy needs what no client can send.
+    """
+    if policy.spec.privileged or policy.spec.silhouettes:
+        what = "the simulator's state" if policy.spec.privileged else "outlines"
+        hint = "serve one that takes pictures, proprioception and words, such as mini"
+        raise UsageError(f"{policy.spec.name} cannot be served: it wants {what}", hint)
+    with ExitStack() as stack:
+        try:
+            port = stack.enter_context(listening(ServedPolicy(policy), address, port))
+        except OSError as error:
+            taken = error.errno in (errno.EADDRINUSE, errno.EACCES)
+            hint = "--port 0 takes any that is free" if taken else "--host: an address of this machine"
+            raise UsageError(f"{address}:{port}: {error.strerror or error}", hint) from None
+        host = f"[{address}]" if ":" in address else address
+        yield f"vla-eval:ws://{host}:{port}?{urlencode(options_of(policy.spec))}"
+
+
+def options_of(spec: PolicySpec) -> dict[str, str | int | float]:
+    """The options that a client needs: what differs from the defaults, and all it would have to guess."""
+    sizes = {camera.role: f"{camera.width}x{camera.height}" for camera in spec.cameras}
+    options: dict[str, str | int | float] = {"camera": sizes.get("third_person", "0")}
+    if "wrist" in sizes:  # of the same size: what is served resizes it
+        options["wrist"] = 1
+    if spec.state:
+        options["state"] = 1
+    default = asdict(ActionSpec())
+    conventions = {"action": "eef_delta", "frame": "base"} | asdict(spec.action)
+    declared = declared_actions(spec.action)
+    guessed = CONVENTIONS.keys() - {name for name, of in declared.items() if of["format"] != UNDECLARED}
+    options |= {
+        name: f"{value:.12g}" if isinstance(value, float) else value
+        for name, value in conventions.items()
+        if name in guessed or value != default.get(name, value)
+    }
+    return options | ({"deterministic": 1} if spec.deterministic else {})
+
+
+def says_of(spec: PolicySpec) -> str:
+    """What decides how fast a served policy is tested: its batches and its chunks, as a sentence."""
+    batch = f"up to {spec.max_batch} observations" if spec.max_batch > 1 else "one observation"
+    some = {None: "all actions", 1: "the first action"}.get(spec.execute, f"the first {spec.execute} actions")
+    of_chunk = f"{some} of each chunk {'is' if spec.execute == 1 else 'are'} executed"
+    once = "at once" if spec.max_batch > 1 else "at a time"
+    return f"it answers {batch} {once}, and {of_chunk} (max_batch and execute of its PolicySpec)"
 
 
 @contextmanager

@@ -1,1 +1,0 @@
-"""Serves our policies by the protocols of model servers, so that other clients can drive them."""
