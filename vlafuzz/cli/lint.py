@@ -32,15 +32,14 @@ def lint(
     packs = opened(pack)
     with Bar() as bar:
         judged = [verdicts(path, packs, bar, settle=not static) for path in files]
-    problems = [(file.path, problem) for file in judged for problem in file.problems]
+    problems = [(f"{file.path}:{line}", problem) for file in judged for line, problem in file.problems.items()]
     if json:
-        problems_of = ([asdict(problem) for problem in file.problems] for file in judged)
-        files_told = zip(judged, problems_of, strict=True)
+        rows = [[{"line": line, **asdict(problem)} for line, problem in file.problems.items()] for file in judged]
+        files_told = zip(judged, rows, strict=True)
         print_json([{"file": str(file.path), **file.counts, "rejections": found} for file, found in files_told])
     else:
-        for path, problem in problems if verbose else ():
-            line = sentence(f"{path}:{problem.line}: {problem.check}: {problem.reason}")
-            data().write(f"{line}\n")
+        for place, problem in problems if verbose else ():
+            data().write(f"{sentence(f'{place}: {problem.check}: {problem.reason}')}\n")
         common = os.path.commonpath([file.path.absolute().parent for file in judged])
         for file in judged:
             counted = [{"": key, "scenes": value, "are": MEANS.get(key, "")} for key, value in file.counts.items()]

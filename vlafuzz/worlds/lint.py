@@ -19,21 +19,17 @@ MEANS = {"valid": "fair", **FAIRNESS, BROKEN: "lines that hold no scene"}  # wha
 
 
 @dataclass(frozen=True)
-class Problem:
-    """A problem in a line of a file of scenes; ``check`` is the check that the line fails, or ``broken``."""
-
-    line: int
-    check: str
-    reason: str
-
-
-@dataclass(frozen=True)
 class FileVerdicts:
-    """The verdicts on the scenes of a file; ``counts`` of scenes by what ``MEANS`` explains."""
+    """The verdicts on the scenes of a file.
+
+    Attributes:
+        counts: of scenes, by what ``MEANS`` explains.
+        problems: of lines, by their numbers; the check of a line that is no scene is ``broken``.
+    """
 
     path: Path
     counts: Mapping[str, int]
-    problems: Sequence[Problem]
+    problems: Mapping[int, Rejection]
 
 
 def lint(path: Path, packs: Sequence[Any], watch: Watch, *, settle: bool) -> FileVerdicts:
@@ -42,7 +38,7 @@ def lint(path: Path, packs: Sequence[Any], watch: Watch, *, settle: bool) -> Fil
         raise SceneError(
             f"{path}: not JSON lines", hint=f"`vlafuzz export {path} --out F.jsonl` reads files of VLATest"
         )
-    lines, problems = list(read_scenes(path)), list[Problem]()
+    lines, problems = list(read_scenes(path)), dict[int, Rejection]()
     if not lines:
         raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")
 
@@ -57,9 +53,9 @@ def lint(path: Path, packs: Sequence[Any], watch: Watch, *, settle: bool) -> Fil
     for done, (number, scene) in enumerate(lines):
         watch.progress(path.name, done, len(lines))
         if isinstance(scene, SceneError):
-            problems.append(Problem(number, BROKEN, scene.message.removeprefix(f"{path}:{number}: ")))
+            problems[number] = Rejection(BROKEN, scene.message.removeprefix(f"{path}:{number}: "))
         elif rejection := judge_of(scene.task)(scene):
-            problems.append(Problem(number, rejection.check, rejection.reason))
-    failed = Counter(problem.check for problem in problems)
+            problems[number] = rejection
+    failed = Counter(problem.check for problem in problems.values())
     counts = {"scenes": len(lines) - failed[BROKEN], "valid": len(lines) - len(problems)}
     return FileVerdicts(path, counts | {check: failed[check] for check in (*FAIRNESS, BROKEN)}, problems)
