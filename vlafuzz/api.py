@@ -29,9 +29,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.exports.training import Written, write_demonstrations
 from vlafuzz.failures.corpus.diff import Difference, diff_policies
-from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies
-from vlafuzz.failures.corpus.regress import Comparison
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
@@ -151,17 +149,6 @@ def triage(
         return summarise(opened)
 
 
-def regress(corpus: Path | str, policy: str, baseline: str | None = None, **options: Any) -> Comparison:
-    """Compare a policy with a baseline in the scenes of a corpus, until it is shown to be worse.
-
-    Args:
-        baseline: what the corpus recorded, unless one is named.
-        options: ``label``, ``alpha``, ``max_rollouts``, ``whole`` and ``watch`` of ``compare_policies``.
-    """
-    folder = Path(corpus)
-    return compare_policies(folder, read_corpus(folder), policy, baseline, **options)
-
-
 def demonstrate(
     store: Path | str, out: Path | str, *, workers: int = 1, watch: Watch = SILENT, **options: Any
 ) -> Written:
@@ -195,7 +182,7 @@ def diff(
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
 
 
-bisect = bisect_checkpoints
+bisect, regress = bisect_checkpoints, compare_policies
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

@@ -63,15 +63,12 @@ def regress(
     check_number("--nights", nights, 1)
     check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
-    from vlafuzz.failures.corpus.folder import read_corpus
     from vlafuzz.failures.corpus.policies import compare_policies, still
     from vlafuzz.failures.corpus.tables import difference, document, tables, write_junit, write_summary
 
-    exported = read_corpus(corpus)
     with Bar() as bar:
         compared = compare_policies(
             corpus,
-            exported,
             policy,
             baseline,
             label=label or "",
@@ -83,9 +80,9 @@ def regress(
             watch=bar,
         )
     if json:
-        print_json(document(compared, exported))
+        print_json(document(compared))
     else:
-        for title, rows in tables(compared, exported).items():
+        for title, rows in tables(compared).items():
             print_rows(rows, title=title)
         early = {"worse": "stopped", "time": "--time is over"}.get(compared.stopped)
         stopped = f"{early} after {compared.tried} controls: " if early else ""
@@ -94,7 +91,7 @@ def regress(
     if junit:
         write_junit(compared, junit)
     if summary:
-        write_summary(compared, exported, summary, still(corpus, exported, compared, policy))
+        write_summary(compared, summary, still(corpus, compared, policy))
     for path in filter(None, places.values()):
         Bar.note(f"written: {path}")
     if compared.alarm:

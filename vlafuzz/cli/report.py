@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, TrustFlag, VideosFlag, option, refuse
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command as command_line
 from vlafuzz.common.text import plural, size
 from vlafuzz.errors import UsageError, VlafuzzError, check_number
 
@@ -103,8 +102,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     print_lines(*(f"{text} {line}" for text, line in found.todo))
     minimal = sum(one.bucket == "minimal" for one in listed)
     if minimal and not found.todo and source.is_file():
-        needs = trust_flag(*(run.policy for run in found.runs))
-        keep = shlex.join(["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *needs])
+        policies = [run.policy for run in found.runs]
+        keep = command_line("export", source, "--minimal", "--out", "corpus", names=policies)
         with Store.open(source) as store:
             takes = forecast(store, minimal, CONTROLS, workers=1)
         print_lines(f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}")

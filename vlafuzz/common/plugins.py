@@ -66,14 +66,10 @@ def check_trusted(*names: str) -> None:
             trust(name)
 
 
-def trust_flag(*names: str) -> list[str]:
-    """The flag with which a command accepts these names from a file; empty where it needs none."""
-    return [EVERYTHING] if any(map(_risk, names)) else []
-
-
 def command(*words: object, names: Iterable[str] = ()) -> str:
     """A command of vlafuzz to be copied, with the flag that it takes for these names from a file."""
-    return shlex.join(["vlafuzz", *map(str, words), *trust_flag(*names)])
+    flag = [EVERYTHING] if any(map(_risk, names)) else []
+    return shlex.join(["vlafuzz", *map(str, words), *flag])
 
 
 def _risk(name: str) -> str | None:

@@ -1,13 +1,12 @@
 """Cards: causes, and failures without one, as an engineer reads them."""
 
-import shlex
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from math import inf, isfinite
 from pathlib import Path
 
-from vlafuzz.common.plugins import trust_flag
+from vlafuzz.common.plugins import command
 from vlafuzz.common.text import interval, percent, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.causes import SOLVERS, CauseList, ListedCause
@@ -147,12 +146,12 @@ def _of_quantity(of: DescribedFailure, plot: Plot, cause: ListedCause | None) ->
 
 def _step(source: Path, of: DescribedFailure) -> tuple[str, str]:
     """Say what to do next, with the command."""
-    trust = trust_flag(of.run.policy)
+    names = [of.run.policy]
     if of.bucket == "observed":
-        return "Find out whether it holds:", shlex.join(["vlafuzz", "triage", str(source), "--limit", "5", *trust])
+        return "Find out whether it holds:", command("triage", source, "--limit", 5, names=names)
     if of.bucket == "minimal" and source.is_file():
-        keep = ["vlafuzz", "export", str(source), "--minimal", "--out", "corpus", *trust]
-        return "Keep it, to test the next checkpoint:", shlex.join(keep)
+        keep = command("export", source, "--minimal", "--out", "corpus", names=names)
+        return "Keep it, to test the next checkpoint:", keep
     return "Look at it again:", of.replay
 
 

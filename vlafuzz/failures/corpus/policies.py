@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,7 @@ from vlafuzz.worlds import no_pictures
 
 
 def compare_policies(
-    folder: Path,
-    corpus: Corpus,
+    folder: Path | str,
     policy: str,
     baseline: str | None = None,
     *,
@@ -41,7 +41,7 @@ def compare_policies(
     Without a ``baseline``, these are the recorded outcomes of the corpus's own policy.
 
     Args:
-        folder: of the corpus, for messages.
+        folder: of the corpus.
         label: which model the policy is.
         alpha: bound on the probability of a false alarm in as many ``nights``, each of which has a comparison in the
             controls of this corpus.
@@ -50,7 +50,8 @@ def compare_policies(
         UsageError: the corpus has no controls, or the baseline would have to answer where the policy does.
         PrerequisiteError: no alarm is possible.
     """
-    scenes, model, alpha = probes(corpus), Model(policy, label), alpha / nights
+    corpus, model, alpha = read_corpus(folder := Path(folder)), Model(policy, label), alpha / nights
+    scenes = probes(corpus)
     most = rollouts_of(scenes, max_rollouts)
     with _baseline(folder, corpus, baseline, watch, model) as old:
         _check_power(corpus, scenes[:max_rollouts], baseline, alpha, watch)
@@ -60,9 +61,10 @@ def compare_policies(
             f"at most {most if baseline is None else 2 * most} rollouts"
         )
         with closing(_rerun(folder, corpus, model, watch)) as new:
-            return regress.compare(
+            compared = regress.compare(
                 scenes, new, old, alpha=alpha, max_rollouts=max_rollouts, whole=whole, deadline=deadline, watch=watch
             )
+    return replace(compared, corpus=corpus.name)
 
 
 def bisect_checkpoints(
@@ -107,13 +109,13 @@ def _baseline(
     return closing(_rerun(folder, corpus, Model(name), watch))
 
 
-def still(folder: Path, corpus: Corpus, compared: Comparison, policy: str) -> bytes | None:
+def still(folder: Path, compared: Comparison, policy: str) -> bytes | None:
     """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
     worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
     probe = next(worse, None)
     if probe is None or no_pictures(probe.scene.task):
         return None
-    with closing(scene_runner.SimulatorSceneRunner(folder, corpus.runs[probe.run], policy)) as runner:
+    with closing(scene_runner.SimulatorSceneRunner(folder, read_corpus(folder).runs[probe.run], policy)) as runner:
         film = runner.film(probe.scene)
     return None if isinstance(film, str) else film.still
 

@@ -96,6 +96,7 @@ class Comparison:
         ``worse``: at an alarm; ``unjudged``: no rollout could be judged; ``time``: the deadline
             passed; or ``done``.
         recorded: whether the baseline's outcomes are those of the corpus, instead of rollouts of now.
+        corpus: its name.
     """
 
     policy: str
@@ -107,6 +108,7 @@ class Comparison:
     stopped: Stopped
     compared: tuple[Compared, ...]
     recorded: bool = False
+    corpus: str = ""
 
     @property
     def alarm(self) -> bool:

@@ -10,7 +10,6 @@ from xml.etree import ElementTree as Xml
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import Row, markdown_table, markdown_text, points
 from vlafuzz.failures.corpus.bisect import Bisection
-from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.diff import ORDER, Difference
 from vlafuzz.failures.corpus.pairs import GROUPS, Change, Compared, Group
 from vlafuzz.failures.corpus.regress import Comparison
@@ -37,7 +36,7 @@ _COUNTS = {"failure": "failures", "error": "errors", "skipped": "skipped"}
 SHOWN = 20  # rows of a Markdown table
 
 
-def tables(compared: Comparison, corpus: Corpus) -> dict[str, list[Row]]:
+def tables(compared: Comparison) -> dict[str, list[Row]]:
     """The rows of every table, by title."""
     standings: list[Row] = [
         {"scenes": title} | {name: _count(compared.of(group), standing) for group, name in _GROUPS.items()}
@@ -46,7 +45,7 @@ def tables(compared: Comparison, corpus: Corpus) -> dict[str, list[Row]]:
     selected = [scene for scene in compared.compared if scene.probe.group != "control"]
     broken = [_scene(scene) for scene in selected if scene.standing == "worse"]
     return {
-        corpus.name: [_row(compared, group) for group in _GROUPS],
+        compared.corpus: [_row(compared, group) for group in _GROUPS],
         "how the policy stands": standings,
         **({"broken, which raises no alarm": broken} if broken else {}),
     }
@@ -97,12 +96,11 @@ def _scene(scene: Compared) -> Row:
     }
 
 
-def document(compared: Comparison, corpus: Corpus) -> dict[str, Any]:
+def document(compared: Comparison) -> dict[str, Any]:
     """The JSON of ``regress --json``."""
-    names = ("policy", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
+    names = ("corpus", "policy", "baseline", "alarm", "verdict", "alpha", "p_value", "needed", "stopped")
     between = compared.difference
     return {
-        "corpus": corpus.name,
         **{name: getattr(compared, name) for name in names},
         "controls": compared.tried,
         "judged": compared.controls.policy.of,
@@ -226,7 +224,7 @@ def _clean(text: str) -> str:
     return _UNPRINTABLE.sub("?", text)
 
 
-def write_summary(comparison: Comparison, corpus: Corpus, path: Path, still: bytes | None) -> None:
+def write_summary(comparison: Comparison, path: Path, still: bytes | None) -> None:
     """Write Markdown atomically: the verdict, the tables, and a picture beside it with the same name.
 
     Args:
@@ -243,7 +241,7 @@ def write_summary(comparison: Comparison, corpus: Corpus, path: Path, still: byt
         difference(comparison),
         f"![a scene in which only the policy fails]({picture.name})" if still is not None else "",
     ]
-    for title, rows in tables(comparison, corpus).items():
+    for title, rows in tables(comparison).items():
         left = f"\n\n… and {len(rows) - SHOWN} more" if len(rows) > SHOWN else ""
         parts.append(f"### {markdown_text(title)}\n\n{markdown_table(rows[:SHOWN])}{left}")
     with writing(path, hint="give --summary another place"):
