@@ -25,9 +25,8 @@ from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
-from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.exports.training import Written, write_demonstrations
+from vlafuzz.exports.training import write_demonstrations
 from vlafuzz.failures.corpus.diff import Difference, diff_policies
 from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies
 from vlafuzz.failures.listed import failures_of
@@ -149,19 +148,6 @@ def triage(
         return summarise(opened)
 
 
-def demonstrate(
-    store: Path | str, out: Path | str, *, workers: int = 1, watch: Watch = SILENT, **options: Any
-) -> Written:
-    """Let the expert solve failing scenes, and write its solutions as a LeRobot dataset to train with.
-
-    Args:
-        store: a store, or the folder of a corpus.
-        out: a new folder; scenes that are held out are written beside it.
-        options: ``run``, ``which``, ``number``, ``hold_out`` of ``write_demonstrations``.
-    """
-    return write_demonstrations(Path(store), Path(out), workers=workers, watch=watch, **options)
-
-
 def diff(
     a: Path | str,
     b: Path | str,
@@ -182,7 +168,7 @@ def diff(
         return diff_policies(Path(a), Path(b), policy_a, policy_b, **options)
 
 
-bisect, regress = bisect_checkpoints, compare_policies
+bisect, demonstrate, regress = bisect_checkpoints, write_demonstrations, compare_policies
 
 
 def _runner(store: Path, policy: Policy | None, run: Run) -> SimulatorSceneRunner:

@@ -35,8 +35,8 @@ class Written(NamedTuple):
 
 
 def write_demonstrations(
-    source: Path,
-    out: Path,
+    source: Path | str,
+    out: Path | str,
     run: int | None = None,
     *,
     which: Which = "failed",
@@ -68,6 +68,7 @@ def write_demonstrations(
         message = f"--format lerobot needs the package {error.name!r}"
         raise PrerequisiteError(message, hint=install("lerobot")) from None
 
+    source, out = Path(source), Path(out)
     beside = out.with_name(f"{out.name}-held-out.jsonl")
     check_new(out)
     if hold_out and beside.exists():
