@@ -1,5 +1,6 @@
 """Policies compared with a baseline in the scenes of a corpus; the baseline is rolled out only if needed."""
 
+import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, closing, nullcontext
 from dataclasses import replace
@@ -15,7 +16,7 @@ from vlafuzz.failures.corpus.controls import MILDER
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe, probes
-from vlafuzz.failures.corpus.regress import Comparison, Recorded, Rerun, Side, rollouts_of
+from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.conditions import Model
 from vlafuzz.rollouts import scene_runner
@@ -52,10 +53,10 @@ def compare_policies(
     """
     corpus, model, alpha = read_corpus(folder := Path(folder)), Model(policy, label), alpha / nights
     scenes = probes(corpus)
-    most = rollouts_of(scenes, max_rollouts)
+    controls = sum(probe.group == "control" for probe in scenes)
+    most = min(controls + REPEATS * (len(scenes) - controls), max_rollouts or sys.maxsize)
     with _baseline(folder, corpus, baseline, watch, model) as old:
         _check_power(corpus, scenes[:max_rollouts], baseline, alpha, watch)
-        controls = sum(probe.group == "control" for probe in scenes)
         watch.note(
             f"{controls} controls and {len(scenes) - controls} other scenes, "
             f"at most {most if baseline is None else 2 * most} rollouts"

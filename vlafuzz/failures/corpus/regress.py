@@ -276,8 +276,3 @@ def _order(probes: Sequence[Probe], repeats: Sequence[int] | None) -> list[tuple
     rounds = range(max(of.values(), default=0))
     others = [(index, repeat) for repeat in rounds for index in of if repeat < of[index]]
     return [(index, 0) for index in range(len(probes)) if index not in of] + others
-
-
-def rollouts_of(probes: Sequence[Probe], most: int | None = None) -> int:
-    """How many rollouts of each policy a comparison has, at most ``most``."""
-    return len(_order(probes, None)[:most])
