@@ -24,7 +24,6 @@ from vlafuzz.model.space import value_at
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.manipulation.space import TableSpace
@@ -54,7 +53,7 @@ class Studio:
     def __init__(self, task: str) -> None:
         self.world = world_of(task)
         robot = next(iter(self.world.robots))
-        space = self.world.space(Wanted(task=task, robot=robot))
+        space = self.world.space(task, robot)
         assert isinstance(space, TableSpace)
         self.space, self.conditions = space, Conditions(task=task, robot=robot)
 

@@ -15,11 +15,10 @@ from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import STRATEGIES, strategy_factory
 from vlafuzz.search.scoring import Score
-from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.values import Parameter
 
-SPACE = Reacher().space(Wanted(task="reach", robot="own"))  # values: none of this depends on the world
+SPACE = Reacher().space("reach", "own")  # values: none of this depends on the world
 MAKERS: dict[str, Callable[[int], Strategy]] = {
     name: lambda seed, factory=factory: factory(SPACE, seed, 120) for name, factory in STRATEGIES.items()
 }
@@ -109,7 +108,7 @@ def test_a_run_may_go_on_beyond_its_budget_or_have_none(name: str, budget: int |
 
 @shipped
 def test_a_space_that_runs_out_of_scenes_gives_known_ones_again(name: str):
-    tiny = Digits().space(Wanted(task="reach", robot="own"))
+    tiny = Digits().space("reach", "own")
     strategy = STRATEGIES[name](tiny, 0, 48)
     scores = {}
     for _ in range(12):

@@ -28,7 +28,7 @@ from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.store.records import Attribution, FoundCause, Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.base import SceneMap, Wanted
+from vlafuzz.worlds.base import SceneMap
 
 
 @pytest.fixture(scope="module")
@@ -297,10 +297,10 @@ class Mapped(Reacher):
 def test_a_world_says_which_values_make_a_map(monkeypatch):
     world = Mapped()
     monkeypatch.setattr("vlafuzz.report.plots.world_of", lambda task: world)
-    space = world.space(Wanted(task="reach", robot="own"))
+    space = world.space("reach", "own")
     scenes = [(space.sample(np.random.default_rng(seed)), False, True) for seed in range(9)]
     assert [one.title for one in plot_of("a", space, scenes).maps] == ["The ball"]
-    still = world.space(Wanted(task="reach", robot="own", vary=["strength"]))
+    still = world.space("reach", "own", vary=["strength"])
     assert plot_of("b", still, [(still.nominal(), True, True)]).maps == []
 
 

@@ -15,7 +15,6 @@ from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene, amount
-from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
 
 CARTS = "python:tests.worlds.carts"
@@ -23,7 +22,7 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "worlds"
 
 
 def space(world: GymWorld, *vary: str):
-    return world.space(Wanted(task=world.tasks[0], robot="own", vary=vary))
+    return world.space(world.tasks[0], "own", vary=vary)
 
 
 def outcome(world: GymWorld, act, scene=None, **options) -> Outcome:

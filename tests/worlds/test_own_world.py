@@ -11,7 +11,6 @@ from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.scene import Scene
-from vlafuzz.worlds.base import Wanted
 
 MODULE = "python:tests.worlds.reacher"
 WORLD, NARROW, POLICY = f"{MODULE}:Reacher", f"{MODULE}:Narrow", f"{MODULE}:downhill"
@@ -33,7 +32,7 @@ def store(named: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 def space(*vary: str):
-    return Reacher().space(Wanted(task=TASK, robot="own", vary=vary))
+    return Reacher().space(TASK, "own", vary=vary)
 
 
 def test_a_scene_is_values_by_name_and_the_same_when_it_is_read_again():
@@ -91,7 +90,7 @@ def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
     class Heavy(Reacher):
         settings = (Setting("gravity", 9.81),)
 
-    made = Heavy().space(Wanted(task="reach", robot="own")).conditions
+    made = Heavy().space("reach", "own").conditions
     conditions = Conditions(task="reach", **made)
     assert (conditions.world, Heavy.settings[0].of(conditions)) == ({"gravity": 9.81}, 9.81)
     assert conditions.key() != Conditions(task="reach", **space().conditions).key()

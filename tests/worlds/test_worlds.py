@@ -5,7 +5,6 @@ import pytest
 from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.worlds import known_worlds, task_of, world_of
-from vlafuzz.worlds.base import Wanted
 
 
 def test_a_tasks_name_says_which_world_it_is_of():
@@ -45,9 +44,8 @@ def test_what_names_no_task_is_refused(world: str, task: str | None, problem: st
 
 
 def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
-    wanted = Wanted(task="pick-up", robot="panda", vary=["initial-state"])
     with pytest.raises(UsageError, match="initial-state: nothing of pick-up varies so"):
-        world_of("pick-up").space(wanted)
+        world_of("pick-up").space("pick-up", "panda", vary=["initial-state"])
 
 
 def test_the_first_robot_of_a_world_is_its_default_one():

@@ -29,7 +29,6 @@ from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import default_task, provenance, world_of
-from vlafuzz.worlds.base import Wanted
 
 BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
@@ -69,8 +68,9 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
     factory = None if config.scenes else strategy_factory(named.strategy)
     if policy is None:
         check_policy_name(named.policy)
-    wanted = Wanted(task=task.name, robot=named.robot, operators=config.operators, vary=config.vary, packs=config.packs)
-    space = space or world.space(wanted).narrowed(severity_of_flag(config.severity))
+    if space is None:
+        whole = world.space(task.name, named.robot, config.operators, config.vary, config.packs)
+        space = whole.narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))

@@ -14,7 +14,6 @@ from vlafuzz.errors import StoreError
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.provenance import elsewhere
 
 _ANEW = ("scenes", "workers", "executor")  # not stored: every command says them anew
@@ -108,8 +107,7 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         return f"severity {severity:g}, not {flags['severity']:g}"
     if not asked:
         return None
-    wanted = Wanted(task=manifest.task, robot=manifest.robot, **asked)
-    now = world.space(wanted).narrowed(severity).conditions
+    now = world.space(manifest.task, manifest.robot, **asked).narrowed(severity).conditions
     if "packs" in asked and manifest.differences(replace(manifest, packs=now["packs"])):
         return "other packs of objects"
     if asked.keys() - {"packs"} and now["operators_digest"] != manifest.operators_digest:

@@ -21,7 +21,6 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS, Space
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.base import Wanted
 
 # Buckets of failures, from the most evidence to the least: those of ``Triaged``, and what failed once.
 BUCKETS = ("minimal", "witnessed", "unproven", "flaky", "observed")
@@ -245,7 +244,7 @@ def unusual(source: pathlib.Path, scene: Scene, conditions: Conditions) -> list[
     if conditions.operators_digest:
         space = world_of(conditions.task).stored_space(source, conditions)
     else:  # a file of scenes
-        space = world_of(scene.task).space(Wanted(task=scene.task, robot=scene.robot))
+        space = world_of(scene.task).space(scene.task, scene.robot)
     return [f"{part.operator}: {part.value}" for part in deviations(space, scene, Causes())]
 
 

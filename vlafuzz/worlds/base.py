@@ -58,23 +58,6 @@ class Robot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
-    """The scenes that a user wants of a world.
-
-    Attributes:
-        operators: a file of ranges, or the name of a shipped one; None for those that fit the robot. vary: operators
-        that vary; empty for all that the file varies.
-        packs: of objects, as the world opens them.
-    """
-
-    task: str
-    robot: str
-    operators: str | None = None
-    vary: Sequence[str] = ()
-    packs: Sequence[Any] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
 class SceneMap:
     """Two values of a scene that are a place, drawn from above.
 
@@ -180,8 +163,15 @@ class World(ABC):
         return ()
 
     @abstractmethod
-    def space(self, wanted: Wanted) -> Space:
+    def space(
+        self, task: str, robot: str, operators: str | None = None, vary: Sequence[str] = (), packs: Sequence[Any] = ()
+    ) -> Space:
         """The scenes of a task.
+
+        Args:
+            operators: a file of ranges, or the name of a shipped one; None for those that fit the robot.
+            vary: operators that vary; empty for all that the file varies.
+            packs: of objects, as the world opens them.
 
         Raises:
             CatalogueError: the file of operators is wrong.

@@ -31,7 +31,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, Values
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.policies.base import Observation, Policy
-from vlafuzz.worlds.base import Robot, TryingPolicy, Wanted, World
+from vlafuzz.worlds.base import Robot, TryingPolicy, World
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, operators_of
@@ -284,14 +284,16 @@ class ValuesWorld(World, Generic[State]):
     def conditions_of(self, scene: Scene) -> dict[str, Any]:
         return self._space(scene.task, operators_of(self.parameters)).conditions
 
-    def space(self, wanted: Wanted) -> ValuesSpace:
-        if wanted.operators is not None:
-            problem = f"--operators {wanted.operators}: this world names its ranges itself"
+    def space(
+        self, task: str, robot: str, operators: str | None = None, vary: Sequence[str] = (), packs: Sequence[Any] = ()
+    ) -> ValuesSpace:
+        if operators is not None:
+            problem = f"--operators {operators}: this world names its ranges itself"
             raise UsageError(problem, hint="--vary says which of them vary")
         known = operators_of(self.parameters)
-        for name in wanted.vary:
+        for name in vary:
             check_choice("operator", name, known)
-        return self._space(wanted.task, wanted.vary or known)
+        return self._space(task, vary or known)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> ValuesSpace:
         stored = json.loads(conditions.operators)

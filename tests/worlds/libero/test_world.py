@@ -23,7 +23,6 @@ from vlafuzz.policies.clients.servers import parse
 from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, Parameters, VlaEval
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
-from vlafuzz.worlds.base import Wanted
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
@@ -287,7 +286,7 @@ class TestVariedSpace:
         varied = {gene.operator for gene in LiberoSpace(usual, pots, "libero").genes}
         assert {"target-type", "bystander-position"} == usual.varied - varied
         with pytest.raises(UsageError, match="target-type: nothing of libero_10/8 varies so"):
-            WORLD.space(Wanted(task=pots, robot="libero", vary=["target-type"]))
+            WORLD.space(pots, "libero", vary=["target-type"])
 
     def test_operators_choose_from_the_things_that_may_be_added(self):
         def only(name: str) -> LiberoSpace:

@@ -13,7 +13,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
-from vlafuzz.worlds.base import Demonstrator, TryingPolicy, Wanted
+from vlafuzz.worlds.base import Demonstrator, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
@@ -68,8 +68,8 @@ class Libero(TableWorld):
     def check_pictures(self) -> None:
         require()
 
-    def space_of(self, wanted: Wanted, operators: OperatorSet) -> LiberoSpace:
-        return LiberoSpace(operators, wanted.task, wanted.robot)
+    def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> LiberoSpace:
+        return LiberoSpace(operators, task, robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> LiberoSpace:
         return LiberoSpace(stored_operators(source, conditions, vary), conditions.task, conditions.robot)

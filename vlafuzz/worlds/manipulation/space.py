@@ -17,7 +17,7 @@ from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.worlds import known_worlds
-from vlafuzz.worlds.base import Wanted, World
+from vlafuzz.worlds.base import World
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import jittered
@@ -366,9 +366,11 @@ class TableWorld(World):
     def robot(self, name: str) -> Rig:
         return rig(name)
 
-    def space(self, wanted: Wanted) -> TableSpace:
-        operators = load_operators(wanted.operators or rig(wanted.robot).operators)
-        space = self.space_of(wanted, operators.only(wanted.vary) if wanted.vary else operators)
+    def space(
+        self, task: str, robot: str, operators: str | None = None, vary: Sequence[str] = (), packs: Sequence[Any] = ()
+    ) -> TableSpace:
+        ranges = load_operators(operators or rig(robot).operators)
+        space = self.space_of(task, robot, ranges.only(vary) if vary else ranges, packs)
         offered = {gene.operator for gene in space.by_path.values()}
         idle = space.operators.varied - offered
         if idle and space.genes:  # some of a world's tasks lack what varies there by default
@@ -379,7 +381,7 @@ class TableWorld(World):
         return space
 
     @abstractmethod
-    def space_of(self, wanted: Wanted, operators: OperatorSet) -> TableSpace:
+    def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> TableSpace:
         """The scenes of a task with these operators."""
 
     def listed_operators(
@@ -389,7 +391,7 @@ class TableWorld(World):
         chosen = load_operators(source or setup.operators)
         check_names(chosen, {name for world in known_worlds().values() for name in world.objects(packs)})
         if task is not None:
-            self.space(Wanted(task=self.task(task).name, robot=setup.robot, packs=packs, operators=source))
+            self.space(self.task(task).name, setup.robot, source, packs=packs)
             chosen = chosen.in_task(task)
         rows = [
             {

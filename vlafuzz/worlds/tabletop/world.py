@@ -20,7 +20,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.base import Demonstrator, Imported, Judge, SceneMap, TryingPolicy, Wanted
+from vlafuzz.worlds.base import Demonstrator, Imported, Judge, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -89,11 +89,11 @@ class Tabletop(TableWorld):
     def check_pictures(self) -> None:
         check_renderer()
 
-    def space_of(self, wanted: Wanted, operators: OperatorSet) -> SearchSpace:
-        setup = rig(wanted.robot)
+    def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> SearchSpace:
+        setup = rig(robot)
         if setup.urdf:
             assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
-        return SearchSpace(operators, load_catalogue(packs=wanted.packs), wanted.task, wanted.robot)
+        return SearchSpace(operators, load_catalogue(packs=packs), task, robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> SearchSpace:
         operators = stored_operators(source, conditions, vary)
