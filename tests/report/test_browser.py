@@ -1,6 +1,8 @@
 """The page in a browser: it loads, filters and plays."""
 
 import shutil
+import subprocess
+import tarfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -30,6 +32,16 @@ def browser() -> Iterator["sync.Browser"]:
         browser = playwright.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="module")
+def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The source of axe-core, which npm fetches."""
+    folder = tmp_path_factory.mktemp("axe")
+    if shutil.which("npm") is None or subprocess.run(["npm", "pack", "axe-core@4.10.2"], cwd=folder).returncode:
+        pytest.skip("npm gets no axe-core here")
+    with tarfile.open(next(folder.glob("*.tgz"))) as packed:
+        return packed.extractfile("package/axe.min.js").read().decode()
 
 
 @pytest.fixture
@@ -130,6 +142,18 @@ def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(page: "sync.P
         assert any(one.startswith(part) for one in reached), part
 
 
+def test_dragging_along_a_row_of_lines_chooses_a_range_of_its_axis(page: "sync.Page"):
+    plot = page.locator(".plot", has_text="a line each").locator("svg")
+    plot.scroll_into_view_if_needed()
+    box, name = plot.bounding_box(), plot.locator("text").nth(1).text_content().partition(":")[0]
+    row = box["y"] + (22 + 38) * box["width"] / 340
+    page.mouse.move(box["x"] + box["width"] * 0.3, row - 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.6, row + 2)
+    page.mouse.up()
+    page.get_by_label(f"Highest {name}").wait_for(timeout=5000)
+
+
 def test_a_dot_opens_its_card(page: "sync.Page"):
     dot = page.locator(".plot a").first
     card = dot.get_attribute("href")
@@ -159,6 +183,18 @@ def test_the_sentence_and_the_first_films_are_on_the_first_screen(page: "sync.Pa
     for part in (".sentence", f".card figure.{last} video"):
         box = page.locator(part).first.bounding_box()
         assert box["y"] + box["height"] < 900
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("width", [420, 1400])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_violation_with_everything_unfolded(page: "sync.Page", axe: str, width: int, scheme):
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": 900})
+    page.evaluate("document.querySelectorAll('details').forEach((one) => (one.open = true))")
+    page.evaluate(axe)
+    found = page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+    assert [(one["id"], one["nodes"][0]["html"]) for one in found["violations"]] == []
 
 
 def test_in_print_there_are_two_pages_without_controls(page: "sync.Page", tmp_path: Path):

@@ -249,6 +249,21 @@ def test_a_film_that_cannot_be_made_is_replaced_by_the_reason(triaged: View):
     assert none.count("<p>No film: no device</p>") == 3
 
 
+def test_a_scene_in_which_the_policy_sees_white_carries_its_grey_levels(triaged: View):
+    white = (0.0,) * 15 + (1.0,)
+
+    class Dazzled(MadeUpFilms):
+        def __call__(self, run, scene, actions):
+            film = super().__call__(run, scene, actions)
+            return replace(film, greys=white if film.failed else white[::-1])
+
+    shown = filmed(triaged, beside(Dazzled()), 1, lambda *_: None)
+    assert [card.picture for card in shown.cards[:2]] == ["white", "unknown"]
+    page = render(shown)
+    assert page.count("100% of its picture is white.") == 1
+    assert 'data-picture="white"' in page
+
+
 def test_a_failure_of_a_task_without_stages_names_none(triaged: View, monkeypatch):
     of = triaged.cards[0].of
     assert of.stage == of.lost_stage == "grasp"

@@ -31,7 +31,7 @@ def view_of_difference(first: View, second: View, result: Difference) -> View:
         causes=tuple(_cards(result, *views)),
         plots=tuple(plot for view in views for plot in view.plots),
         runs=tuple(run for view in views for run in view.runs),
-        tables=(Table("Causes", difference_rows(result), f"{result.verdict}."),),
+        tables=(Table("Causes of both policies", difference_rows(result), f"{result.verdict}."),),
     )
 
 

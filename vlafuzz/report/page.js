@@ -228,6 +228,42 @@ function scatter(plot, xAxis, yAxis, map = null) {
   return picture;
 }
 
+// Parallel coordinates, with an axis a row: each random scene is a line from the first axis to the last.
+const ROWS = 8; // more are too many to read
+
+function parallel(plot, axes) {
+  const y = (row) => 22 + 38 * row;
+  const height = y(axes.length - 1) + 22;
+  const shown = plot.points.filter(([, random]) => random).sort((a, b) => a[0] - b[0]);
+  const bad = shown.filter(([failed]) => failed).length;
+  const names = axes.map((axis) => axis.name).join(", ");
+  const picture = svg("svg", { viewBox: `0 0 ${WIDE} ${height}`, role: "img", "aria-label": `${bad} of ${shown.length} random scenes that fail, by ${names}` });
+  const rows = axes.map((axis) => [axis, scale(axis, BOX.left, WIDE - BOX.right), plot.axes.indexOf(axis)]);
+  rows.forEach(([axis, x], row) => {
+    picture.append(svg("line", { class: "frame", x1: BOX.left, x2: WIDE - BOX.right, y1: y(row), y2: y(row) }));
+    for (const [low, high] of axis.bands) {
+      const [left, right] = [x(low), x(high)].sort((a, b) => a - b);
+      picture.append(svg("rect", { class: "fails", x: left, y: y(row) - 5, width: Math.max(right - left, 1), height: 10 }));
+    }
+  });
+  for (const [failed, , , ...values] of shown) {
+    const corners = rows.map(([, x, index], row) => (values[index] === null ? null : `${x(values[index])},${y(row)}`));
+    const points = corners.filter(Boolean).join(" ");
+    picture.append(svg("polyline", { class: failed ? "scene bad" : "scene", points }));
+  }
+  rows.forEach(([axis, x], row) => {
+    const ends = axis.options.length ? [0, axis.options.length - 1] : [axis.low, axis.high];
+    const text = (at, anchor, words) => svg("text", { x: at, y: y(row) - 7, "text-anchor": anchor }, words);
+    picture.append(text(BOX.left, "start", `${axis.name}: ${ends.map((end) => written(axis, end)).join(" to ")}`));
+  });
+  const nearest = (middle) => rows[Math.min(Math.max(Math.round((middle - 22) / 38), 0), rows.length - 1)];
+  brush(picture, height, (left, right, top, bottom) => {
+    const [axis, x] = nearest((top + bottom) / 2);
+    ranged(axis, x.back(left), x.back(right));
+  }, true);
+  return picture;
+}
+
 function open(id) {
   const card = document.getElementById(id);
   card.hidden = false;
@@ -317,6 +353,10 @@ function draw(root) {
     const slice = panel(title, scatter(plot, x, y), true);
     slice.append(html("p", { class: "says" }, "Red: fails. Ring: passes. Pale: chosen by the search. Outlined: has a card below or above, which a click opens."));
   }
+  if (numbers.length > 2 && plot.random) {
+    const shown = panel(["Random scenes, a line each"], parallel(plot, numbers.slice(0, ROWS)), true);
+    shown.append(html("p", { class: "says" }, "Red: fails. Blue: passes. Where red lines meet on an axis, its value matters; those along which the failure rate changes most come first."));
+  }
   const operators = Map.groupBy ? Map.groupBy(numbers, (axis) => axis.operator) : grouped(numbers);
   for (const several of operators.values()) {
     const change = (axis) => swap(element, curve(plot, axis));
@@ -335,7 +375,7 @@ const form = document.querySelector(".filters");
 const gallery = all(".gallery .card");
 const ranges = new Map();
 // A choice for each property in which the cards of the gallery differ.
-for (const [key, name] of Object.entries({ task: "Task", stage: "Fails at", operator: "Changed" })) {
+for (const [key, name] of Object.entries({ task: "Task", stage: "Fails at", operator: "Changed", picture: "Picture" })) {
   const values = [...new Set(gallery.flatMap((card) => card.dataset[key].split(" ")))].sort();
   if (values.length < 2) continue;
   const select = html("select", { name: key }, html("option", { value: "" }, "all"));

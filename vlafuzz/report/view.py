@@ -56,6 +56,16 @@ class Card:
     plot: Plot | None = None
     bands: Sequence[Band] = ()
 
+    @property
+    def failing(self) -> Film | None:
+        """The film of the failure."""
+        return next((shot.film for shot in self.shots if shot.kind == "fails"), None)
+
+    @property
+    def picture(self) -> str:
+        """Whether its picture is as good as ``white`` or ``black``, in a word for a filter."""
+        return (self.failing.blank or "usual") if self.failing and self.failing.greys else "unknown"
+
 
 class Head(NamedTuple):
     """What is found of a policy in a task, in a sentence, with the failure rate in random scenes if known."""

@@ -190,6 +190,7 @@ class SimulatorSceneRunner:
             moment=moment,
             stages=stages,
             lost=outcome.lost_stage or "" if len(self.stages) > 1 else "",
+            greys=recording.greys(),
         )
 
     def close(self) -> None:

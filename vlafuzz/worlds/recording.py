@@ -16,6 +16,7 @@ Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
 _DRAWN = 256  # sides of a picture of outlines, pixels
 _INK, _RED = (235, 235, 235), (220, 40, 40)
+GREYS = 16  # levels that are told apart
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
 
@@ -75,6 +76,15 @@ class Recording:
         """Write an MP4 in real time; a UsageError if that does not work."""
         with writing(path):
             write_whole(path, to_mp4(self.frames, hz))
+
+    def greys(self) -> tuple[float, ...]:
+        """The shares of pixels by grey level, black first, in what the policy saw first; empty if it sees nothing."""
+        pictures = list(self.observations[0].images.values()) if self.observations else []
+        if not pictures:
+            return ()
+        levels = np.concatenate([picture.mean(axis=2).ravel() for picture in pictures])
+        counts, _ = np.histogram(levels, GREYS, (0, 256))
+        return tuple((counts / counts.sum()).tolist())
 
     def seen(self) -> Picture:
         """The policy's first observation: its camera images, or outlines in their colours."""

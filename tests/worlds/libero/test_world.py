@@ -47,6 +47,15 @@ def space() -> LiberoSpace:
     return LiberoSpace(load_operators("libero"), TASK, "libero")
 
 
+def test_what_a_task_is_about_has_a_map_of_where_it_is_moved(space: LiberoSpace):
+    maps = WORLD.maps(TASK)
+    assert [one.title for one in maps] == [
+        "Where the target is moved, from above",
+        "Where target 2 is moved, from above",
+    ]
+    assert {path for one in maps for path in (one.across, one.along)} <= space.by_path.keys()
+
+
 @pytest.fixture
 def setting(bowls: LiberoEnv, space: LiberoSpace) -> Iterator[Setting]:
     made = Setting(bowls)

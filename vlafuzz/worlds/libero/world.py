@@ -13,7 +13,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
-from vlafuzz.worlds.base import Demonstrator, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
@@ -21,10 +21,10 @@ from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures import QUALITY, opengl
 from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
-from vlafuzz.worlds.libero.suites import SUITES
+from vlafuzz.worlds.libero.suites import SUITES, find_task
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
 from vlafuzz.worlds.manipulation.rigs import LIBERO
-from vlafuzz.worlds.manipulation.space import TableWorld
+from vlafuzz.worlds.manipulation.space import TableWorld, maps_of_targets
 from vlafuzz.worlds.recording import Recording
 
 
@@ -60,6 +60,9 @@ class Libero(TableWorld):
 
     def task(self, name: str) -> Task:
         return task(name)
+
+    def maps(self, task: str) -> list[SceneMap]:
+        return maps_of_targets(find_task(task).concerned, "is moved")
 
     def default_policy(self, robot: str) -> str:
         hint = "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"

@@ -17,7 +17,7 @@ from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
 from vlafuzz.worlds import known_worlds
-from vlafuzz.worlds.base import World
+from vlafuzz.worlds.base import SceneMap, World
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import jittered
@@ -358,6 +358,21 @@ def _fields(part: object, other: object, names: Sequence[str]) -> str:
     return ", ".join(in_words(name, getattr(part, name)) for name in differing)
 
 
+def maps_of_targets(targets: int, what: str = "stands") -> list[SceneMap]:
+    """Where the targets are, as one sees them who stands opposite the robot."""
+    names = ("the target", *(f"target {number}" for number in range(2, targets + 1)))
+    return [
+        SceneMap(
+            title=f"Where {name} {what}, from above",
+            across=f"targets.{slot}.y",
+            along=f"targets.{slot}.x",
+            mirrored=True,
+            below="robot",
+        )
+        for slot, name in enumerate(names[:targets])
+    ]
+
+
 class TableWorld(World):
     """A world whose robots are rigs, and whose operators come from files of ranges."""
 
@@ -379,6 +394,9 @@ class TableWorld(World):
             hint = f"known: {', '.join(sorted(offered))}"
             raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)
         return space
+
+    def maps(self, task: str) -> list[SceneMap]:
+        return maps_of_targets(self.task(task).targets)
 
     @abstractmethod
     def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> TableSpace:

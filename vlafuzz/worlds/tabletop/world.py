@@ -20,7 +20,7 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.base import Demonstrator, Imported, Judge, SceneMap, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Imported, Judge, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -117,19 +117,6 @@ class Tabletop(TableWorld):
         from vlafuzz.worlds.tabletop.experts.expert import TabletopDemonstrator
 
         return TabletopDemonstrator(interface)
-
-    def maps(self, task: str) -> list[SceneMap]:
-        names = ("the target", "the second target")[: self.task(task).targets]
-        return [
-            SceneMap(
-                title=f"Where {name} stands, from above",
-                across=f"targets.{slot}.y",
-                along=f"targets.{slot}.x",
-                mirrored=True,
-                below="robot",
-            )
-            for slot, name in enumerate(names)
-        ]
 
     def machine(self) -> Iterator[Check]:
         from vlafuzz.worlds.tabletop.machine import checks
