@@ -32,15 +32,24 @@ class Attribution:
     Args:
         confirmed: log likelihood ratio that tests of the answer have to show.
         quiet: whether most attributions have found a cause.
+        answer: the units that a predecessor's cause takes, which are confirmed or refuted as an answer is.
 
     Attributes:
+        inherited: there was such an answer, and the scene need not have failed.
         waiting: the outcome of a test is awaited.
         cause: the units, once no further test is needed; None if there is no answer.
         scene: the units of the scene that shows it: the cause's, and those whose reset is not fair.
     """
 
     def __init__(
-        self, levels: Levels, suspects: Suspects, background: Background, *, confirmed: float, quiet: bool
+        self,
+        levels: Levels,
+        suspects: Suspects,
+        background: Background,
+        *,
+        confirmed: float,
+        quiet: bool,
+        answer: Mask | None = None,
     ) -> None:
         self.levels, self.suspects = levels, suspects
         self._background, self._confirmed, self._quiet = background, confirmed, quiet
@@ -48,7 +57,7 @@ class Attribution:
         self.waiting, self._sure = False, False
         self.cause: Mask | None = None
         self.scene: Mask | None = None
-        self._answer: Mask | None = None
+        self._answer, self.inherited = answer, answer is not None
         self._failures: Counter[bytes] = Counter()  # of the tests that confirm the answer
         self._passes: Counter[bytes] = Counter()
 

@@ -13,6 +13,7 @@ from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import EXPLAINED, STRETCHED, Draws
+from vlafuzz.search.causes.predecessor import Forecast, Predecessor
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
@@ -39,6 +40,7 @@ RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is wor
 # those are chances to be wrong; and its least logarithm.
 CONFIRMED, LEAST_CONFIRMED = 20.0, 2.3
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
+SURVIVES = 0.5  # prior that a predecessor's cause is one of this policy, too
 NEARBY = 20  # known scenes beside which a new one is looked for
 
 
@@ -67,17 +69,27 @@ class Causes:
     A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the policy
     passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not attributed,
     after one test if in doubt. Half of the proposals are random scenes; most of the other draws are severe ones,
-    preferably where no rule explains a failure.
+    preferably where no rule explains a failure. The causes of a predecessor are tested before failures are attributed.
     """
 
-    def __init__(self, space: Source, seed: int, budget: int | None = None, *, stretched: float = STRETCHED) -> None:
+    def __init__(
+        self,
+        space: Source,
+        seed: int,
+        budget: int | None = None,
+        *,
+        stretched: float = STRETCHED,
+        like: Predecessor | None = None,
+    ) -> None:
         self._space, self._seed, self._asked, self._rolled_out = space, seed, 0, 0
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
-        self._draws = Draws(self._proposals, seed, stretched)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
+        self._forecast = Forecast(like, self._units) if like else None
+        self._draws = Draws(self._proposals, seed, stretched, self._forecast)
+        self._inherited = deque(like.suspects(self._units) if like else ())
         self._has_reference = False
         self._background, self._nominal, self._passed = Background(), 0, 0
         self._rules = Rules()
@@ -112,6 +124,8 @@ class Causes:
             test, asked = self._out.pop(proposal.id)
             self._rolled_out += score.rolled_out
             levels = self._units.levels(proposal.genome)
+            if self._forecast and score.rolled_out:
+                self._forecast.learn(levels, failed=score.failed)
             if test is not None and proposal.genome is not asked:  # another scene of a pool: see Selection
                 self._miss(test)
                 test = None
@@ -141,7 +155,7 @@ class Causes:
         """The failures for which no cause was found, or not yet."""
         out = [test for test, _ in self._out.values() if test]
         trials = [test.scene for test in (*self._tests, *out) if test.failure]
-        open_ones = [attribution.levels for attribution in self._active]
+        open_ones = [attribution.levels for attribution in self._active if not attribution.inherited]
         return [self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)]
 
     @property
@@ -194,7 +208,9 @@ class Causes:
         self._has_reference = self._has_reference or self._passed >= PASSED
 
     def _begin(self) -> None:
-        """Attribute failures that wait, unless a rule explains them."""
+        """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
+        while self._has_reference and self._inherited and len(self._active) < self._at_once():
+            self._attribute(*self._inherited.popleft())
         while self._has_reference and self._pending and len(self._active) < self._at_once():
             levels = self._pending.popleft()
             deviations = self._units.deviations(levels[None])[0]
@@ -206,22 +222,23 @@ class Causes:
             else:
                 rule.hits += 1
 
-    def _attribute(self, levels: Levels) -> None:
+    def _attribute(self, levels: Levels, answer: Mask | None = None) -> None:
+        """Look for the cause of a failure; with ``answer`` whether a predecessor's cause is one here."""
         deviations = self._units.deviations(levels[None])[0]
         severity = self._units.severity(deviations)
-        by_chance = self._background.by_chance
+        by_chance = self._background.by_chance if answer is None else 1 - SURVIVES
         if not severity.any() or by_chance > BY_CHANCE:
             self._given_up.append(levels)
             return
         suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
-        if self._known:
+        if self._known and answer is None:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             alike = self._units.alike(self._units.deviations(scenes), deviations)
             suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
         odds = (self._refuted + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
         about = levels, suspects, self._background
-        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1))
+        self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, answer=answer))
 
     def _next_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         while self._tests:
@@ -340,6 +357,8 @@ class Causes:
         """Make a rule of what an attribution has found."""
         self._active.remove(attribution)
         if attribution.cause is None or attribution.scene is None:
+            if attribution.inherited:
+                return
             self._refuted += attribution.answered
             self._given_up.append(attribution.levels)
             return
@@ -356,6 +375,8 @@ class Causes:
             chance = rule.chance(self._units.deviations(other.levels[None]), self._units)[0]
             if chance >= POSSIBLE:  # the same cause was being looked into twice
                 self._active.remove(other)
+                if other.inherited:
+                    continue
                 self._pending.appendleft(other.levels)
 
     def _probe(self, rule: Rule) -> None:
