@@ -12,6 +12,7 @@ from vlafuzz.common.statistics import wilson
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.search.base import Proposal
+from vlafuzz.search.causes.predecessor import Predecessor
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.causes.units import Units
@@ -25,11 +26,16 @@ Fails = Callable[[Scene], bool]
 
 
 def played(
-    fails: Fails, budget: int = 150, seed: int = 0, rate: float = 1.0, where: SearchSpace | None = None
+    fails: Fails,
+    budget: int = 150,
+    seed: int = 0,
+    rate: float = 1.0,
+    where: SearchSpace | None = None,
+    like: Predecessor | None = None,
 ) -> Causes:
     """The strategy after a run against a policy that fails at a rate where it ``fails``."""
     where = where or space()
-    strategy, rng = Causes(where, seed, budget), np.random.default_rng(seed)
+    strategy, rng = Causes(where, seed, budget, like=like), np.random.default_rng(seed)
     outstanding: deque[Proposal] = deque()
     for number in range(budget + strategy.outstanding):
         if number < budget:

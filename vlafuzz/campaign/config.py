@@ -5,10 +5,12 @@ import json
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
+from vlafuzz.campaign.like import predecessor_of
 from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
@@ -25,6 +27,7 @@ from vlafuzz.rollouts.policies import check_policy_name
 from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_at
 from vlafuzz.rollouts.setup import here
 from vlafuzz.search.base import POOL, Strategy, batch_of
+from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
@@ -72,6 +75,11 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
         whole = world.space(task.name, named.robot, config.operators, config.vary, config.packs)
         space = whole.narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
+    if config.like:
+        if named.strategy != STRATEGY:
+            problem = f"--like {config.like}: strategy {named.strategy!r} learns nothing from it"
+            raise UsageError(problem, hint=f"leave one of the two out: {STRATEGY} does")
+        factory = partial(Causes, like=predecessor_of(config.like, space))
     strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))
     triage_place = place

@@ -115,6 +115,9 @@ class RunConfig:
         default=1.0,
         kind=str,
     )
+    like: Path | None = _option(
+        SCENES, "--like", "Test first what a store of an earlier version, or of another task, lists as causes."
+    )
     scenes: Path | None = _option(WHAT, "--scenes", "Run every scene of this file once.")
     packs: tuple[Any, ...] = _option(
         WHAT,

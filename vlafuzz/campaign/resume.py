@@ -16,7 +16,7 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.provenance import elsewhere
 
-_ANEW = ("scenes", "workers", "executor")  # not stored: every command says them anew
+_ANEW = ("scenes", "like", "workers", "executor")  # not stored: every command says them anew
 
 
 def resume(flags: Mapping[str, Any]) -> Plan:

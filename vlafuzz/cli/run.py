@@ -113,7 +113,7 @@ def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Dead
     from vlafuzz.store.store import Store
 
     budget = config.budget or BUDGET
-    probing = replace(config, severity=1.0, strategy=NAME, budget=max(FEWEST, int(budget * PROBING)))
+    probing = replace(config, severity=1.0, strategy=NAME, like=None, budget=max(FEWEST, int(budget * PROBING)))
     plan = plan_of(probing)
     done = run_plan(plan, None, until.after(0.5), certify=False)
     with Store.open(plan.store) as store:

@@ -146,7 +146,7 @@ class Rates:
         self._failures[int(explained), kind] += failed
         self._draws[int(explained), kind] += 1
 
-    def predict(self, explained: NDArray[np.bool_], kinds: NDArray[np.int64]) -> Numbers:
+    def predict(self, explained: NDArray[np.bool_], kinds: NDArray[np.int64] | int = 0) -> Numbers:
         """``(n,)`` the probability of a failure in scenes, by whether a known cause explains one, and their kinds."""
         rates = (self._failures + _WORTH * self._prior) / (self._draws + _WORTH)
         return np.asarray(rates[explained.astype(int), kinds])

@@ -1,4 +1,4 @@
-"""Predecessor: an earlier run of another version of the policy, or of another task. Nothing of it is believed untested."""
+"""Predecessor: an earlier run of another version of the policy, or of another task, as a hint that is always tested."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.units import Levels, Units
 
-TREES, LEAF = 100, 3
+TREES, LEAF = 100, 3  # of a forest, and least scenes in a leaf
 AGAIN, OWN = 25, 2.0  # outcomes of the run after which trees are grown anew, and their weight
 KINDS = 5  # of scenes, by how likely they fail: told apart more finely, each has few draws
 
