@@ -62,16 +62,14 @@ class Draws:
         if not self.due(number) and rng.random() < self._stretched * self._rarity():
             return self._severe(rng, units, rules)
         self._plain += 1
-        known = rules.regions(self._random(units), units).any(axis=1)
+        known = np.asarray(rules.regions(self._random(units), units).any(axis=1))
         predicted = self._rates.predict(known, self._kinds)
         mean, error = float(predicted.mean()), float(predicted.std()) / math.sqrt(len(predicted))
         while True:
             genome = self._proposals.sampled(rng)
             levels = units.levels(genome)
-            inside, kind = (
-                rules.regions(units.deviations(levels[None]), units).any(axis=1),
-                self._kinds_of(levels[None]),
-            )
+            inside = np.asarray(rules.regions(units.deviations(levels[None]), units).any(axis=1))
+            kind = self._kinds_of(levels[None])
             explained = bool(inside[0])
             draw = Draw(
                 scene=levels.tobytes(),

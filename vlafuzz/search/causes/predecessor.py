@@ -68,7 +68,7 @@ class Forecast:
         if self._forest is None:
             return np.zeros(len(levels), dtype=np.int64)
         likely = self._forest.predict_proba(self._features(levels))[:, 1]
-        return np.minimum((likely * KINDS).astype(np.int64), KINDS - 1)
+        return np.asarray(np.minimum((likely * KINDS).astype(np.int64), KINDS - 1))
 
     def _fit(self) -> None:
         from sklearn.ensemble import RandomForestClassifier  # takes a second to load
