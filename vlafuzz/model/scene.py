@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from typing import Annotated, Any, Literal
@@ -149,6 +150,64 @@ class Start:
     state: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
 
+Moment = Literal["start", "approach", "grasp", "carry"]
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happens once in the middle of an episode, at the moment ``when``; see ``worlds.events``."""
+
+    __pydantic_config__ = _STRICT
+    when: Moment = "approach"
+
+
+@dataclass(frozen=True)
+class Slide(Event):
+    """A target is slid over the table: how far, and in which direction about the vertical, from the world's x axis."""
+
+    distance: Annotated[Real, Field(ge=0)] = _quantity(" m", 0.0)
+    direction: Real = _quantity("°", 0.0)
+
+
+@dataclass(frozen=True)
+class CameraBump(Event):
+    """The third-person camera is turned about its own axes, and stays so."""
+
+    roll: Real = _quantity("°", 0.0)
+    pitch: Real = _quantity("°", 0.0)
+    yaw: Real = _quantity("°", 0.0)
+
+
+@dataclass(frozen=True)
+class LightSwitch(Event):
+    """All lights are multiplied by ``intensity``, and stay so."""
+
+    intensity: Annotated[Real, Field(gt=0)] = _quantity("×", 1.0)
+
+
+@dataclass(frozen=True)
+class PictureLoss(Event):
+    """For some control steps the policy sees the last picture again, or a black one."""
+
+    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+    shows: Literal["frozen", "black"] = "frozen"
+
+
+@dataclass(frozen=True)
+class ControlStall(Event):
+    """The robot stands still for some control steps; what the policy commands meanwhile is lost."""
+
+    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+
+
+@dataclass(frozen=True)
+class GripSlip(Event):
+    """The fingers open for some control steps, whatever the policy commands."""
+
+    when: Moment = "carry"
+    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+
+
 @dataclass(frozen=True)
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
@@ -171,12 +230,24 @@ class Scene:
     noise: Noise = field(default=Noise(), metadata=_EXTRA)
     latency: Latency = field(default=Latency(), metadata=_EXTRA)
     start: Start = field(default=Start(), metadata=_EXTRA)
+    target_slide: Slide = field(default=Slide(), metadata=_EXTRA)
+    goal_slide: Slide = field(default=Slide(), metadata=_EXTRA)
+    camera_bump: CameraBump = field(default=CameraBump(), metadata=_EXTRA)
+    light_switch: LightSwitch = field(default=LightSwitch(), metadata=_EXTRA)
+    picture_loss: PictureLoss = field(default=PictureLoss(), metadata=_EXTRA)
+    control_stall: ControlStall = field(default=ControlStall(), metadata=_EXTRA)
+    grip_slip: GripSlip = field(default=GripSlip(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 
     @property
     def placements(self) -> tuple[Placement, ...]:
         """All objects, the targets first."""
         return self.targets + self.confounders
+
+    @cached_property
+    def events(self) -> Mapping[str, Event]:
+        """What happens in the middle of an episode, by the name of the scene's field."""
+        return {name: getattr(self, name) for name, usual in EVENTS.items() if getattr(self, name) != usual}
 
     @cached_property
     def digest(self) -> str:
@@ -208,6 +279,8 @@ class Scene:
 _ADAPTER: TypeAdapter[Scene] = TypeAdapter(Scene)
 EXTRAS: dict[str, Any] = {part.name: part.default for part in fields(Scene) if part.metadata.get("extra")}
 """The parts of a scene that extra operators vary, by field name, with their nominal values."""
+EVENTS: dict[str, Any] = {name: part for name, part in EXTRAS.items() if isinstance(part, Event)}
+"""Those of them that happen in the middle of an episode."""
 UNITS: dict[str, str] = {
     part.name: part.metadata["unit"]
     for kind in (Placement, Light, Camera, *map(type, EXTRAS.values()))

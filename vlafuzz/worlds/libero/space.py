@@ -41,7 +41,7 @@ _OWN = (
     kinds.BystanderOrientation.name,
 )
 _SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in kinds.EXTRAS] + sorted(
-    kinds.EXTRAS - {"backdrop", *_OWN}
+    kinds.EXTRAS - {"backdrop", *_OWN, *kinds.EVENTS}
 )
 
 

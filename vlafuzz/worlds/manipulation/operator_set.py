@@ -18,7 +18,7 @@ from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
 from vlafuzz.model.conditions import Conditions, Setting, check_choice
 from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
-from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderCount
+from vlafuzz.worlds.manipulation.operators import EVENTS, EXTRAS, OPERATORS, ConfounderCount
 
 DEFAULT = "tabletop"
 MIN_DISTANCE = Setting("min_distance", 0.0)  # between objects' centres, metres
@@ -63,8 +63,11 @@ class OperatorSet:
     severity: float = 1.0
 
     def only(self, names: Iterable[str]) -> OperatorSet:
-        """The same set with only these operators varying; a UsageError for one that is none, or has nothing to vary."""
-        varied = dict.fromkeys(names)
+        """The same set with only these operators varying; a UsageError for one that is none, or has nothing to vary.
+
+        ``events`` stands for all that happens in the middle of an episode.
+        """
+        varied = dict.fromkeys(name for given in names for name in (EVENTS if given == "events" else (given,)))
         for name in varied:
             check_choice("operator", name, OPERATORS)
         idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
@@ -344,6 +345,95 @@ class BystanderOrientation(_Bystander):
     yaw: Span
 
 
+class EventOperator(Extra):
+    """Something that happens in the middle of an episode: when, and how much; nominally it does not.
+
+    Nothing is more severe in the moment or in the direction of an event, only in its size.
+    """
+
+    slot: ClassVar[int] = 0  # of the target that is concerned: a task with fewer has no such event
+    when: tuple[model.Moment, ...] = Field(strict=False, min_length=1)
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        if self.slot < len(layout.of("targets")):
+            for gene in super().genes(layout):
+                if gene.path.endswith(".direction"):
+                    yield replace(gene, kind="angle", grid=replace(gene.grid, wraps=True), neutral=True)
+                else:
+                    yield replace(gene, neutral=gene.kind == "category")
+
+    def nominally(self) -> str:
+        return "never"
+
+
+class TargetSlide(EventOperator):
+    """The first target is slid over the table."""
+
+    name, says, part = "target-slide", "how far the target is slid in mid-episode", "target_slide"
+    distance: Span
+    direction: Span
+
+
+class GoalSlide(EventOperator):
+    """The second target, to which the first one is brought, is slid over the table."""
+
+    name, says, part, slot = "goal-slide", "how far the second target is slid in mid-episode", "goal_slide", 1
+    distance: Span
+    direction: Span
+
+
+class CameraBump(EventOperator):
+    """The camera is turned."""
+
+    name, says, part = "camera-bump", "how far the camera is turned in mid-episode", "camera_bump"
+    roll: Span
+    pitch: Span
+    yaw: Span
+
+
+class LightSwitch(EventOperator):
+    """All lights become brighter or darker by a factor, stepped in log2."""
+
+    name, says, part = "light-switch", "a factor on all lights in mid-episode", "light_switch"
+    intensity: Span
+
+    def genes(self, layout: Layout) -> Iterator[Gene]:
+        when, intensity = super().genes(layout)
+        yield when
+        yield replace(intensity, grid=replace(intensity.grid, log=True))
+
+
+class PictureLoss(EventOperator):
+    """The policy's pictures freeze, or turn black, for some control steps."""
+
+    name, says, part = "picture-loss", "for how long the policy sees nothing new", "picture_loss"
+    steps: Span
+    shows: tuple[Literal["frozen", "black"], ...] = Field(strict=False, min_length=1)
+
+
+class ControlStall(EventOperator):
+    """The robot stands still, and commands are lost, for some control steps."""
+
+    name, says, part = "control-stall", "for how long the robot stands still in mid-episode", "control_stall"
+    steps: Span
+
+
+class GripSlip(EventOperator):
+    """The fingers open for some control steps."""
+
+    name, says, part = "grip-slip", "for how long the fingers open by themselves", "grip_slip"
+    steps: Span
+
+
+_EVENTS: tuple[type[EventOperator], ...] = (
+    TargetSlide,
+    GoalSlide,
+    CameraBump,
+    LightSwitch,
+    PictureLoss,
+    ControlStall,
+    GripSlip,
+)
 _EXTRA: tuple[type[Extra], ...] = (
     Backdrop,
     InitialPose,
@@ -352,6 +442,7 @@ _EXTRA: tuple[type[Extra], ...] = (
     InitialState,
     BystanderPosition,
     BystanderOrientation,
+    *_EVENTS,
 )
 _ALL: tuple[type[Operator], ...] = (
     TargetType,
@@ -369,3 +460,4 @@ _ALL: tuple[type[Operator], ...] = (
 )
 OPERATORS = {kind.name: kind for kind in _ALL}
 EXTRAS = frozenset(kind.name for kind in _EXTRA)
+EVENTS = tuple(kind.name for kind in _EVENTS)

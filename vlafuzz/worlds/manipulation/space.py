@@ -18,6 +18,7 @@ from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vec
 from vlafuzz.model.task import Task
 from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import SceneMap, World
+from vlafuzz.worlds.events import MOST
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.jitter import jittered
@@ -112,10 +113,17 @@ class TableComposer(ABC):
 
     def parts(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Camera, light and extras with these values, by the names of the scene's fields."""
-        return {"camera": camera(values)} | {part: self._part(part, values) for part in PARTS}
+        made = {part: self._part(part, values) for part in PARTS}
+        events = [part for part, usual in model.EVENTS.items() if made[part] != usual]
+        if len(events) > MOST:  # the smallest do not happen
+            size = {part: max(gene.distance(values[gene.path]) for gene in self._parts[part]) for part in events}
+            made |= {part: model.EVENTS[part] for part in sorted(events, key=size.__getitem__)[:-MOST]}
+        return {"camera": camera(values), **made}
 
     def _part(self, part: str, values: Mapping[str, float]) -> Any:
         nominal, changed = PARTS[part], dict[str, object]()
+        if part in model.EVENTS and not any(gene.distance(values[gene.path]) for gene in self._parts[part]):
+            return nominal  # at no moment and in no direction
         for gene in self._parts[part]:
             field, value = gene.path.rpartition(".")[2], values[gene.path]
             usual = getattr(nominal, field)

@@ -160,7 +160,7 @@ class SearchSpace(TableSpace):
             if values is None:
                 continue
             scene = self.composer.compose(values)
-            if not (problem := self._unseen(scene)):
+            if not (problem := self._unfair(scene)):
                 return scene
             attempt.reason = problem
         box = self.operators.get(kinds.TargetPosition).ranges()
@@ -185,7 +185,7 @@ class SearchSpace(TableSpace):
         slots = self.composer.layout.used(int(values["confounders"]))
         kept = all(attempt.keep(slot, values) for slot in slots)
         moved = self.composer.compose(values) if kept else None
-        return None if moved is None or self._unseen(moved) else moved
+        return None if moved is None or self._unfair(moved) else moved
 
     def misnamed(self, scene: Scene) -> str | None:
         """The instruction with a confounder's name instead of the first target's; None without one."""
@@ -195,9 +195,12 @@ class SearchSpace(TableSpace):
         names = [self.catalogue[placed.object].spoken for placed in objects]
         return say(load_wordings()[scene.task][0], names)
 
-    def _unseen(self, scene: Scene) -> str | None:
-        visible = self.operators.visible
-        return unseen(scene, self.catalogue, visible) if visible else None
+    def _unfair(self, scene: Scene) -> str | None:
+        """Why the targets cannot be seen, or what its events do is not fair."""
+        visible, distance = self.operators.visible, self.operators.min_distance
+        problem = unseen(scene, self.catalogue, visible) if visible else None
+        late = None if problem else checks.check_events(scene, self.catalogue, distance, visible)
+        return late.reason if late else problem
 
     @cached_property
     def quantities(self) -> Mapping[str, Quantity]:

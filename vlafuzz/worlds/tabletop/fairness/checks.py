@@ -11,6 +11,7 @@ import numpy as np
 from vlafuzz.common.text import ambiguous
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
@@ -24,6 +25,7 @@ OVERHANG = 0.35  # share of its length by which an object may overhang its suppo
 MARGIN = 0.004  # clearance on each side of an object inside a container, metres
 DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
 IN_VIEW = 0.9  # least share of a target's hull vertices in the image; its centre must be in it as well
+SLID = (0.25, 0.5, 0.75)  # of its way, where a sliding target is looked at: every 3 cm of the longest
 _ROUNDING = 1e-9
 
 
@@ -40,6 +42,26 @@ def check_static(
         return rejection
     problem = unseen(scene, catalogue, visible, outlines=outlines)
     return Rejection("unseen", problem) if problem else None
+
+
+def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visible: Visible | None) -> Rejection | None:
+    """Run the same checks on a scene, itself fair, after its events; a target that slides must not pass through things.
+
+    Arguments: see ``check_static``.
+    """
+    if not scene.events:
+        return None
+    late = afterwards(scene)
+    rejection = check_static(late, catalogue, min_distance, visible)
+    if rejection is not None:
+        return Rejection(rejection.check, f"after its events: {rejection.reason}")
+    for slot, (first, last) in enumerate(zip(scene.targets, late.targets, strict=True)):
+        others = [footprint(placed, catalogue[placed.object]) for placed in scene.placements if placed is not first]
+        for share in SLID:
+            there = replace(first, x=first.x + share * (last.x - first.x), y=first.y + share * (last.y - first.y))
+            if not all(apart(footprint(there, catalogue[there.object]), other) for other in others):
+                return Rejection("geometry", f"target {slot + 1}, {first.object}, slides through another object")
+    return None
 
 
 def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:

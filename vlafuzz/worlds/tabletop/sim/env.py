@@ -15,9 +15,10 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 from numpy.typing import NDArray
 
 from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
-from vlafuzz.model.scene import EXTRAS, Scene, Start
+from vlafuzz.model.scene import EVENTS, EXTRAS, CameraBump, Event, LightSwitch, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
+from vlafuzz.worlds.events import Events, turned
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
@@ -109,7 +110,7 @@ class TabletopEnv(BaseEnv):
         start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
-        self.view = camera_pose(self.rig.view, scene.camera)
+        self._camera, self.view = scene.camera, camera_pose(self.rig.view, scene.camera)
         self.light, self.table_colour = scene.light.intensity, self._painter.paint(scene.backdrop)
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
@@ -122,18 +123,38 @@ class TabletopEnv(BaseEnv):
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = StateMonitor(self.task, self.models, start)
+        self._events = Events(scene, self.control_hz, len(self.task.stages))
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
-        state = self.world.step(*self._commands.exchange(action, relative_to))
+        events, slides = self._events, None
+        if events.parts:
+            for event in events.begin(self._step, self.monitor.progress):
+                self._happen(event)
+            slides = events.slides()
+        command, relative_to = self._commands.exchange(action, relative_to)
+        state = self.world.step(events.executed(command), relative_to, slides)
         self.monitor.observe(state)
         self._step += 1
         return state
 
+    def _happen(self, event: Event) -> None:
+        """What begins with an event, and stays."""
+        if isinstance(event, CameraBump):
+            self.view = camera_pose(self.rig.view, turned(self._camera, event))
+            self._aim()
+        elif isinstance(event, LightSwitch):
+            self.light *= event.intensity
+            if self.scene.can_render():
+                self._lights.apply(self.world.scene, self.light)
+            if self._studio is not None:
+                self._studio.light(self.light)
+
     def seen(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a policy sees through a camera at present."""
-        return self._noise.degraded(self.picture(camera), self._step, camera)
+        shown = self._noise.degraded(self.picture(camera), self._step, camera)
+        return self._events.shown(camera, shown) if self._events.parts else shown
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what a camera shows at present."""
@@ -172,6 +193,8 @@ class TabletopEnv(BaseEnv):
             "noise": self._noise.noise,
             "latency": self._commands.latency,
             "start": Start(),  # there is only one
+            **EVENTS,
+            **self._events.parts,
         }
         for part in EXTRAS:
             expected = getattr(scene, part)

@@ -13,6 +13,7 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import Knowing, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
 from vlafuzz.worlds.manipulation.looks import COLOUR
@@ -20,7 +21,7 @@ from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visibl
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
-from vlafuzz.worlds.tabletop.fairness import check_static
+from vlafuzz.worlds.tabletop.fairness import check_events, check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
@@ -93,7 +94,11 @@ class ManiSkillEvaluator(SceneEvaluator):
         distance, spec = MIN_DISTANCE.of(self._conditions), self._policy.spec
         flat = spec.silhouettes and not spec.cameras and not spec.calibrated
         rejection = check_static(scene, self._catalogue, distance, self._visible, outlines=flat)
-        return rejection or settled(scene, self._catalogue)
+        rejection = rejection or check_events(scene, self._catalogue, distance, self._visible)
+        rejection = rejection or settled(scene, self._catalogue)
+        if rejection is None and scene.events:
+            rejection = settled(afterwards(scene), self._catalogue)
+        return rejection
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
         spec = self._policy.spec

@@ -275,7 +275,11 @@ class Studio:
                 twin.add_component(visual.clone())
                 self._scene.add_entity(twin)
                 self._twins.append((entity, twin))
-        self._lights.apply(self._scene, light)
+        self.light(light)
+
+    def light(self, intensity: float) -> None:
+        """Scale all lights."""
+        self._lights.apply(self._scene, intensity)
 
     def picture(self) -> NDArray[np.uint8]:
         """``(height, width, 3)``: what the camera shows at present."""

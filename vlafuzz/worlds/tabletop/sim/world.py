@@ -76,15 +76,28 @@ class World:
         self._hash = hashlib.blake2b(digest_size=16)
         return self._read()
 
-    def step(self, action: Array, relative_to: str = "target") -> State:
-        """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
+    def step(self, action: Array, relative_to: str = "target", slides: Mapping[int, Array] | None = None) -> State:
+        """Execute a metric action for one control step (see ``MetricArm``); the state after it.
+
+        ``slides``: by object, ``(2,)`` metres by which it is slid over the table meanwhile.
+        """
         self._controller.command(action, relative_to)
         self._touched = self._touched or action[6] < 0
         system = self.scene.physx_system
         for _ in range(self._substeps):
             self._controller.advance(1 / self._hz)
+            for index, shift in (slides or {}).items():
+                self._slide(self._bodies[index], shift / self._substeps)
             system.step()
         return self._read()
+
+    @staticmethod
+    def _slide(body: physx.PhysxRigidDynamicComponent, shift: Array) -> None:
+        """Move a body over the table; it keeps its height and does not begin to roll."""
+        pose = body.entity_pose
+        body.entity_pose = sapien.Pose(pose.p + np.append(shift, 0.0), pose.q)
+        body.linear_velocity = np.array([0.0, 0.0, body.linear_velocity[2]], dtype=np.float32)
+        body.angular_velocity = np.zeros(3, dtype=np.float32)
 
     def _read(self) -> State:
         """The present state, which is added to the hash."""

@@ -1,0 +1,112 @@
+"""Events: what happens in the middle of an episode, when it is due, and what a scene is like afterwards."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vlafuzz.model.outcome import Rollout
+from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Moment, Scene, Slide
+
+Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
+# Of the stages' progress when the moment comes: half-way to the first stage, at it, half-way to the second.
+MOMENTS: Mapping[Moment, float] = {"approach": 0.5, "grasp": 1.0, "carry": 1.5}
+START = 1.0  # seconds after which what happens at the start does
+SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
+
+
+class Events:
+    """The events of a scene in one episode, and what they do to commands, pictures and things.
+
+    Args:
+        hz: control steps per second. stages: of the task.
+    """
+
+    def __init__(self, scene: Scene, hz: int, stages: int) -> None:
+        self.parts, self._hz, self._stages = scene.events, hz, stages
+        self._begun, self._step = dict[str, int](), 0
+        self._fingers = 1.0  # of the last command
+        self._last = dict[str, Picture]()  # by camera, seen before the pictures were lost
+
+    def begin(self, step: int, progress: float) -> list[Event]:
+        """The events that begin with a control step, given the best progress before it, in [0, 1]."""
+        self._step = step
+        due = [
+            name
+            for name, event in self.parts.items()
+            if name not in self._begun and _is_due(event, step, progress, self._hz, self._stages)
+        ]
+        self._begun |= dict.fromkeys(due, step)
+        return [self.parts[name] for name in due]
+
+    def executed(self, action: Array) -> Array:
+        """What the robot makes of a command ``(7,)`` in this step."""
+        if self._going_on("control_stall", steps=None):
+            return np.append(np.zeros(6), self._fingers)
+        self._fingers = action[6]
+        return np.append(action[:6], 1.0) if self._going_on("grip_slip", steps=None) else action
+
+    def slides(self) -> dict[int, Array]:
+        """By target, how far it slides in this control step: ``(2,)`` metres along the world's x and y."""
+        steps = max(1, round(SLIDING * self._hz))
+        names = ("target_slide", "goal_slide")
+        going_on = {slot: self._going_on(name, steps) for slot, name in enumerate(names)}
+        return {slot: displacement(slide) / steps for slot, slide in going_on.items() if slide is not None}
+
+    def shown(self, camera: str, picture: Picture) -> Picture:
+        """What the policy sees through a camera after this step, instead of a picture."""
+        loss = self._going_on("picture_loss", steps=None)
+        if loss is None:
+            self._last[camera] = picture
+            return picture
+        return self._last.get(camera, picture) if loss.shows == "frozen" else np.zeros_like(picture)
+
+    def _going_on(self, name: str, steps: int | None) -> Any:
+        """An event that began less than ``steps`` ago, by default than its own; else None."""
+        if name not in self._begun:
+            return None
+        event: Any = self.parts[name]
+        lasts = event.steps if steps is None else steps
+        return event if self._step - self._begun[name] < lasts else None
+
+
+def _is_due(event: Event, steps: int, progress: float, hz: int, stages: int) -> bool:
+    if event.when == "start":
+        return steps >= START * hz
+    return progress * stages >= MOMENTS[event.when] - 1e-9
+
+
+def got_there(scene: Scene, rollout: Rollout, hz: int, stages: int) -> bool:
+    """Whether all events of a scene have happened in a rollout; if not, it failed before anything changed."""
+    return all(_is_due(event, rollout.steps, rollout.progress, hz, stages) for event in scene.events.values())
+
+
+def displacement(slide: Slide) -> Array:
+    """``(2,)`` metres along the world's x and y."""
+    angle = math.radians(slide.direction)
+    return slide.distance * np.array([math.cos(angle), math.sin(angle)])
+
+
+def afterwards(scene: Scene) -> Scene:
+    """The scene in which everything has happened, to be as fair as the one at the start."""
+    targets = list(scene.targets)
+    for slot, slide in enumerate((scene.target_slide, scene.goal_slide)[: len(targets)]):
+        x, y = displacement(slide).tolist()
+        targets[slot] = replace(targets[slot], x=targets[slot].x + x, y=targets[slot].y + y)
+    return replace(
+        scene,
+        targets=tuple(targets),
+        camera=turned(scene.camera, scene.camera_bump),
+        light=replace(scene.light, intensity=scene.light.intensity * scene.light_switch.intensity),
+        **EVENTS,
+    )
+
+
+def turned(camera: Camera, bump: CameraBump) -> Camera:
+    """A camera after a bump."""
+    return replace(camera, **{axis: getattr(camera, axis) + getattr(bump, axis) for axis in ("roll", "pitch", "yaw")})
