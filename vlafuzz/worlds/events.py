@@ -1,7 +1,7 @@
 """Events: what happens in the middle of an episode, when it is due, and what a scene is like afterwards."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.model.outcome import Rollout
-from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Moment, Scene, Slide
+from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
-# Of the stages' progress when the moment comes: half-way to the first stage, at it, half-way to the second.
-MOMENTS: Mapping[Moment, float] = {"approach": 0.5, "grasp": 1.0, "carry": 1.5}
 START = 1.0  # seconds after which what happens at the start does
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
@@ -24,10 +22,10 @@ class Events:
     """The events of a scene in one episode, and what they do to commands, pictures and things.
 
     Args:
-        hz: control steps per second. stages: of the task.
+        hz: control steps per second. stages: names of the task's.
     """
 
-    def __init__(self, scene: Scene, hz: int, stages: int) -> None:
+    def __init__(self, scene: Scene, hz: int, stages: Sequence[str]) -> None:
         self.parts, self._hz, self._stages = scene.events, hz, stages
         self._begun, self._step = dict[str, int](), 0
         self._fingers = 1.0  # of the last command
@@ -75,13 +73,16 @@ class Events:
         return event if self._step - self._begun[name] < lasts else None
 
 
-def _is_due(event: Event, steps: int, progress: float, hz: int, stages: int) -> bool:
+def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence[str]) -> bool:
+    """Whether the moment of an event has come: half-way to the first stage, at the grasp, half-way to what follows."""
     if event.when == "start":
         return steps >= START * hz
-    return progress * stages >= MOMENTS[event.when] - 1e-9
+    grasp = next((number for number, name in enumerate(stages, 1) if name.startswith("grasp")), 1)
+    reached = {"approach": 0.5, "grasp": grasp, "carry": grasp + 0.5}[event.when]
+    return progress * len(stages) >= reached - 1e-9
 
 
-def got_there(scene: Scene, rollout: Rollout, hz: int, stages: int) -> bool:
+def got_there(scene: Scene, rollout: Rollout, hz: int, stages: Sequence[str]) -> bool:
     """Whether all events of a scene have happened in a rollout; if not, it failed before anything changed."""
     return all(_is_due(event, rollout.steps, rollout.progress, hz, stages) for event in scene.events.values())
 
@@ -92,11 +93,14 @@ def displacement(slide: Slide) -> Array:
     return slide.distance * np.array([math.cos(angle), math.sin(angle)])
 
 
-def afterwards(scene: Scene) -> Scene:
-    """The scene in which everything has happened, to be as fair as the one at the start."""
+def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
+    """The scene in which everything has happened, to be as fair as the one at the start.
+
+    ``slid``: the share of the way that things have slid, in [0, 1].
+    """
     targets = list(scene.targets)
     for slot, slide in enumerate((scene.target_slide, scene.goal_slide)[: len(targets)]):
-        x, y = displacement(slide).tolist()
+        x, y = (slid * displacement(slide)).tolist()
         targets[slot] = replace(targets[slot], x=targets[slot].x + x, y=targets[slot].y + y)
     return replace(
         scene,

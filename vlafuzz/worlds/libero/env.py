@@ -230,19 +230,20 @@ class Away:
 
     Attributes:
         addresses: by thing, where its seven numbers begin in the positions.
+        freedoms: by thing, where its six speeds are.
         shapes: by thing, the numbers of its shapes that collide.
     """
 
     def __init__(self, env: Any) -> None:
         self._env, self._model = env, env.sim.model._model
         model, roots = self._model, self._model.body_rootid
-        self._geoms, self._dofs = dict[str, NDArray[np.int64]](), dict[str, slice]()
+        self._geoms, self.freedoms = dict[str, NDArray[np.int64]](), dict[str, slice]()
         self.addresses, self.shapes = dict[str, int](), dict[str, NDArray[np.int64]]()
         for name, thing in env.objects_dict.items():
             joint = model.joint(thing.joints[0])
             start = int(joint.dofadr[0])
             self.addresses[name] = int(joint.qposadr[0])
-            self._dofs[name] = slice(start, start + 6)
+            self.freedoms[name] = slice(start, start + 6)
             geoms = np.flatnonzero(roots[model.geom_bodyid] == env.obj_body_id[name])
             self._geoms[name], self.shapes[name] = geoms, geoms[model.geom_contype[geoms] > 0]
         self._usual = {
@@ -256,7 +257,7 @@ class Away:
         positions, speeds = np.ones(nq, bool), np.ones(nv, bool)
         for name in more:
             positions[self.addresses[name] : self.addresses[name] + 7] = False
-            speeds[self._dofs[name]] = False
+            speeds[self.freedoms[name]] = False
         states = np.zeros((len(own), 1 + nq + nv))
         states[:, np.concatenate([[True], positions, speeds])] = own
         for state in states:
@@ -279,6 +280,6 @@ class Away:
             geoms = self._geoms[name]
             model.geom_contype[geoms], model.geom_conaffinity[geoms] = 0, NOBODY
             model.geom_group[geoms] = HIDDEN
-            model.dof_damping[self._dofs[name]] = STIFF
+            model.dof_damping[self.freedoms[name]] = STIFF
         away = self.addresses.keys() - present
         return {name: body for name, body in self._env.obj_body_id.items() if name not in away}

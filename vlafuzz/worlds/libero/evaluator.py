@@ -19,6 +19,7 @@ from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import Events
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.fairness import Fairness
@@ -45,6 +46,7 @@ class LiberoEpisode(Episode):
         self._env.settle(SETTLING)
         self._moment = Moment(self._env)
         self._substeps = HZ // spec.action.hz
+        self._setting, self._events = setting, Events(scene, spec.action.hz, task_named(scene.task).stage_names)
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
         self._hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
         task, hz = self._env.task, spec.action.hz
@@ -53,7 +55,7 @@ class LiberoEpisode(Episode):
 
     def observe(self) -> Observation:
         """The present observation; its privileged part is the ``LiberoEnv``."""
-        env, spec, step = self._env, self._spec, len(self.actions)
+        env, spec = self._env, self._spec
         state = fingers = None
         if spec.state:
             own = env.proprioception()
@@ -61,24 +63,33 @@ class LiberoEpisode(Episode):
             fingers = own[6:].astype(np.float32)
         return Observation(
             episode=self.start.episode,
-            step=step,
+            step=len(self.actions),
             instruction=self.scene.instruction,
-            images={
-                camera.name: self._noise.degraded(_shown(env, camera), step, camera.name) for camera in spec.cameras
-            },
+            images={camera.name: self._seen(camera) for camera in spec.cameras},
             state=state,
             fingers=fingers,
             privileged=env if spec.privileged else None,
         )
+
+    def _seen(self, camera: CameraRequest) -> NDArray[np.uint8]:
+        shown = self._noise.degraded(_shown(self._env, camera), len(self.actions), camera.name)
+        return self._events.shown(camera.name, shown) if self._events.parts else shown
 
     def picture(self, camera: str) -> NDArray[np.uint8]:
         return self._env.picture(VIEW, self._env.size)[:, ::-1]  # upright for people, not turned by 180°
 
     def _execute(self, action: Array) -> None:
         due, _ = self._commands.exchange(action, self._spec.action.relative_to)
+        events, slides = self._events, dict[int, Array]()
+        if events.parts:
+            for event in events.begin(len(self.actions) - 1, self.monitor.progress):
+                self._setting.happen(self.scene, event)
+            due, slides = events.executed(due), events.slides()
         own = due / UNITS
         own[:6] /= self._substeps
         for _ in range(self._substeps):
+            for slot, shift in slides.items():
+                self._setting.slide(slot, shift / self._substeps)
             self._env.step(own)
         self._hash.update(self._env.state().tobytes())
         self.monitor.observe(self._moment)

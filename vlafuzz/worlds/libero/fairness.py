@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
@@ -31,6 +32,7 @@ CHECKS = {
 }
 POINTS = 120  # of a thing's surface
 UNSEEN = 0.4  # of what the camera shows of a thing in the initial state, at least
+SLID = (1.0, 0.5)  # of its way, where what slides is looked at
 KEPT = 512  # verdicts
 _PICTURED = np.array([0, 1, 0, 0, 0, 0], dtype=np.uint8)  # groups of shapes that pictures show
 
@@ -51,7 +53,11 @@ class Fairness:
         # the rest of a scene decides nothing here
         judged = ("targets", "confounders", "start", "initial_pose", "camera")
         seen = replace(nominal, light=Light(), **{part: getattr(scene, part) for part in judged})
-        return self._judged(seen, replace(nominal, start=scene.start))
+        rejection = self._judged(seen, replace(nominal, start=scene.start))
+        if rejection is None and scene.events:
+            late = (self.check(afterwards(scene, share)) for share in SLID)
+            rejection = next((Rejection(bad.check, f"after its events: {bad.reason}") for bad in late if bad), None)
+        return rejection
 
     def _judge(self, scene: Scene, own: Scene) -> Rejection | None:
         """The first defect of a scene that its initial state does not have."""

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.model.scene import Camera, CameraBump, Event, LightSwitch, Placement, Scene
+from vlafuzz.worlds.events import turned
 from vlafuzz.worlds.libero.casts import cast
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import triangles
@@ -58,10 +59,27 @@ class Setting:
                 at, place = self._addresses[placed.object], np.array([placed.x, placed.y])
                 positions[at : at + 7] = self._standing.pose(placed.object, place)
                 _turned(positions, at, place, placed)
-        for owner, name, usual in self._lamps:
-            getattr(owner, name)[:] = usual * scene.light.intensity
+        self._light(scene.light.intensity)
         self._aim(scene.camera)
         env.restore(state)
+
+    def happen(self, scene: Scene, event: Event) -> None:
+        """What begins with an event of a scene in mid-episode, and stays."""
+        if isinstance(event, CameraBump):
+            self._aim(turned(scene.camera, event))
+        elif isinstance(event, LightSwitch):
+            self._light(scene.light.intensity * event.intensity)
+
+    def slide(self, slot: int, shift: Array) -> None:
+        """Move a thing of the task by ``(2,)`` metres; it keeps its height and does not begin to roll."""
+        name, data = self.env.task.things[slot], self.env.data
+        at, free = self._addresses[name], self.env.away.freedoms[name]
+        data.qpos[at : at + 2] += shift
+        data.qvel[free] *= [0, 0, 1, 0, 0, 0]
+
+    def _light(self, intensity: float) -> None:
+        for owner, name, usual in self._lamps:
+            getattr(owner, name)[:] = usual * intensity
 
     def _swap(self, standing: Standing, positions: Array) -> None:
         for own, name in zip(self._task.things, self.env.task.things, strict=True):

@@ -351,6 +351,7 @@ class EventOperator(Extra):
     Nothing is more severe in the moment or in the direction of an event, only in its size.
     """
 
+    happens: ClassVar[str]  # what happens, in a clause that goes on with how much
     slot: ClassVar[int] = 0  # of the target that is concerned: a task with fewer has no such event
     when: tuple[model.Moment, ...] = Field(strict=False, min_length=1)
 
@@ -370,6 +371,7 @@ class TargetSlide(EventOperator):
     """The first target is slid over the table."""
 
     name, says, part = "target-slide", "how far the target is slid in mid-episode", "target_slide"
+    happens = "the target slides away"
     distance: Span
     direction: Span
 
@@ -378,6 +380,7 @@ class GoalSlide(EventOperator):
     """The second target, to which the first one is brought, is slid over the table."""
 
     name, says, part, slot = "goal-slide", "how far the second target is slid in mid-episode", "goal_slide", 1
+    happens = "the second target slides away"
     distance: Span
     direction: Span
 
@@ -386,6 +389,7 @@ class CameraBump(EventOperator):
     """The camera is turned."""
 
     name, says, part = "camera-bump", "how far the camera is turned in mid-episode", "camera_bump"
+    happens = "the camera is turned"
     roll: Span
     pitch: Span
     yaw: Span
@@ -395,6 +399,7 @@ class LightSwitch(EventOperator):
     """All lights become brighter or darker by a factor, stepped in log2."""
 
     name, says, part = "light-switch", "a factor on all lights in mid-episode", "light_switch"
+    happens = "the light changes"
     intensity: Span
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
@@ -407,6 +412,7 @@ class PictureLoss(EventOperator):
     """The policy's pictures freeze, or turn black, for some control steps."""
 
     name, says, part = "picture-loss", "for how long the policy sees nothing new", "picture_loss"
+    happens = "the pictures stop"
     steps: Span
     shows: tuple[Literal["frozen", "black"], ...] = Field(strict=False, min_length=1)
 
@@ -415,6 +421,7 @@ class ControlStall(EventOperator):
     """The robot stands still, and commands are lost, for some control steps."""
 
     name, says, part = "control-stall", "for how long the robot stands still in mid-episode", "control_stall"
+    happens = "the robot stands still"
     steps: Span
 
 
@@ -422,6 +429,7 @@ class GripSlip(EventOperator):
     """The fingers open for some control steps."""
 
     name, says, part = "grip-slip", "for how long the fingers open by themselves", "grip_slip"
+    happens = "the fingers open"
     steps: Span
 
 

@@ -53,6 +53,13 @@ _TURNED = {
 }
 # By direction, as whoever looks through the camera sees it: in words, and the opposite one.
 _WAYS = {"to the left": ("to the left ←", "to the right →"), "up": ("up ↑", "down ↓"), "back": ("back", "forward")}
+# When an event happens, as a sentence goes on.
+_MOMENTS: Mapping[model.Moment, str] = {
+    "start": "a second after the start",
+    "approach": "while the hand approaches",
+    "grasp": "once the target is grasped",
+    "carry": "while the target is carried",
+}
 model.UNITS.update(dict.fromkeys(_WAYS, " cm"))
 PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a scene with one gene per field
 
@@ -257,7 +264,9 @@ class TableSpace(Space):
         kind = kinds.OPERATORS[operators]
         if issubclass(kind, kinds.Extra) and kind.part != "targets":
             shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
-            return _fields(shown, usual, [field.name for field in fields(shown)])
+            said = _fields(shown, usual, [field.name for field in fields(shown) if field.name != "when"])
+            differs = isinstance(shown, model.Event) and shown != usual
+            return f"{said or kind.part} {_MOMENTS[shown.when]}" if differs else said
         return self._targets(operators, scene.targets, other.targets)
 
     def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
@@ -267,6 +276,10 @@ class TableSpace(Space):
         if group == kinds.CameraPosition.name and all("camera.distance" in dict(low) for low, _ in fails):
             far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
             return f"the camera is {_moved(self.rig.view, scene.camera, far)}"
+        if issubclass(kind := kinds.OPERATORS[self.group(group)[0]], kinds.EventOperator):
+            usual, when = self.values(other), _MOMENTS[getattr(scene, kind.part).when]
+            size = " or ".join(beyond(low, high, usual) for low, high in fails)
+            return f"{kind.happens}{f' by {size}' if size else ''} {when}"
         if group == kinds.CameraOrientation.name:
             return self._turns(scene, other, fails)
         if group in (kinds.TargetPosition.name, kinds.TargetOrientation.name) and not fails:

@@ -25,7 +25,7 @@ OVERHANG = 0.35  # share of its length by which an object may overhang its suppo
 MARGIN = 0.004  # clearance on each side of an object inside a container, metres
 DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
 IN_VIEW = 0.9  # least share of a target's hull vertices in the image; its centre must be in it as well
-SLID = (0.25, 0.5, 0.75)  # of its way, where a sliding target is looked at: every 3 cm of the longest
+SLID = (0.25, 0.5, 0.75)  # of its way, where sliding things are looked at: every 3 cm of the longest
 _ROUNDING = 1e-9
 
 
@@ -55,12 +55,10 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
     rejection = check_static(late, catalogue, min_distance, visible)
     if rejection is not None:
         return Rejection(rejection.check, f"after its events: {rejection.reason}")
-    for slot, (first, last) in enumerate(zip(scene.targets, late.targets, strict=True)):
-        others = [footprint(placed, catalogue[placed.object]) for placed in scene.placements if placed is not first]
-        for share in SLID:
-            there = replace(first, x=first.x + share * (last.x - first.x), y=first.y + share * (last.y - first.y))
-            if not all(apart(footprint(there, catalogue[there.object]), other) for other in others):
-                return Rejection("geometry", f"target {slot + 1}, {first.object}, slides through another object")
+    for share in SLID:
+        rejection = check_geometry(afterwards(scene, share), catalogue, 0.0)
+        if rejection is not None:
+            return Rejection(rejection.check, f"while things slide: {rejection.reason}")
     return None
 
 

@@ -123,7 +123,7 @@ class TabletopEnv(BaseEnv):
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = StateMonitor(self.task, self.models, start)
-        self._events = Events(scene, self.control_hz, len(self.task.stages))
+        self._events = Events(scene, self.control_hz, self.task.stage_names)
         return start
 
     def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
