@@ -1,0 +1,139 @@
+"""What happens in the middle of an episode: when, how much, and that a scene stays fair and solvable."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled, evaluate
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, put
+from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.scene import CameraBump, ControlStall, GripSlip, LightSwitch, PictureLoss, Scene, Slide
+from vlafuzz.policies.base import ActionChunk
+from vlafuzz.worlds.events import afterwards, got_there
+from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.tabletop.fairness.checks import check_events
+from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.tasks import TASKS
+
+SECOND = 5  # control steps
+ASIDE = Slide("start", 0.06, 90.0)
+
+
+def begun(env: TabletopEnv, scene: Scene, steps: int) -> TabletopEnv:
+    """An environment so many steps after the beginning of a scene, in which the robot stood still."""
+    env.begin(scene)
+    env.check(scene)
+    for _ in range(steps):
+        env.advance(STILL)
+    return env
+
+
+def test_a_target_slides_to_its_new_place_after_a_second_and_stays_there(env):
+    scene = replace(nominal(), target_slide=ASIDE)
+    start = env.begin(scene).positions[0]
+    waited = [env.advance(STILL).positions[0] - start for _ in range(SECOND + 8)]
+    assert np.abs(waited[SECOND - 1]).max() < 0.002
+    assert 0.01 < waited[SECOND][1] < 0.05  # it is on its way, not there at once
+    assert waited[-1] == pytest.approx([0.0, 0.06, 0.0], abs=0.004)
+    assert afterwards(scene).targets[0].y == pytest.approx(scene.targets[0].y + 0.06)
+
+
+def test_a_bumped_camera_and_a_switched_lamp_stay_as_they_are_from_then_on(env):
+    bump, switch = CameraBump("start", pitch=2.0, yaw=-1.0), LightSwitch("start", 0.5)
+    scene = replace(nominal(), camera_bump=bump, light_switch=switch)
+    begun(env, scene, SECOND)
+    assert (env.light, env.view.axes.tolist()) == (1.0, camera_pose(env.rig.view).axes.tolist())
+    for _ in range(3):
+        env.advance(STILL)
+        turned = camera_pose(env.rig.view, afterwards(scene).camera)
+        assert env.light == 0.5
+        assert env.view.axes == pytest.approx(turned.axes)
+    begun(env, nominal(), 1)
+    assert env.light == 1.0
+
+
+@pytest.mark.render
+def test_pictures_freeze_or_turn_black_for_so_many_steps_and_come_back(seeing):
+    for loss in (PictureLoss("start", 3), PictureLoss("start", 3, "black")):
+        moving = replace(nominal(), picture_loss=loss, light_switch=LightSwitch("start", 2.0))
+        seeing.begin(moving)
+        seen = [seeing.seen("front")]
+        for _ in range(SECOND + 4):
+            seeing.advance(STILL)
+            seen.append(seeing.seen("front"))
+        lost = seen[SECOND + 1 : SECOND + 4]
+        expected = seen[SECOND] if loss.shows == "frozen" else np.zeros_like(seen[0])
+        assert all(np.array_equal(picture, expected) for picture in lost)
+        assert seen[SECOND + 4].mean() > seen[SECOND].mean() + 5
+
+
+def test_a_robot_that_stalls_stands_still_and_goes_on_with_what_it_is_told_then(env):
+    forward = np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+    env.begin(replace(nominal(), control_stall=ControlStall("start", 4)))
+    places = [env.advance(forward).tcp[0] for _ in range(SECOND + 7)]
+    assert places[SECOND + 3] - places[SECOND] < 0.01  # it comes to rest
+    assert places[-1] - places[SECOND + 3] > 0.03
+
+
+def repeating(actions: np.ndarray) -> Meddled:
+    """Does what was done before, whatever it sees."""
+    return Meddled(lambda seen, _: [ActionChunk(actions[min(seen.step, len(actions) - 1)][None])])
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        {"target_slide": Slide("approach", 0.08, 120.0)},
+        {"grip_slip": GripSlip("carry", 3)},
+        {"control_stall": ControlStall("approach", 6), "camera_bump": CameraBump("grasp", 1.0, 2.0, 1.0)},
+    ],
+    ids=["slide", "slip", "stall"],
+)
+def test_the_expert_notices_and_solves_the_scene_which_repeating_its_actions_without_the_event_does_not(
+    expert_on, event
+):
+    usual, scene = nominal(), replace(nominal(), **event)
+    (before,) = expert_on("pick-up").evaluate([usual])
+    solved, again = expert_on("pick-up").evaluate([scene, scene])
+    assert solved.verdict is Verdict.PASSED
+    assert got_there(scene, solved.rollouts[0], 5, TASKS["pick-up"].stage_names)
+    assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
+    if "grip_slip" not in event:  # a hand that closes again may still hold it
+        (blind,) = evaluate(repeating(before.rollouts[0].actions), scene)
+        assert blind.verdict is Verdict.FAILED
+
+
+def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
+    scene = replace(nominal("put-on"), goal_slide=Slide("carry", 0.08, 0.0))
+    (solved,) = expert_on("put-on").evaluate([scene])
+    first, second = evaluate(repeating(solved.rollouts[0].actions), scene, scene)
+    assert (solved.verdict, first.verdict) == (Verdict.PASSED, Verdict.PASSED)
+    assert first.rollouts[0].states_hash == second.rollouts[0].states_hash
+
+
+@pytest.mark.parametrize(
+    ("scene", "says"),
+    [
+        (replace(nominal(), target_slide=Slide("start", 0.5, 0.0)), "after its events: "),
+        (
+            replace(NOMINAL, confounders=(put("coke_can", -0.05, 0.12),), target_slide=Slide("start", 0.24, 90)),
+            "while things slide: ",
+        ),
+        (replace(nominal(), camera_bump=CameraBump("start", yaw=40.0)), "after its events: "),
+    ],
+    ids=["off the table", "through a can", "out of the picture"],
+)
+def test_a_scene_is_only_fair_if_what_happens_in_it_is(scene, says):
+    rejection = check_events(scene, CATALOGUE, 0.1, None)
+    assert rejection is not None
+    assert rejection.reason.startswith(says)
+    assert check_events(replace(scene, target_slide=Slide(), camera_bump=CameraBump()), CATALOGUE, 0.1, None) is None
+
+
+def test_a_policy_that_never_moves_does_not_get_to_what_happens_at_the_grasp():
+    scene = replace(NOMINAL, light_switch=LightSwitch("grasp", 0.5))
+    idle: Outcome = evaluate(Meddled(lambda seen, actions: [ActionChunk(STILL[None])]), scene)[0]
+    stages = TASKS["pick-up"].stage_names
+    assert not got_there(scene, idle.rollouts[0], 5, stages)
+    assert got_there(replace(NOMINAL, light_switch=LightSwitch("start", 0.5)), idle.rollouts[0], 5, stages)
