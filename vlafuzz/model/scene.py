@@ -189,7 +189,7 @@ class LightSwitch(Event):
 class PictureLoss(Event):
     """For some control steps the policy sees the last picture again, or a black one."""
 
-    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+    duration: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
     shows: Literal["frozen", "black"] = "frozen"
 
 
@@ -197,7 +197,7 @@ class PictureLoss(Event):
 class ControlStall(Event):
     """The robot stands still for some control steps; what the policy commands meanwhile is lost."""
 
-    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+    duration: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ class GripSlip(Event):
     """The fingers open for some control steps, whatever the policy commands."""
 
     when: Moment = "carry"
-    steps: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
+    duration: Annotated[int, Field(strict=True, ge=0, le=1000)] = _quantity(" steps", 0)
 
 
 @dataclass(frozen=True)

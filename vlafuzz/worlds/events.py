@@ -69,7 +69,7 @@ class Events:
         if name not in self._begun:
             return None
         event: Any = self.parts[name]
-        lasts = event.steps if steps is None else steps
+        lasts = event.duration if steps is None else steps
         return event if self._step - self._begun[name] < lasts else None
 
 

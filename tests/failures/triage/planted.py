@@ -54,8 +54,15 @@ EXTRA_CONDITIONS: dict[str, Condition] = {
     "initial-pose": lambda scene: scene.initial_pose.j2 > 1,
     "sensor-noise": lambda scene: scene.noise.blur > 1,
     "control-latency": lambda scene: scene.latency.delay > 1,
+    "target-slide": lambda scene: scene.target_slide.distance > 0.04 and scene.target_slide.when == "approach",
+    "camera-bump": lambda scene: scene.camera_bump.pitch > 2,
+    "light-switch": lambda scene: scene.light_switch.intensity < 0.4 and scene.light_switch.when == "grasp",
+    "picture-loss": lambda scene: scene.picture_loss.duration > 6,
+    "control-stall": lambda scene: scene.control_stall.duration > 3,
+    "grip-slip": lambda scene: scene.grip_slip.duration > 1 and scene.grip_slip.when == "carry",
 }
-ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation"}  # which the tabletop lacks
+# Which the tabletop lacks, or a task of one target.
+ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "goal-slide"}
 assert CONDITIONS.keys() | EXTRA_CONDITIONS.keys() == GROUPS.keys() - ELSEWHERE
 
 

@@ -9,7 +9,7 @@ from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.phrasing import describe
-from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise
+from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Slide
 
 NO_NOISE = "blur 0 px, jpeg 100"
 CHECKERED = "table checker, wall red", "table planks, wall sage"
@@ -19,6 +19,12 @@ FAILS_FROM = {
     "initial-pose": "initial-pose: fails from j2 1.5° (",
     "sensor-noise": "sensor-noise: fails from blur 1.25 px (",
     "control-latency": "control-latency: fails from delay 2 steps (",
+    "target-slide": "target-slide: fails from distance 0.045 m (",
+    "camera-bump": "camera-bump: fails from pitch 2.25° (",
+    "light-switch": "light-switch: fails from intensity × 0.",
+    "picture-loss": "picture-loss: fails from duration 7 steps (",
+    "control-stall": "control-stall: fails from duration 4 steps (",
+    "grip-slip": "grip-slip: fails from duration 2 steps (",
 }
 
 
@@ -44,6 +50,7 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
         ({"initial_pose": InitialPose(j2=1.5, j7=-3)}, "initial-pose", "j2 1.5°, j7 -3°", "j2 0°, j7 0°"),
         ({"backdrop": Backdrop("checker", wall="red")}, "backdrop", *CHECKERED),
         ({"latency": Latency(3)}, "control-latency", "delay 3 steps", "delay 0 steps"),
+        ({"target_slide": Slide("start", 0.05)}, "target-slide", "distance 0.05 m a second after the start", "never"),
     ],
 )
 def test_an_extra_is_described_in_words(part, operator, value, nominal):

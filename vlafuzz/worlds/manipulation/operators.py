@@ -413,7 +413,7 @@ class PictureLoss(EventOperator):
 
     name, says, part = "picture-loss", "for how long the policy sees nothing new", "picture_loss"
     happens = "the pictures stop"
-    steps: Span
+    duration: Span
     shows: tuple[Literal["frozen", "black"], ...] = Field(strict=False, min_length=1)
 
 
@@ -422,7 +422,7 @@ class ControlStall(EventOperator):
 
     name, says, part = "control-stall", "for how long the robot stands still in mid-episode", "control_stall"
     happens = "the robot stands still"
-    steps: Span
+    duration: Span
 
 
 class GripSlip(EventOperator):
@@ -430,7 +430,7 @@ class GripSlip(EventOperator):
 
     name, says, part = "grip-slip", "for how long the fingers open by themselves", "grip_slip"
     happens = "the fingers open"
-    steps: Span
+    duration: Span
 
 
 _EVENTS: tuple[type[EventOperator], ...] = (

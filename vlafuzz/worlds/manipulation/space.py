@@ -264,9 +264,11 @@ class TableSpace(Space):
         kind = kinds.OPERATORS[operators]
         if issubclass(kind, kinds.Extra) and kind.part != "targets":
             shown, usual = getattr(scene, kind.part), getattr(other, kind.part)
+            if isinstance(shown, model.Event) and shown == model.EVENTS[kind.part]:
+                return "" if shown == usual else "never"
             said = _fields(shown, usual, [field.name for field in fields(shown) if field.name != "when"])
             differs = isinstance(shown, model.Event) and shown != usual
-            return f"{said or kind.part} {_MOMENTS[shown.when]}" if differs else said
+            return f"{said} {_MOMENTS[shown.when]}".strip() if differs else said
         return self._targets(operators, scene.targets, other.targets)
 
     def clause(self, scene: Scene, group: str, other: Scene, fails: Sequence[Range] = ()) -> str:
