@@ -15,7 +15,7 @@ from vlafuzz.failures.triage.path import directed
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Placement, Scene, Start
+from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, LightSwitch, Placement, Scene, Slide, Start
 from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
@@ -24,6 +24,7 @@ from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, Parameters, 
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import got_there
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.evaluator import Workplace
@@ -207,6 +208,16 @@ class TestEvaluator:
         assert [outcome.verdict for outcome in outcomes] == [Verdict.PASSED, Verdict.PASSED]
         assert outcomes[0].rollouts[0].reached == ("reach", "grasp", "move", "goal")
         assert len({outcome.rollouts[0].states_hash for outcome in outcomes}) == 2
+
+    def test_the_expert_solves_a_scene_in_which_the_soup_slides_away_and_the_light_goes_down(self, soup, varied):
+        events = {"target_slide": Slide("approach", 0.06, 90.0), "light_switch": LightSwitch("grasp", 0.5)}
+        scene = replace(varied.nominal(), **events)
+        before, solved, again = soup.evaluate([varied.nominal(), scene, scene])
+        assert solved.verdict is Verdict.PASSED
+        assert got_there(scene, solved.rollouts[0], 20, varied.task.stage_names)
+        assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
+        far = replace(varied.nominal(), target_slide=Slide("start", 0.6, 90.0))
+        assert soup.evaluate([far])[0].verdict is Verdict.INVALID
 
     def test_holding_still_solves_nothing_at_any_control_rate(self, varied):
         conditions = Conditions(task=SOUP, robot="libero")
