@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from vlafuzz.common.assets import corpus_dir
-from vlafuzz.exports.selection import Wanted, around, at_random, failures_of_corpus, failures_of_store
+from vlafuzz.exports.selection import WantedScene, around, at_random, failures_of_corpus, failures_of_store
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.store.store import Store
 
@@ -27,7 +27,7 @@ ARMS: dict[str, Mapping[Kind, float]] = {
 }
 
 
-def wanted(store: Path, task: str, kind: Kind) -> Iterator[Wanted]:
+def wanted(store: Path, task: str, kind: Kind) -> Iterator[WantedScene]:
     """Scenes of one kind without end, of the runs of a store; failing ones come again, slightly jittered.
 
     Minimal scenes are those of the shipped corpus, which took many more rollouts than a run.

@@ -12,7 +12,7 @@ from make_demos import Demonstrator
 from mini_data import write
 
 from repair.arms import Kind, wanted
-from vlafuzz.exports.selection import Wanted
+from vlafuzz.exports.selection import WantedScene
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
@@ -26,7 +26,7 @@ JOB = 10  # demonstrations, in a folder of their own
 class Job:
     """Demonstrations in the first scenes that allow it; ``first``: number of its first scene."""
 
-    scenes: Sequence[Wanted]
+    scenes: Sequence[WantedScene]
     first: int
     driver: Path | None
     out: Path

@@ -7,7 +7,7 @@ import pytest
 
 from tests.doubles import failed, passed
 from vlafuzz.doctor import verdicts
-from vlafuzz.doctor.probes import Answers, Break, Change
+from vlafuzz.doctor.probes import Answers, Break, Effect
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.policies.base import CameraRequest, PolicySpec
@@ -53,7 +53,7 @@ def test_actions_are_to_differ_within_the_range_of_an_arm(executed: np.ndarray, 
     [(0.9, 0.8, "ok"), (0.9, 0.0, "warn"), (0.0, 0.0, "refuse"), (0.01, 0.01, "refuse")],
 )
 def test_who_notices_the_dark_but_no_other_scene_is_nearly_blind(black: float, elsewhere: float, verdict: str):
-    changes = {name: Change(size, size > 0.02) for name, size in (("black", black), ("another", elsewhere))}
+    changes = {name: Effect(size, size > 0.02) for name, size in (("black", black), ("another", elsewhere))}
     assert verdicts.on_sight(changes).verdict == verdict
 
 

@@ -8,16 +8,16 @@ import pytest
 from tests.doubles import scene
 from tests.rollouts.test_scene_runner import run
 from vlafuzz.errors import UsageError
-from vlafuzz.exports.selection import Failure, around, at_random, split
+from vlafuzz.exports.selection import FailingScene, around, at_random, split
 
 HERE = Path("a.db")
 
 
-def failure(number: int, cause: str) -> Failure:
+def failure(number: int, cause: str) -> FailingScene:
     """One of eight scenes that are far from each other."""
     light, x, y = (1 / 16, 16.0)[number % 2], (-0.2, 0.12)[number // 2 % 2], (-0.2, 0.2)[number // 4]
     failing = scene(light=light, x=x, y=y)
-    return Failure(failing, run("make_frozen"), (failing,), cause)
+    return FailingScene(failing, run("make_frozen"), (failing,), cause)
 
 
 def test_failures_of_one_cause_are_on_one_side():

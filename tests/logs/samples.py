@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.logs.episodes import Episode
+from vlafuzz.logs.episodes import LoggedEpisode
 
 
-def episodes(**outcomes: str) -> list[Episode]:
+def episodes(**outcomes: str) -> list[LoggedEpisode]:
     """Episodes of suites by one letter each: ``s`` succeeds, ``f`` fails, ``e`` ended in an error."""
     verdicts = {"s": True, "f": False, "e": None}
     return [
-        Episode(suite=suite, task="t", state=str(number), place=f"{suite} {number}", success=verdicts[letter])
+        LoggedEpisode(suite=suite, task="t", state=str(number), place=f"{suite} {number}", success=verdicts[letter])
         for suite, letters in outcomes.items()
         for number, letter in enumerate(letters)
     ]

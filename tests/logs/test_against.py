@@ -7,7 +7,7 @@ import pytest
 from tests.logs.samples import episodes
 from vlafuzz.common.statistics import wilson
 from vlafuzz.logs.against import compare
-from vlafuzz.logs.episodes import Episode, rates
+from vlafuzz.logs.episodes import LoggedEpisode, rates
 
 NAMES = ("old", "new")
 
@@ -88,7 +88,7 @@ def test_suites_are_corrected_for_their_number_and_the_loss_of_one_is_named():
         (episodes(a="s" * 19), episodes(a="s" * 9 + "e" * 10), "ended in an error"),
     ],
 )
-def test_logs_that_could_show_no_loss_tell_nothing(old: list[Episode], new: list[Episode], why: str):
+def test_logs_that_could_show_no_loss_tell_nothing(old: list[LoggedEpisode], new: list[LoggedEpisode], why: str):
     result = compare(old, new, NAMES, 0.05)
     assert not result.tells
     assert result.verdict.startswith("cannot tell: ")

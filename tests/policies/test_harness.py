@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.controls import Random
-from vlafuzz.policies.harness import Gripper, Harness, ask
+from vlafuzz.policies.harness import GripperCommand, Harness, ask
 
 START = EpisodeStart("one", "pick up apple", "pick-up", 7)
 SEEN = Observation("one", 0, "pick up apple")
@@ -61,7 +61,7 @@ def first(policy: Dictated) -> np.ndarray:
 
 
 def gripper_of(values: Sequence[float], **spec: object) -> list[float]:
-    gripper = Gripper(ActionSpec(**spec))
+    gripper = GripperCommand(ActionSpec(**spec))
     return [gripper.command(value) for value in values]
 
 

@@ -129,7 +129,7 @@ Probe = Callable[[Moment, Moment], Moment]
 _numbers = itertools.count()
 
 
-class Change(NamedTuple):
+class Effect(NamedTuple):
     """The effect of a probe on the answers.
 
     ``size``: relative to the mean distance between the answers to different moments. ``clear``: it is large enough, and
@@ -152,7 +152,7 @@ class Answers:
         pairs = [apart(spec, a, b) for a, b in itertools.combinations(first, 2)]
         self._spread = float(np.mean(pairs)) if pairs else 0.0
 
-    def change(self, probed: Sequence[Array]) -> Change:
+    def change(self, probed: Sequence[Array]) -> Effect:
         """The change to the probed answers, beyond the noise, which moves both answers alike.
 
         With noise it is clear where Wilcoxon's signed-rank test finds it significant.
@@ -164,7 +164,7 @@ class Answers:
         clear = size >= HARDLY
         if clear and self.noise.any():
             clear = bool(wilcoxon(more, alternative="greater").pvalue <= ALPHA)
-        return Change(size, clear)
+        return Effect(size, clear)
 
     def relative(self, distance: float) -> float:
         """A distance relative to the mean distance between the answers to different moments."""
@@ -207,7 +207,7 @@ class Interview:
             if not self.answers.noise.any():
                 break
 
-    def change(self, probe: Probe) -> Change:
+    def change(self, probe: Probe) -> Effect:
         """The effect of a probe on the answers."""
         return self.answers.change(self._ask(probe))
 

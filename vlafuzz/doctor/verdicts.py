@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.doctor.probes import Answers, Break, Change
+from vlafuzz.doctor.probes import Answers, Break, Effect
 from vlafuzz.model.check import Check, Rating
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
@@ -120,7 +120,7 @@ def on_determinism(spec: PolicySpec, answers: Answers) -> Check:
     return judged("determinism", detail, "not deterministic" if spec.deterministic else None)
 
 
-def on_sight(changes: Mapping[str, Change]) -> Check:
+def on_sight(changes: Mapping[str, Effect]) -> Check:
     """Whether the policy sees, by the changes from visual probes; the last probe shows another scene."""
     if not changes:
         return Check("sight", "it asks for nothing to look at")
@@ -137,7 +137,7 @@ _SENSES = {
 }
 
 
-def on_sense(sense: str, change: Change | None) -> Check:
+def on_sense(sense: str, change: Effect | None) -> Check:
     """Whether the instruction or the proprioception matters; None where it need not, or is not asked for."""
     other, without, fault = _SENSES[sense]
     if change is None:

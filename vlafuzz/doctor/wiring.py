@@ -151,7 +151,7 @@ _PICTURES = (
 )
 
 
-class Trial:
+class CorrectionTrial:
     """One correction in further scenes: progress without it and with it, and how many it solved."""
 
     def __init__(self) -> None:
@@ -252,9 +252,9 @@ def _alike(failed: Sequence[Scene], fresh: Iterable[Scene]) -> Iterator[Scene]:
         yield replace(scene, targets=tuple(replace(target, x=place.x, y=place.y) for target, place in pairs))
 
 
-def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> Trial:
+def _try(correction: Correction, scenes: Iterable[Scene], roll: Roll) -> CorrectionTrial:
     """Roll out scenes until the correction adds more than ``SHIFT``, or hardly can within ``MOST`` scenes."""
-    trial = Trial()
+    trial = CorrectionTrial()
     for number, scene in enumerate(scenes):
         hopeless = trial.wealth(SHIFT) < HOPELESS or trial.wealth(SHIFT, MOST - number) < 1 / ALPHA
         if hopeless or trial.adds(SHIFT):

@@ -13,7 +13,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.exports.expert_runner import BROKEN, UNFAIR, ExpertRunner, Solution
 from vlafuzz.exports.packed import Packed
-from vlafuzz.exports.selection import Wanted
+from vlafuzz.exports.selection import WantedScene
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.registry import Place, workers_at
@@ -25,7 +25,7 @@ UNPLAYED = "a replay of the expert's actions does not solve it"
 class Solved(NamedTuple):
     """A scene, and the actions that solve it as the policy of its run would write them."""
 
-    wanted: Wanted
+    wanted: WantedScene
     solution: Solution
 
 
@@ -41,7 +41,7 @@ class Demonstrations:
     watch: Watch = SILENT
     left_out: Counter[str] = field(default_factory=Counter)
 
-    def solved(self, wanted: Iterator[Wanted], number: int, most: int) -> list[Solved]:
+    def solved(self, wanted: Iterator[WantedScene], number: int, most: int) -> list[Solved]:
         """The first ``number`` scenes that the expert solves, of ``most`` that it tries, in order."""
         tried, solved = islice(wanted, most), list[Solved]()
         with closing(self._executor()) as executor:
@@ -77,7 +77,9 @@ class Demonstrations:
     def _executor(self) -> Executor:
         return workers_at(Place(self.workers), _Teacher)
 
-    def _results(self, executor: Executor, items: Sequence[Wanted | Solved], doing: str) -> Iterator[tuple[int, Any]]:
+    def _results(
+        self, executor: Executor, items: Sequence[WantedScene | Solved], doing: str
+    ) -> Iterator[tuple[int, Any]]:
         """Yield each item's number and what ``_Teacher`` returns; an ERROR if a worker was lost twice."""
         rolled = executor.run((number, [item]) for number, item in enumerate(items))
         for done, (number, (result,)) in enumerate(rolled, start=1):
@@ -93,7 +95,7 @@ class _Teacher:
     def __init__(self) -> None:
         self._runners: dict[str, ExpertRunner] = {}  # by the task and conditions of their runs
 
-    def evaluate(self, items: Sequence[Wanted | Solved]) -> list[Any]:
+    def evaluate(self, items: Sequence[WantedScene | Solved]) -> list[Any]:
         """The solution of what is wanted, or why there is none; what is solved as a policy would see it, if it is."""
         try:
             return list(map(self._answer, items))
@@ -104,7 +106,7 @@ class _Teacher:
         for runner in self._runners.values():
             runner.close()
 
-    def _answer(self, item: Wanted | Solved) -> Solution | str | Packed | None:
+    def _answer(self, item: WantedScene | Solved) -> Solution | str | Packed | None:
         if isinstance(item, Solved):
             wanted = item.wanted
             return self._runner(wanted.run).record(wanted.scene, item.solution.actions, wanted.finding)

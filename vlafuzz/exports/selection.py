@@ -51,7 +51,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
 
 
 @dataclass(frozen=True, eq=False)
-class Failure:
+class FailingScene:
     """A failing scene, and those that are demonstrated for it.
 
     Attributes:
@@ -65,7 +65,7 @@ class Failure:
     cause: str
 
 
-class Wanted(NamedTuple):
+class WantedScene(NamedTuple):
     """A scene to be demonstrated, the expert's first attempt there, and the digest of the failing scene."""
 
     scene: Scene
@@ -74,7 +74,7 @@ class Wanted(NamedTuple):
     finding: str
 
 
-def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failure]:
+def failures_of_store(store: Store, run: int | None, which: Which) -> list[FailingScene]:
     """The findings of a store; for ``minimal`` those that triage has made minimal.
 
     Raises:
@@ -85,7 +85,7 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
     findings = {finding: f"{finding.scene.task}|{finding.cell}" for finding in store.findings(run)}
     signatures = {key: row.signature for key, row in triaged.items() if row.signature}
     by_cell = {cell: signatures[finding.key] for finding, cell in findings.items() if finding.key in signatures}
-    failures: dict[Scene, Failure] = {}
+    failures: dict[Scene, FailingScene] = {}
     for finding, cell in findings.items():
         row, cause = triaged.get(finding.key), signatures.get(finding.key) or by_cell.get(cell, cell)
         scenes: tuple[Scene, ...] = (finding.scene,)
@@ -93,7 +93,7 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
             if row is None or row.bucket != "minimal" or row.shrunk is None:
                 continue
             scenes = (row.shrunk, *row.counterparts.values())
-        failures.setdefault(finding.scene, Failure(finding.scene, manifests[finding.run], scenes, cause))
+        failures.setdefault(finding.scene, FailingScene(finding.scene, manifests[finding.run], scenes, cause))
     if not failures and which == "minimal":
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
     if not failures:
@@ -101,10 +101,10 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Failu
     return list(failures.values())
 
 
-def failures_of_corpus(corpus: Corpus, which: Which) -> list[Failure]:
+def failures_of_corpus(corpus: Corpus, which: Which) -> list[FailingScene]:
     """The cases of a corpus."""
     return [
-        Failure(
+        FailingScene(
             case.scene,
             corpus.runs[case.run],
             (case.scene, *(case.counterparts.values() if which == "minimal" else ())),
@@ -114,7 +114,9 @@ def failures_of_corpus(corpus: Corpus, which: Which) -> list[Failure]:
     ]
 
 
-def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list[Failure], list[Failure]]:
+def split(
+    source: Path, failures: Sequence[FailingScene], share: float
+) -> tuple[list[FailingScene], list[FailingScene]]:
     """The failures to be demonstrated, and about that share of them that is held out.
 
     Failures of one cause are on one side. ``source`` is for messages.
@@ -124,11 +126,11 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
     """
     if share == 0:
         return list(failures), []
-    by_cause = defaultdict[str, list[Failure]](list)
+    by_cause = defaultdict[str, list[FailingScene]](list)
     for failure in failures:
         by_cause[failure.cause].append(failure)
     groups = list(by_cause.values())
-    wanted, out = share * len(failures), list[Failure]()
+    wanted, out = share * len(failures), list[FailingScene]()
     if len(groups) < 2:
         problem = f"{source}: its {len(failures)} failures have one cause"
         hint = "leave out --hold-out, and try the trained policy in random scenes with another --seed"
@@ -143,18 +145,18 @@ def split(source: Path, failures: Sequence[Failure], share: float) -> tuple[list
     return [failure for failure in failures if failure.scene not in held], out
 
 
-def around(source: Path, failures: Iterable[Failure]) -> Iterator[Wanted]:
+def around(source: Path, failures: Iterable[FailingScene]) -> Iterator[WantedScene]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
     scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
     for number in count():
         for scene, failure in scenes:
             shown = space_of(source, failure.run).jittered(scene, DEMONSTRATE + number) if number else scene
-            yield Wanted(shown, failure.run, number, failure.scene.digest)
+            yield WantedScene(shown, failure.run, number, failure.scene.digest)
 
 
-def at_random(source: Path, failures: Sequence[Failure]) -> Iterator[Wanted]:
+def at_random(source: Path, failures: Sequence[FailingScene]) -> Iterator[WantedScene]:
     """Random scenes under the conditions of the failures' runs in turn, with the same first attempts."""
     for number in count():
         run = failures[number % len(failures)].run
         scene = space_of(source, run).sample(np.random.default_rng([run.seed, DEMONSTRATE + number]))
-        yield Wanted(scene, run, number // len(failures), "")
+        yield WantedScene(scene, run, number // len(failures), "")

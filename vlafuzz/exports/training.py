@@ -10,7 +10,15 @@ from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
-from vlafuzz.exports.selection import Failure, Which, around, at_random, failures_of_corpus, failures_of_store, split
+from vlafuzz.exports.selection import (
+    FailingScene,
+    Which,
+    around,
+    at_random,
+    failures_of_corpus,
+    failures_of_store,
+    split,
+)
 from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.clients.model import Interface, interface_of
@@ -95,7 +103,7 @@ def write_demonstrations(
     return Written(written, shown.left_out, len(held_out), beside)
 
 
-def _failures(source: Path, run: int | None, which: Which) -> list[Failure]:
+def _failures(source: Path, run: int | None, which: Which) -> list[FailingScene]:
     if not is_corpus(source):
         with Store.open(source) as store:
             return failures_of_store(store, run, which)
@@ -104,7 +112,7 @@ def _failures(source: Path, run: int | None, which: Which) -> list[Failure]:
     return failures_of_corpus(read_corpus(source), which)
 
 
-def _alike(source: Path, failures: Sequence[Failure]) -> tuple[Interface, str, int]:
+def _alike(source: Path, failures: Sequence[FailingScene]) -> tuple[Interface, str, int]:
     """The interface, robot and control rate of all failures."""
     kinds: dict[tuple[object, ...], Interface] = {}
     for failure in failures:

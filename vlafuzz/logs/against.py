@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from vlafuzz.common.statistics import Interval, Share, fisher, holm, newcombe, paired_difference, sign_test
 from vlafuzz.common.text import named
-from vlafuzz.logs.episodes import Episode, grouped, judged, share
+from vlafuzz.logs.episodes import LoggedEpisode, grouped, judged, share
 
 ALL = "all"
 
@@ -46,7 +46,7 @@ class Contrast:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class LogComparison:
     """The contrasts of all suites that both logs have, and of all together if they are several.
 
     Attributes:
@@ -97,7 +97,9 @@ class Comparison:
         return f"{self.new} is {', '.join(shown)}{unshown}"
 
 
-def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, str], alpha: float) -> Comparison:
+def compare(
+    old: Sequence[LoggedEpisode], new: Sequence[LoggedEpisode], names: tuple[str, str], alpha: float
+) -> LogComparison:
     """Two logs; ``names``: the old one's and the new one's."""
     olds, news = (grouped(judged(log), lambda episode: episode.suite) for log in (old, new))
     both = [suite for suite in olds if suite in news]
@@ -107,7 +109,7 @@ def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, st
         pairs = [pair for suite in both for pair in matched[suite]] if all(matched.values()) else []
         before, now = ([episode for suite in both for episode in log[suite]] for log in (olds, news))
         found.append(_contrast(ALL, pairs, before, now))
-    return Comparison(
+    return LogComparison(
         old=names[0],
         new=names[1],
         alpha=alpha,
@@ -117,10 +119,10 @@ def compare(old: Sequence[Episode], new: Sequence[Episode], names: tuple[str, st
     )
 
 
-Pair = tuple[Episode, Episode]
+Pair = tuple[LoggedEpisode, LoggedEpisode]
 
 
-def _matched(old: Sequence[Episode], new: Sequence[Episode]) -> list[Pair]:
+def _matched(old: Sequence[LoggedEpisode], new: Sequence[LoggedEpisode]) -> list[Pair]:
     """The repeats of the same episode with each other, in order; none unless half of a log has one."""
     olds, news = (grouped(log, lambda episode: episode.same) for log in (old, new))
     both = [same for same in olds if same is not None and same in news]
@@ -129,7 +131,9 @@ def _matched(old: Sequence[Episode], new: Sequence[Episode]) -> list[Pair]:
     return [pair for same in both for pair in zip(olds[same], news[same], strict=False)]
 
 
-def _contrast(suite: str, pairs: Sequence[Pair], old: Sequence[Episode], new: Sequence[Episode]) -> Contrast:
+def _contrast(
+    suite: str, pairs: Sequence[Pair], old: Sequence[LoggedEpisode], new: Sequence[LoggedEpisode]
+) -> Contrast:
     if pairs:
         return replace(_of_pairs(suite, pairs), left=len(old) + len(new) - 2 * len(pairs))
     ours, theirs = _independent(new), _independent(old)
@@ -146,7 +150,7 @@ def _contrast(suite: str, pairs: Sequence[Pair], old: Sequence[Episode], new: Se
     )
 
 
-def _independent(episodes: Sequence[Episode]) -> list[Episode]:
+def _independent(episodes: Sequence[LoggedEpisode]) -> list[LoggedEpisode]:
     """One repeat of every episode."""
     return [those[0] for those in grouped(episodes, lambda episode: episode.same or episode.place).values()]
 

@@ -10,7 +10,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Episode:
+class LoggedEpisode:
     """One episode; a name that the log does not have is empty.
 
     Attributes:
@@ -43,13 +43,13 @@ class Episode:
         return (self.suite, self.task, begins) if begins else (self.run, self.place)
 
 
-def judged(episodes: Iterable[Episode]) -> list[Episode]:
+def judged(episodes: Iterable[LoggedEpisode]) -> list[LoggedEpisode]:
     """The episodes that did not end in an error."""
     return [episode for episode in episodes if episode.success is not None]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rate:
+class SuccessRate:
     """The success rate of some episodes; ``errors``: further ones that ended in an error, counted for neither."""
 
     suite: str = ""
@@ -64,13 +64,15 @@ class Rate:
         return Share(success.of - success.count, success.of, 1 - success.high, 1 - success.low)
 
 
-def rates(episodes: Sequence[Episode]) -> list[Rate]:
+def rates(episodes: Sequence[LoggedEpisode]) -> list[SuccessRate]:
     """The rates by suite, by condition and by task, where there are several; the first one is of all episodes."""
 
-    def by(those: Sequence[Episode], *names: str) -> list[Rate]:
+    def by(those: Sequence[LoggedEpisode], *names: str) -> list[SuccessRate]:
         groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
         return [
-            Rate(**dict(zip(names, key, strict=True)), success=share(group), errors=len(group) - len(judged(group)))
+            SuccessRate(
+                **dict(zip(names, key, strict=True)), success=share(group), errors=len(group) - len(judged(group))
+            )
             for key, group in groups.items()
         ]
 
@@ -83,7 +85,7 @@ def rates(episodes: Sequence[Episode]) -> list[Rate]:
     ]
 
 
-def share(episodes: Iterable[Episode]) -> Share:
+def share(episodes: Iterable[LoggedEpisode]) -> Share:
     """The share of judged episodes that succeed; where several have the same start, these are a group."""
     counted = judged(episodes)
     if len({episode.start for episode in counted}) == len(counted):
@@ -91,9 +93,9 @@ def share(episodes: Iterable[Episode]) -> Share:
     return Share.grouped([(episode.start, bool(episode.success)) for episode in counted])
 
 
-def grouped(episodes: Iterable[Episode], key: Callable[[Episode], Key]) -> dict[Key, list[Episode]]:
+def grouped(episodes: Iterable[LoggedEpisode], key: Callable[[LoggedEpisode], Key]) -> dict[Key, list[LoggedEpisode]]:
     """The episodes by a key, in order."""
-    groups: dict[Key, list[Episode]] = {}
+    groups: dict[Key, list[LoggedEpisode]] = {}
     for episode in episodes:
         groups.setdefault(key(episode), []).append(episode)
     return groups

@@ -10,7 +10,7 @@ from typing import Any
 from vlafuzz.common.reading import parse_json, read_text, validated
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import UsageError, suggestion
-from vlafuzz.logs.episodes import Episode, judged
+from vlafuzz.logs.episodes import LoggedEpisode, judged
 
 _MOST = 500  # suites or conditions, each with a row; larger numbers are those of episodes
 _FORMATS = "lerobot's eval_info.json, vla-eval's results, or CSV with a heading; docs/logs.md describes them"
@@ -31,7 +31,7 @@ NAMES: Mapping[str, tuple[str, ...]] = {
 _OUTCOMES = {"1": True, "1.0": True, "true": True, "0": False, "0.0": False, "false": False, "": None}
 
 
-def read_logs(paths: Sequence[Path], columns: Mapping[str, str]) -> list[Episode]:
+def read_logs(paths: Sequence[Path], columns: Mapping[str, str]) -> list[LoggedEpisode]:
     """The episodes of an evaluation whose log may be several files; UsageError if it cannot be read.
 
     ``columns`` are names of columns in CSV, by what they hold: see ``NAMES``.
@@ -52,7 +52,7 @@ def read_logs(paths: Sequence[Path], columns: Mapping[str, str]) -> list[Episode
     return episodes
 
 
-def _read(path: Path, columns: Mapping[str, str]) -> Iterator[Episode]:
+def _read(path: Path, columns: Mapping[str, str]) -> Iterator[LoggedEpisode]:
     text = read_text(path, UsageError, _FORMATS)
     if not text.strip():
         raise UsageError(f"{path}: is empty", hint=_FORMATS)
@@ -70,7 +70,7 @@ def _read(path: Path, columns: Mapping[str, str]) -> Iterator[Episode]:
     raise UsageError(f"{path}: is no log that is known: it has {keys}", hint=_FORMATS)
 
 
-def _check_once(episodes: Sequence[Episode]) -> None:
+def _check_once(episodes: Sequence[LoggedEpisode]) -> None:
     seen: dict[object, str] = {}
     for episode in episodes:
         if not episode.run or episode.same is None:
@@ -117,11 +117,11 @@ class _VlaEval:
     benchmark: str = ""
 
 
-def _lerobot(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
+def _lerobot(path: Path, content: dict[str, Any]) -> Iterator[LoggedEpisode]:
     """A list of successes for every task; the place in it is the number of the episode."""
     for task in validated(list[_LeRobotTask], content["per_task"], f"{path}: per_task", UsageError):
         for number, success in enumerate(task.metrics.successes):
-            yield Episode(
+            yield LoggedEpisode(
                 suite=task.task_group,
                 task=str(task.task_id),
                 state=str(number),
@@ -131,11 +131,11 @@ def _lerobot(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
             )
 
 
-def _vla_eval(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
+def _vla_eval(path: Path, content: dict[str, Any]) -> Iterator[LoggedEpisode]:
     log = validated(_VlaEval, content, path, UsageError)
     for task in log.tasks:
         for number, episode in enumerate(task.episodes):
-            yield Episode(
+            yield LoggedEpisode(
                 suite=log.benchmark,
                 task=task.task,
                 state="" if episode.episode_id is None else str(episode.episode_id),
@@ -145,7 +145,7 @@ def _vla_eval(path: Path, content: dict[str, Any]) -> Iterator[Episode]:
             )
 
 
-def read_table(path: Path, text: str, columns: Mapping[str, str]) -> Iterator[Episode]:
+def read_table(path: Path, text: str, columns: Mapping[str, str]) -> Iterator[LoggedEpisode]:
     """The episodes of a CSV file; commas, semicolons or tabs separate its cells."""
     heading = text.lstrip().partition("\n")[0]
     delimiter = max(",;\t", key=heading.count)
@@ -162,7 +162,7 @@ def read_table(path: Path, text: str, columns: Mapping[str, str]) -> Iterator[Ep
                 )
             value = {holds: " ".join(cells[index].strip() for index in indices) for holds, indices in found.items()}
             success = _outcome(place, value.pop("success"))
-            yield Episode(**value, place=place, success=success)
+            yield LoggedEpisode(**value, place=place, success=success)
     except csv.Error as error:
         raise UsageError(f"{path}, line {rows.line_num}: not CSV: {error}") from None
 

@@ -6,8 +6,8 @@ from typing import Any
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import Row, markdown_table, percent, plural, points
-from vlafuzz.logs.against import ALL, Comparison
-from vlafuzz.logs.episodes import Rate
+from vlafuzz.logs.against import ALL, LogComparison
+from vlafuzz.logs.episodes import SuccessRate
 
 _MOST = 5  # tasks in a table
 
@@ -17,11 +17,11 @@ class Reading:
     """A log, or several files of one evaluation; ``against``: it, compared with an older log."""
 
     name: str
-    rates: tuple[Rate, ...]
-    against: Comparison | None
+    rates: tuple[SuccessRate, ...]
+    against: LogComparison | None
 
     @property
-    def suites(self) -> dict[str, Rate]:
+    def suites(self) -> dict[str, SuccessRate]:
         """The rates of whole suites, by the suite's name."""
         return {rate.suite or ALL: rate for rate in self.rates if not (rate.condition or rate.task)}
 
@@ -42,7 +42,7 @@ def tables(reading: Reading, most: int | None = _MOST) -> dict[str, list[Row]]:
     return {title: rows for title, rows in found.items() if rows}
 
 
-def _rates(those: Sequence[Rate], *names: str) -> list[Row]:
+def _rates(those: Sequence[SuccessRate], *names: str) -> list[Row]:
     return [
         {
             **{name: getattr(rate, name) or ALL for name in names},
@@ -55,7 +55,7 @@ def _rates(those: Sequence[Rate], *names: str) -> list[Row]:
     ]
 
 
-def _contrasts(compared: Comparison) -> list[Row]:
+def _contrasts(compared: LogComparison) -> list[Row]:
     return [
         {
             "suite": one.suite,
@@ -112,7 +112,7 @@ def _share(share: Share) -> dict[str, Any]:
     return {"count": share.count, "rate": share.share, "low": share.low, "high": share.high}
 
 
-def _comparison_document(compared: Comparison | None) -> dict[str, Any] | None:
+def _comparison_document(compared: LogComparison | None) -> dict[str, Any] | None:
     if compared is None:
         return None
     worse = [contrast.suite for contrast in compared.worse]

@@ -27,7 +27,7 @@ class Harness:
     def __init__(self, policy: Policy, start: EpisodeStart) -> None:
         self._policy, self._spec = policy, policy.spec
         self._queue: deque[Array] = deque()
-        self._gripper = Gripper(self._spec.action)
+        self._gripper = GripperCommand(self._spec.action)
         with blamed_on(self._spec.name):
             policy.reset([start])
         self.finish = weakref.finalize(self, finish, policy, [start])
@@ -134,7 +134,7 @@ def release(policy: Policy) -> None:
         sys.stderr.write(f"note: {policy.spec.name} raised {type(error).__name__} in close: {error}\n")
 
 
-class Gripper:
+class GripperCommand:
     """Thresholds a policy's gripper value to open (1) or closed (-1); holds a change for ``sticky`` steps."""
 
     def __init__(self, spec: ActionSpec) -> None:

@@ -42,7 +42,7 @@ class Component(BaseModel, frozen=True):
     format: Name = UNDECLARED
 
 
-class Parameters(BaseModel, frozen=True):
+class ObservationParameters(BaseModel, frozen=True):
     """What a server wants to be sent, besides what its specs say."""
 
     send_state: bool | None = None
@@ -59,7 +59,7 @@ class Hello(BaseModel, frozen=True, protected_namespaces=()):
     model_server: Name = "unknown"
     action_spec: Mapping[str, Component] = {}
     observation_spec: Mapping[str, Component] = {}
-    observation_params: Parameters = Parameters()
+    observation_params: ObservationParameters = ObservationParameters()
 
 
 class DeclaredModel(Model):

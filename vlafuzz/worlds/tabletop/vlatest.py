@@ -27,25 +27,25 @@ CUSTOM, YCB = "custom:", "ycb:"  # prefixes of names, as in packs: YCB and VLATe
 _FILE_NAMES = {"t-grasp": "pick-up", "t-move": "move-near", "t-put-on": "put-on", "t-put-in": "put-in"}
 
 
-class Strict(BaseModel):
+class _Strict(BaseModel):
     """Data from outside: unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class _Pose(Strict):
+class _Pose(_Strict):
     rest: str
     yaw: float = 0.0
 
 
-class Counterpart(Strict):
+class Counterpart(_Strict):
     """The object of ours that stands for one of VLATest's."""
 
     name: str
     poses: dict[Literal["turned", "level"], _Pose]
 
 
-class Base(Strict):
+class Base(_Strict):
     """The pose of a robot's base: metres, and degrees."""
 
     x: float
@@ -53,7 +53,7 @@ class Base(Strict):
     yaw: float
 
 
-class Original(Strict):
+class Original(_Strict):
     """The facts that VLATest's files leave out: robots by task, sizes, and names in instructions."""
 
     robots: dict[str, str]
@@ -65,7 +65,7 @@ class Original(Strict):
     spoken: dict[str, str]
 
 
-class Table(Strict):
+class VlatestTable(_Strict):
     """The content of operators/objects/vlatest.yaml."""
 
     frames: dict[str, Workspace]
@@ -76,29 +76,29 @@ class Table(Strict):
 
 
 @cache
-def vlatest_table() -> Table:
+def vlatest_table() -> VlatestTable:
     """The table, read once."""
     path = operators_dir() / "objects" / "vlatest.yaml"
-    return validated(Table, read_yaml(path, CatalogueError), path, CatalogueError)
+    return validated(VlatestTable, read_yaml(path, CatalogueError), path, CatalogueError)
 
 
 # The schemas of the grasp task, and of those with two targets
 _Names = Annotated[list[Text], Field(max_length=MOST)]
 
 
-class _Start(Strict):  # the key of the orientation differs for the object to grasp
+class _Start(_Strict):  # the key of the orientation differs for the object to grasp
     init_xy: tuple[Real, Real]
     quaternion: Quaternion = Field(validation_alias=AliasChoices("init_rot_quat", "orientation"))
 
 
-class _Grasp(Strict):
+class _Grasp(_Strict):
     model_id: Text
     obj_init_options: _Start
     distractor_model_ids: _Names = Field(default=[])
     distractor_obj_init_options: dict[str, _Start] = Field(default={})
 
 
-class _Two(Strict):
+class _Two(_Strict):
     model_ids: _Names
     obj_init_options: dict[str, _Start]
     source_obj_id: int

@@ -49,7 +49,7 @@ class Guess(NamedTuple):
         return self._replace(shift=self.shift + by)
 
 
-class Fit(NamedTuple):
+class RatedGuess(NamedTuple):
     """A guess with its agreement with an outline, in [0, 1]."""
 
     agreement: float
@@ -115,7 +115,7 @@ class Look:
         """Which of some objects an outline is most like, and its pose, less surely than with ``find``."""
         return self._refine(self._start(models, label), label).guess.thing
 
-    def _fit(self, model: ObjectModel, label: int) -> Fit:
+    def _fit(self, model: ObjectModel, label: int) -> RatedGuess:
         """The best pose of all; of several that agree well, the first."""
         fits = []
         for pose in model.stable_poses:
@@ -125,18 +125,18 @@ class Look:
                     return fits[-1]
         return max(fits, key=agreement)
 
-    def _start(self, models: Sequence[ObjectModel], label: int) -> Fit:
+    def _start(self, models: Sequence[ObjectModel], label: int) -> RatedGuess:
         poses = ((model, pose) for model in models for pose in model.stable_poses)
         return max((self._starts(*pair, label)[0] for pair in poses), key=agreement)
 
-    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[Fit]:
+    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[RatedGuess]:
         """The object where the outline is, in all directions, the best first."""
         guesses = (Guess(model, pose, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
         rated = (self._rate(self._centred(guess, label), label) for guess in guesses)
         return sorted(rated, key=agreement, reverse=True)
 
-    def _rate(self, guess: Guess, label: int) -> Fit:
-        return Fit(self.agreement(guess.thing, label), guess)
+    def _rate(self, guess: Guess, label: int) -> RatedGuess:
+        return RatedGuess(self.agreement(guess.thing, label), guess)
 
     def _centred(self, guess: Guess, label: int) -> Guess:
         """The object moved so that the middles of the two outlines coincide."""
@@ -149,7 +149,7 @@ class Look:
         middle = (uv.min(axis=0) + uv.max(axis=0))[None] / 2
         return guess.moved(place - self._view.back_project(middle, height)[0] * [1, 1, 0])
 
-    def _refine(self, fit: Fit, label: int) -> Fit:
+    def _refine(self, fit: RatedGuess, label: int) -> RatedGuess:
         """Move and turn a guess as long as it agrees better, by ever smaller steps."""
         halved = 0
         while halved < HALVINGS and fit.agreement <= GOOD:

@@ -78,7 +78,7 @@ class MetricArm:
         self._free = np.repeat([1, 0], [len(self._joints) - 2, 2])
         low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
         self._low, self._high = low - 1e-3, high + 1e-3
-        self._profile = Profile(pace, len(self._joints)) if pace else None
+        self._profile = MotionProfile(pace, len(self._joints)) if pace else None
 
     def reset(self) -> None:
         self._qpos = np.array(self._robot.qpos, dtype=np.float64)
@@ -141,7 +141,7 @@ class MetricArm:
             joint.set_drive_target(target)
 
 
-class Profile:
+class MotionProfile:
     """Motion of joint positions to targets that may change at any time, with limited acceleration."""
 
     def __init__(self, pace: Pace, joints: int) -> None:
