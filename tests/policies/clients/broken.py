@@ -40,7 +40,7 @@ class Judging(Episode):
     """Passes if all actions are the right ones, and else fails: no fault may come to that."""
 
     def observe(self) -> Observation:
-        return Observation(self.start.episode, len(self.actions), self.instruction)
+        return Observation(self.start.episode, len(self.actions), self.scene.instruction)
 
     def picture(self, camera: str) -> Any:
         raise AssertionError
