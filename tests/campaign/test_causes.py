@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import STAGES, Backwards, ClosedForm, Scripted, TinySpace, manifest, scene
+from tests.doubles import STAGES, Backwards, ClosedForm, Scripted, TinySpace, failed, manifest, passed, scene
 from tests.failures.triage.planted import CONDITIONS, SPACE
 from tests.failures.triage.runners import PlantedEvaluator
+from tests.worlds.reacher import Reacher
 from vlafuzz.campaign import causes as keeping
-from vlafuzz.campaign import launch
-from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Cause, Genome
@@ -24,14 +24,25 @@ from vlafuzz.store.records import Attribution
 from vlafuzz.store.store import Store
 
 DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
-FAULTS = [lambda scene: DARK(scene) or TILTED(scene)]
+VALUES = Reacher().space("reach", "own")  # whose random scenes take no time
 
 
-class Cut(PlantedEvaluator):
+def weak(scene: Scene) -> bool:
+    return dict(scene.values)["strength"] < 0.6
+
+
+class Faulty(ClosedForm):
+    """The policy fails where the motors are weak, or the angles are misread."""
+
+    def outcome(self, scene: Scene) -> Outcome:
+        return failed() if weak(scene) or dict(scene.values)["bias"] > 0.2 else passed()
+
+
+class Cut(Faulty):
     """Ctrl-C after so many scenes."""
 
     def __init__(self, after: int) -> None:
-        super().__init__(FAULTS)
+        super().__init__()
         self._after = after
 
     def outcome(self, scene: Scene):
@@ -40,7 +51,7 @@ class Cut(PlantedEvaluator):
         return super().outcome(scene)
 
 
-def run(path: Path, executor=None, *, space=SPACE, strategy=None, resume: int | None = None):
+def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int | None = None, watch=lambda _: None):
     """The causes of a run of 100 rollouts, and its last tally."""
     tallies = []
     with Store.open(path, "write") as store:
@@ -49,10 +60,10 @@ def run(path: Path, executor=None, *, space=SPACE, strategy=None, resume: int | 
             stages=STAGES,
             space=space,
             strategy=strategy or strategy_factory("causes")(space, 0, 100),
-            executor=executor or LocalExecutor(PlantedEvaluator(FAULTS)),
+            executor=executor or LocalExecutor(Faulty()),
             store=store,
             resume=resume,
-            watch=tallies.append,
+            watch=lambda tally: tallies.append(tally) or watch(tally),
         )
         return store.causes(1), tallies[-1]
 
@@ -66,10 +77,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory):
 
 def test_a_run_keeps_the_causes_that_were_planted(whole):
     _, found, tally = whole
-    assert {("light",), ("camera-orientation",)} <= {cause.operators for cause in found.causes}
+    assert {("strength",), ("bias",)} <= {cause.operators for cause in found.causes}
     assert tally.causes == len(found.causes)
-    explained = [cause.failures for cause in found.causes]
-    assert explained == sorted(explained, reverse=True)
+    shares = [cause.share.value for cause in found.causes]
+    assert shares == sorted(shares, reverse=True)
 
 
 def test_every_cause_is_shown_by_a_failure_of_the_run(whole):
@@ -77,11 +88,11 @@ def test_every_cause_is_shown_by_a_failure_of_the_run(whole):
     with Store.open(path) as store:
         failures = {finding.scene for finding in store.findings(1)}
     assert {cause.scene for cause in found.causes} <= failures
-    assert {DARK(cause.scene) for cause in found.causes if cause.operators == ("light",)} == {True}
+    assert {weak(cause.scene) for cause in found.causes if cause.operators == ("strength",)} == {True}
 
 
 def test_how_scenes_are_evaluated_changes_no_cause(whole, tmp_path: Path):
-    elsewhere, _ = run(tmp_path / "b.db", Backwards(PlantedEvaluator(FAULTS)))
+    elsewhere, _ = run(tmp_path / "b.db", Backwards(Faulty()))
     assert elsewhere == whole[1]
 
 
@@ -116,7 +127,7 @@ def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_
 
 
 def test_a_strategy_that_looks_for_no_causes_has_none(tmp_path: Path):
-    found, tally = run(tmp_path / "a.db", strategy=Random(SPACE, 0, 60))
+    found, tally = run(tmp_path / "a.db", strategy=Random(VALUES, 0, 60))
     assert (found, tally.causes) == (None, None)
 
 
@@ -141,7 +152,7 @@ def test_shares_and_the_probability_are_kept_and_what_no_failure_shows_has_no_sc
     space = TinySpace()
     genomes = [space.encode(scene(light)) for light in (0.125, 0.25, 1.0)]
     strategy = Own("python:mine:make", Knowing(genomes), 3)
-    found, _ = run(tmp_path / "a.db", space=space, strategy=strategy)
+    found, _ = run(tmp_path / "a.db", LocalExecutor(ClosedForm()), space=space, strategy=strategy)
     assert found == Attribution(found.causes, 2, Probability(0.4, 0.3, 0.5))
     (light, wording) = found.causes
     assert (light.scene, light.share) == (scene(0.125), Probability(0.3, 0.2, 0.4))
@@ -154,7 +165,9 @@ def test_no_bound_of_a_cause_exceeds_that_of_all_failures(tmp_path: Path):
             return [Cause(self._genome, ("light",), 2, Probability(0.6, 0.35, 0.7))]
 
     space = TinySpace()
-    found, _ = run(tmp_path / "a.db", space=space, strategy=Bold([space.encode(scene(0.125))]))
+    found, _ = run(
+        tmp_path / "a.db", LocalExecutor(ClosedForm()), space=space, strategy=Bold([space.encode(scene(0.125))])
+    )
     assert found.causes[0].share == Probability(0.4, 0.3, 0.5)
 
 
@@ -170,7 +183,8 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
         def causes(self) -> list[Cause]:
             return [Cause(SPACE.encode(dark), ("light",), 1)]
 
-    found, _ = run(tmp_path / "a.db", strategy=OneCause([beside]))
+    evaluator = PlantedEvaluator([lambda scene: DARK(scene) or TILTED(scene)])
+    found, _ = run(tmp_path / "a.db", LocalExecutor(evaluator), space=SPACE, strategy=OneCause([beside]))
     (cause,) = found.causes
     assert cause.scene != dark
     assert np.isclose(cause.scene.light.intensity, 0.25)
@@ -179,8 +193,6 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
 def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(keeping, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
     monkeypatch.setattr(keeping, "SHARE", float("inf"))
-    monkeypatch.setattr(keeping, "mechanisms", lambda *_: [])  # which takes long after each outcome
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     path = tmp_path / "a.db"
 
     def watch(tally):
@@ -190,9 +202,8 @@ def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
             if kept and kept.causes:
                 raise KeyboardInterrupt  # it has gone on long enough
 
-    planned = plan(RunConfig(policy="pinhole", strategy="causes", budget=150, seed=1, store=path, workers=1))
     with pytest.raises(KeyboardInterrupt):
-        launch.start(planned, watch)
+        run(path, watch=watch)
 
 
 def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):
@@ -208,7 +219,7 @@ def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):
 
     proposed = [SPACE.encode(one) for one in (tilted, nearer, *(SPACE.sample(rng) for _ in range(60)))]
     lower = PlantedEvaluator([lambda scene: SPACE.measured(scene)["down"] >= 10])
-    found, _ = run(tmp_path / "a.db", LocalExecutor(lower), strategy=TwoCauses(proposed))
+    found, _ = run(tmp_path / "a.db", LocalExecutor(lower), space=SPACE, strategy=TwoCauses(proposed))
     (cause,) = found.causes
     assert (cause.mechanism.quantity, cause.failures) == ("down", 6)
     assert cause.scene in (tilted, nearer)
