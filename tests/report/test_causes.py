@@ -14,12 +14,13 @@ from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
 from vlafuzz.failures import regions
 from vlafuzz.failures.causes import CauseList, causes_of
+from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.page import render
-from vlafuzz.report.sources import view_of_store
+from vlafuzz.report.sources import view_of, view_of_store
 from vlafuzz.report.tables import cause_table
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import severity_of
@@ -172,9 +173,10 @@ def test_a_quantity_that_is_not_known_here_keeps_its_name(store: Store):
 
 
 def test_a_report_begins_with_the_causes(store: Store):
-    assert view_of_store(store).todo
+    assert listing_of_store(store).todo
     found = certified(store, TILTED, DARK)
-    view = view_of_store(store)
+    store.close()
+    view = view_of(store.path)
     assert not view.todo
     (head,) = view.heads
     camera, light = r"the camera turns left by at least 2\.\d+°", r"the light is at most 0\.\d+ times the usual"
@@ -188,7 +190,8 @@ def test_a_report_begins_with_the_causes(store: Store):
 
 def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     certified(store, TILTED, DARK)
-    tilted, _ = view_of_store(store).causes
+    store.close()
+    tilted, _ = view_of(store.path).causes
     assert list(tilted.numbers) == [
         ("100% → 0%", "4 of 4 rollouts fail with it, 0 of 4 without it"),
         ("7", "of 14 failures explained"),
