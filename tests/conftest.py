@@ -8,6 +8,7 @@ os.environ.setdefault("LP_NUM_THREADS", "0")
 os.environ.setdefault("VLAFUZZ_WORKERS", "1")
 
 import functools
+import re
 
 import hypothesis
 import pytest
@@ -22,12 +23,20 @@ hypothesis.settings.load_profile("quick")
 probe = functools.cache(renderer.probe)
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """With ``--dist loadgroup`` one process runs all tests of a file, so that it makes a fixture once."""
-    for item in items:
-        if not item.get_closest_marker("xdist_group"):
-            item.add_marker(pytest.mark.xdist_group(item.location[0]))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log):
+    """With several processes, one of them runs all tests of a file, so that it makes a fixture once.
+
+    One runs all tests on ray. (xdist's own groups rest on a field that pytest 9.2 does not read any more.)
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return "ray" if re.search(r"test_ray|\bray\b", nodeid) else nodeid.partition("::")[0]
+
+    config.option.loadscopereorder = False  # files with few tests, which may take long, do not come last
+    return ByFile(config, log)
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

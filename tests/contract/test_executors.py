@@ -50,10 +50,7 @@ def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
     return {tag: [outcome.verdict for outcome in outcomes] for tag, outcomes in results}
 
 
-ON_RAY = pytest.param("ray", marks=pytest.mark.xdist_group("ray"))
-
-
-@pytest.fixture(params=["local", "lockstep", "processes", ON_RAY], scope="module")
+@pytest.fixture(params=["local", "lockstep", "processes", "ray"], scope="module")
 def kind(request: pytest.FixtureRequest) -> str:
     if request.param == "ray":
         request.getfixturevalue("connected")

@@ -33,6 +33,6 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
     return trials(tmp_path_factory.mktemp("alone") / "a.db", 1)
 
 
-@pytest.mark.parametrize("executor", ["processes", pytest.param("ray", marks=pytest.mark.xdist_group("ray"))])
+@pytest.mark.parametrize("executor", ["processes", "ray"])
 def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str):
     assert trials(tmp_path / "a.db", 2, executor=executor) == alone

@@ -20,7 +20,7 @@ from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.shared import share
 from vlafuzz.worlds.evaluator import Evaluator
 
-pytestmark = [pytest.mark.usefixtures("connected"), pytest.mark.xdist_group("ray")]
+pytestmark = pytest.mark.usefixtures("connected")
 MODELS = "python:tests.rollouts.models"
 
 

@@ -84,9 +84,7 @@ class TiltedModel(Afraid):
             noted.write(f"{os.getpid()}\n")
 
 
-@pytest.mark.parametrize(
-    "executor", ["processes", pytest.param("ray", marks=[pytest.mark.slow, pytest.mark.xdist_group("ray")])]
-)
+@pytest.mark.parametrize("executor", ["processes", pytest.param("ray", marks=pytest.mark.slow)])
 def test_workers_share_one_model_in_triage_wherever_they_are(tmp_path, monkeypatch, executor):
     if executor == "ray":
         pytest.importorskip("ray")

@@ -105,10 +105,7 @@ def test_what_the_deadline_interrupts_is_left_as_it_was(store):
     assert [each.bucket for each in opened.triaged()] == ["minimal"] * 3
 
 
-RAY = pytest.param("ray", marks=pytest.mark.xdist_group("ray"))
-
-
-@pytest.mark.parametrize("executor", [None, RAY])
+@pytest.mark.parametrize("executor", [None, "ray"])
 def test_two_workers_come_to_what_one_process_does(tmp_path: Path, executor):
     if executor:
         pytest.importorskip(executor)
