@@ -102,7 +102,7 @@ def test_every_run_pays_for_its_own_rollouts(capsys):
 
 
 def test_the_json_has_all_figures_and_is_in_the_folder(plain: Made):
-    assert [path.name for path in (plain.folder / "out").iterdir()] == ["compare.json"]
+    assert sorted(path.name for path in (plain.folder / "out").iterdir()) == ["compare.html", "compare.json"]
     assert "written: out/compare.json" in plain.said
     document = plain.document
     assert (document["budget"], document["repeats"]) == (12, 2)
@@ -122,6 +122,14 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made
     assert all(0 < run["triage_rollouts"] <= 200 for run in document["runs"])
     assert "12 rollouts and 200 of triage, 2 repeats" in " ".join(triaged.printed.split())
     assert "nsga2: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
+
+
+def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(triaged: Made):
+    page = (triaged.folder / "out/compare.html").read_text()
+    for standing in triaged.document["standings"]:
+        for count in standing["causes"].values():
+            assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page
+    assert page.count("<article") == len({name for each in triaged.document["standings"] for name in each["causes"]})
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):

@@ -35,7 +35,7 @@ def command(
             "as many as --budget, at least 200",
         ),
     ] = None,
-    out: Annotated[Path | None, option("Folder for compare.json.", "runs/compare-…")] = None,
+    out: Annotated[Path | None, option("Folder for compare.json and compare.html.", "runs/compare-…")] = None,
     json: JsonFlag = False,
     config: ConfigFlag = None,
     **given: Any,
@@ -48,9 +48,12 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
+    from vlafuzz.cli.report import write
     from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare import compare
     from vlafuzz.lab.comparison import rows, sentences
+    from vlafuzz.lab.page import view_of_comparison
+    from vlafuzz.report.sources import view_of
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)
@@ -75,6 +78,7 @@ def command(
     with writing(folder / "compare.json", f"all runs are stored: {_CONTINUES}"):
         write_whole(folder / "compare.json", json_format.dumps(asdict(compared), indent=2, allow_nan=False) + "\n")
     Bar.note(f"written: {folder / 'compare.json'}")
+    write(folder / "compare.html", view_of_comparison(compared, view_of(store)))
 
 
 def _names(strategies: str) -> list[str]:
