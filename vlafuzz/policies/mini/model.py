@@ -66,8 +66,8 @@ class Block(nn.Module):
 
     def forward(self, x: Tensor, film: Affine) -> Tensor:
         scale, shift = film
-        y = functional.relu(self.norms[0](self.first(x)))
-        return functional.relu(x + (self.norms[1](self.second(y)) * scale + shift))
+        y = functional.relu(self.norms[0](self.first(x)), inplace=True)
+        return functional.relu(x + (self.norms[1](self.second(y)) * scale + shift), inplace=True)
 
 
 class Down(nn.Module):
@@ -79,7 +79,7 @@ class Down(nn.Module):
         self.norm = nn.GroupNorm(8, after)
 
     def forward(self, x: Tensor) -> Tensor:
-        return functional.relu(self.norm(self.conv(x)))
+        return functional.relu(self.norm(self.conv(x)), inplace=True)
 
 
 class Reader(nn.Module):
@@ -152,9 +152,9 @@ class Network(nn.Module):
             views * POINTS, 2)`` in [0, 1], ``places`` ``(n, 2, 3)`` of a and b in metres.
         """
         middle, far = self._see(pictures, told)
-        fused = functional.relu(self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0))
-        points, spread, features = _look(functional.relu(self.fused(fused)), told.queries.flatten(0, 1))
-        summary = functional.adaptive_avg_pool2d(functional.relu(self.summary(far)), 8)
+        fused = (self.side(middle) + functional.interpolate(self.lift(far), scale_factor=2.0)).relu_()
+        points, spread, features = _look(self.fused(fused).relu_(), told.queries.flatten(0, 1))
+        summary = functional.adaptive_avg_pool2d(self.summary(far).relu_(), 8)
         points = points.reshape(len(pictures), -1, 2)
         known = [part.reshape(len(pictures), -1) for part in (points * 2 - 1, spread, features, summary)]
         seen = torch.cat([*known, told.text, state], dim=1)
