@@ -27,7 +27,7 @@ from strategies.search import search
 from strategies.triaged import Runner, cells_first
 
 from vlafuzz.common.statistics import Share
-from vlafuzz.failures.triage.jobs import WAVE
+from vlafuzz.failures.triage.jobs import known_to
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model.evidence import Threshold
@@ -75,7 +75,7 @@ def certify(here: World, scenes: Mapping[Scene, Sequence[str]], trials: list[tup
             break
         runner = Runner(here)
         runner.deterministic = runner.deterministic and not here.background
-        known = certified(done[: len(done) // WAVE * WAVE])
+        known = certified(done[: known_to(len(done))])
         triager = Triager(runner, trials=trials, blamed=scenes, known=known)
         triaged = triager.triage(Finding(scene, "", 0, ""))
         if not isinstance(triaged, Triaged):

@@ -1,6 +1,7 @@
 """Job: findings of a run that are to be triaged, wherever that is, within an allowance."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,8 +18,6 @@ from vlafuzz.rollouts.crew import Crew, Make, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Repeats, Run, Triaged
-
-WAVE = 4  # findings that do not know each other's causes
 
 
 @dataclass
@@ -77,29 +76,37 @@ def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) ->
         if allowance.used_up:
             return
         with crew_at(place, partial(make, job.run), job.run.manifest.policy) as crew:
-            yield from _in_waves(job, crew, allowance)
+            yield from _in_order(job, crew, allowance)
 
 
-def _in_waves(job: Job, crew: Crew, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
-    """Triage the findings of a job in waves: each knows the causes that the waves before it have certified.
+def _in_order(job: Job, crew: Crew, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
+    """Triage the findings of a job, each with the causes that those before it have certified: see ``known_to``."""
+    triager = job.triager(crew.runner, allowance.deadline)
+    ends = [Future[Triaged | Unjudged]() for _ in job.findings]
 
-    So results do not depend on how many findings are worked on at a time.
+    def triaged(number: int) -> Triaged | Unjudged:
+        end: Triaged | Unjudged = Unjudged.LATE
+        try:
+            earlier = (each.result() for each in ends[: known_to(number)])  # waits for them
+            before = [found for found in earlier if isinstance(found, Triaged)]
+            if not allowance.used_up:
+                known = () if job.known is None else certified([*job.known, *before])
+                end = replace(triager, known=known).triage(job.findings[number])
+        finally:
+            ends[number].set_result(end)
+        return end
+
+    for _, end in crew.each(triaged, range(len(job.findings))):
+        yield end
+
+
+def known_to(number: int) -> int:
+    """How many of the first findings the one with this number, from 0, knows the causes of.
+
+    It depends on nothing else, so results do not depend on how many findings are worked on at a time. At most four are
+    at first, as a known cause saves most rollouts of a finding, and half of those begun so far later on.
     """
-    triager, known = job.triager(crew.runner, allowance.deadline), job.known
-    left = job.findings
-    while left and not allowance.used_up:
-        wave, left = left[:WAVE], left[WAVE:]
-        results = list[Triaged]()
-        for _, triaged in crew.each(partial(_allowed, replace(triager, known=known or ()), allowance), wave):
-            yield triaged
-            results += [triaged] if isinstance(triaged, Triaged) else []
-        if known is not None:
-            in_order = [finding.key for finding in wave]
-            known = certified([*known, *sorted(results, key=lambda one: in_order.index(one.key))])
-
-
-def _allowed(triager: Triager, allowance: Allowance, finding: Finding) -> Triaged | Unjudged:
-    return Unjudged.LATE if allowance.used_up else triager.triage(finding)
+    return max(0, min(number - 3, (number + 1) // 2))
 
 
 def runner_of_run(
