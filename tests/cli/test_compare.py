@@ -126,6 +126,7 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made
 
 def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(triaged: Made):
     page = (triaged.folder / "out/compare.html").read_text()
+    assert "vlafuzz report a.db --out report.html --trust" in page
     for standing in triaged.document["standings"]:
         for count in standing["causes"].values():
             assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page

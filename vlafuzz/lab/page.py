@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from vlafuzz.common.plugins import command
 from vlafuzz.lab.comparison import Comparison, rows, sentences
 from vlafuzz.report.tables import Table
 from vlafuzz.report.view import Head, View
@@ -26,6 +27,7 @@ def view_of_comparison(compared: Comparison, view: View) -> View:
         )
         for number, name in enumerate(ordered, start=1)
     )
+    report = command("report", compared.store, "--out", "report.html", names=[compared.policy])
     return replace(
         view,
         title=f"{' and '.join(names)}: {compared.title}",
@@ -33,5 +35,5 @@ def view_of_comparison(compared: Comparison, view: View) -> View:
         causes=causes,
         failures=(),
         tables=(Table("Strategies", rows(compared), f"{says} {'; '.join(tests)}"), view.tables[-1]),
-        todo=(("Films of these causes, and all failures:", f"vlafuzz report {compared.store} --out report.html"),),
+        todo=(("Films of these causes, and all failures:", report),),
     )

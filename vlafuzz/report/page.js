@@ -251,10 +251,10 @@ function parallel(plot, axes) {
     const points = corners.filter(Boolean).join(" ");
     picture.append(svg("polyline", { class: failed ? "scene bad" : "scene", points }));
   }
-  rows.forEach(([axis, x], row) => {
+  rows.forEach(([axis], row) => {
     const ends = axis.options.length ? [0, axis.options.length - 1] : [axis.low, axis.high];
-    const text = (at, anchor, words) => svg("text", { x: at, y: y(row) - 7, "text-anchor": anchor }, words);
-    picture.append(text(BOX.left, "start", `${axis.name}: ${ends.map((end) => written(axis, end)).join(" to ")}`));
+    const name = axis.name.length > 32 ? `${axis.name.slice(0, 31)}…` : axis.name;
+    picture.append(svg("text", { x: BOX.left, y: y(row) - 7 }, `${name}: ${ends.map((end) => written(axis, end)).join(" to ")}`));
   });
   const nearest = (middle) => rows[Math.min(Math.max(Math.round((middle - 22) / 38), 0), rows.length - 1)];
   brush(picture, height, (left, right, top, bottom) => {
