@@ -1,4 +1,4 @@
-"""What all worker processes need, loaded once by the server from which ``execute.forks`` forks them."""
+"""What all worker processes need, loaded once by the server from which ``rollouts.forks`` forks them."""
 
 import gc
 import signal

@@ -25,8 +25,8 @@ class ProcessExecutor(WorkerPool):
 
     Args:
         make: creates a worker's evaluator, in the worker; picklable.
-        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start. memory:
-        bytes that a worker may use; None for an equal share.
+        timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
+        memory: bytes that a worker may use; None for an equal share.
         after, look: see ``WorkerPool``.
     """
 

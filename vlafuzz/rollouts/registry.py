@@ -82,8 +82,8 @@ def executor_at(place: Place, make: Callable[..., SceneEvaluator], policy: Polic
     """The executor at that place; PrerequisiteError when no ray cluster answers.
 
     Args:
-        make: creates an evaluator from a policy, or without one from a policy of its own; picklable. policy: from
-        ``policy_at``; closed with the executor at the latest.
+        make: creates an evaluator from a policy, or without one from a policy of its own; picklable.
+        policy: from ``policy_at``; closed with the executor at the latest.
     """
     if place.kind == "local":
         lanes = lanes_at(place, policy)
