@@ -60,6 +60,17 @@ def test_a_run_is_gone_on_with_by_its_store_alone(monkeypatch, capsys, strategy:
     assert summary == expected
 
 
+def test_a_run_with_a_predecessor_is_gone_on_with_by_the_same_one_only(monkeypatch, capsys):
+    run("--budget", "30", "--seed", "8", "--store", "old.db")
+    flags = ("--strategy", "causes", "--budget", "36", "--like", "old.db")
+    run(*flags, "--store", "whole.db")
+    monkeypatch.setattr("sys.argv", ["vlafuzz", "run", *flags])
+    cut(monkeypatch, *flags, "--store", "a.db", after=25)
+    assert "a.db: run 1 was begun with --like" in complaint(capsys, ["run", "--resume", "--trust", "--store", "a.db"])
+    assert main(["run", "--resume", "--trust", "--store", "a.db", "--like", "old.db"]) == 0
+    assert proposed("a.db") == proposed("whole.db")
+
+
 def test_the_same_command_with_resume_goes_on_with_it(monkeypatch):
     cut(monkeypatch, "--budget", "20", "--task", "put-on")
     run("--budget", "20", "--task", "put-on", "--resume")

@@ -32,6 +32,9 @@ def resume(flags: Mapping[str, Any]) -> Plan:
         run = _unfinished(store, wanted)
         done = store.rollouts(run.id)
     check_trusted(run.manifest.policy, run.manifest.strategy)
+    if " --like" in run.manifest.command and not asked.like:
+        problem = f"run {run.id} was begun with --like"
+        raise StoreError(f"{path}: {problem}", hint="give the same store again with --like")
     stored = _flags(run.manifest)
     anew = {name: getattr(asked, name) for name in _ANEW}
     file = _scene_file(run.manifest)
