@@ -115,14 +115,14 @@ class Search:
                 continue
             scene = rng.random(GENES)
             explained = any(rule.holds(scene) for rule in rules)
-            chance, means = rates.chance(explained=explained), rates.predict(predicted)
+            chance, share = rates.chance(explained=explained), float(predicted.mean())
             failed = None
             draw = Draw(
                 scene=scene.tobytes(),
                 chance=chance,
-                prediction=rates.rate(explained=explained),
-                mean_prediction=float(means.mean()),
-                error=float(means.std()) / math.sqrt(POOL),
+                prediction=rates.predict(explained),
+                mean_prediction=rates.predict(share),
+                error=abs(rates.predict(1) - rates.predict(0)) * math.sqrt(share * (1 - share) / POOL),
             )
             if rng.random() < chance:
                 left, rolled = left - 1, rolled + 1

@@ -1,7 +1,7 @@
 """What the strategy `causes` finds in policies that fail for known reasons."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +11,7 @@ from tests.search.worlds import CATALOGUE, space
 from vlafuzz.common.statistics import wilson
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.search.base import Proposal
-from vlafuzz.search.causes.predecessor import Predecessor
+from vlafuzz.search.base import Cause, Proposal
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.causes.units import Units
@@ -31,7 +30,7 @@ def played(
     seed: int = 0,
     rate: float = 1.0,
     where: SearchSpace | None = None,
-    like: Predecessor | None = None,
+    like: Sequence[Cause] = (),
 ) -> Causes:
     """The strategy after a run against a policy that fails at a rate where it ``fails``."""
     where = where or space()

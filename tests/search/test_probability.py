@@ -25,8 +25,8 @@ def guided(rng: np.random.Generator, *, inside: float, elsewhere: float = 0.05, 
         draw = Draw(
             scene=len(draws),
             chance=rates.chance(explained=explained),
-            prediction=rates.rate(explained=explained),
-            mean_prediction=SHARE * rates.rate(explained=True) + (1 - SHARE) * rates.rate(explained=False),
+            prediction=rates.predict(explained),
+            mean_prediction=rates.predict(SHARE),
         )
         if rng.random() < draw.chance:
             failed, rollouts = bool(rng.random() < (inside if explained else elsewhere)), rollouts - 1

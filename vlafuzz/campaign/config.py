@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
-from vlafuzz.campaign.like import predecessor_of
+from vlafuzz.campaign.like import causes_like
 from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
@@ -79,7 +79,7 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
         if named.strategy != STRATEGY:
             problem = f"--like {config.like}: strategy {named.strategy!r} learns nothing from it"
             raise UsageError(problem, hint=f"leave one of the two out: {STRATEGY} does")
-        factory = partial(Causes, like=predecessor_of(config.like, space))
+        factory = partial(Causes, like=causes_like(config.like, space))
     strategy = factory(space, config.seed, budget // config.repeats) if factory else InOrder(len(scenes))
     place = _place(config, named.policy, min(config.batch or batch_of(strategy), budget))
     triage_place = place

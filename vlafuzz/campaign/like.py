@@ -1,22 +1,18 @@
-"""What a store tells a run before it begins: the causes and the outcomes of an earlier version, or of another task."""
+"""What a store tells a run before it begins: the causes of an earlier version of the policy, or of another task."""
 
 import math
 from pathlib import Path
 
-import numpy as np
-
 from vlafuzz.errors import UsageError
-from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
-from vlafuzz.search.base import Genome
-from vlafuzz.search.causes.predecessor import Predecessor
+from vlafuzz.search.base import Cause, Genome
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
 
-def predecessor_of(path: Path, space: Space) -> Predecessor:
-    """The newest run of a store, one of the same task before others; certified causes come first.
+def causes_like(path: Path, space: Space) -> list[Cause]:
+    """The causes of the newest run of a store, one of the same task before others; certified ones come first.
 
     Raises:
         StoreError: it cannot be read.
@@ -29,21 +25,15 @@ def predecessor_of(path: Path, space: Space) -> Predecessor:
             raise UsageError(f"--like {path}: has no run in the world of {task}", hint="name the store of one")
         run = max(runs, key=lambda run: (run.manifest.task == task, run.id))
         found, triaged = store.causes(run.id), {row.scene: row for row in store.triaged()}
-        outcomes = [(one.scene, one.outcome.verdict) for one in store.trials(run.id) if not one.duplicate]
     before = world.stored_space(path, run.manifest)
-    certified, others = list[tuple[Genome, tuple[str, ...]]](), list[tuple[Genome, tuple[str, ...]]]()
+    certified, others = list[Cause](), list[Cause]()
     for cause in found.causes if found else ():
         row = triaged.get(cause.scene) if cause.scene else None
         if row and row.bucket == "minimal" and row.shrunk:
-            certified.append((_genome(row.shrunk, before, space), row.operators))
+            certified.append(Cause(_genome(row.shrunk, before, space), row.operators, cause.failures))
         elif cause.scene:
-            others.append((_genome(cause.scene, before, space), cause.operators))
-    judged = [(scene, verdict) for scene, verdict in outcomes if verdict in (Verdict.PASSED, Verdict.FAILED)]
-    return Predecessor(
-        causes=(*certified, *others),
-        genomes=np.array([_genome(scene, before, space) for scene, _ in judged]),
-        failed=np.array([verdict is Verdict.FAILED for _, verdict in judged], dtype=bool),
-    )
+            others.append(Cause(_genome(cause.scene, before, space), cause.operators, cause.failures))
+    return [*certified, *others]
 
 
 def _genome(scene: Scene, before: Space, space: Space) -> Genome:

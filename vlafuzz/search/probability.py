@@ -131,36 +131,24 @@ def share_of_range(parts: Numbers, weights: Numbers, failed: NDArray[np.bool_]) 
 
 
 class Rates:
-    """Failure rates of earlier draws where a known cause explains a failure, and elsewhere; each by kinds of scenes.
+    """Failure rates of earlier draws where a known cause explains a failure, and elsewhere."""
 
-    Args:
-        kinds: that a predecessor tells apart, from those that it hardly ever fails to those that it always does.
-    """
+    def __init__(self) -> None:
+        self._failures = [_WORTH * _ELSEWHERE, _WORTH * _INSIDE]
+        self._draws = [_WORTH, _WORTH]
 
-    def __init__(self, kinds: int = 1) -> None:
-        self._failures, self._draws = np.zeros((2, kinds)), np.zeros((2, kinds))
-        foretold = (np.arange(kinds) + 0.5) / kinds if kinds > 1 else np.array([_ELSEWHERE])
-        self._prior = np.array([foretold, np.full(kinds, _INSIDE)])
+    def learn(self, *, explained: bool, failed: bool) -> None:
+        self._failures[explained] += failed
+        self._draws[explained] += 1
 
-    def learn(self, *, explained: bool, failed: bool, kind: int = 0) -> None:
-        self._failures[int(explained), kind] += failed
-        self._draws[int(explained), kind] += 1
-
-    def predict(self, explained: NDArray[np.bool_], kinds: NDArray[np.int64] | int = 0) -> Numbers:
-        """``(n,)`` the probability of a failure in scenes, by whether a known cause explains one, and their kinds."""
-        rates = (self._failures + _WORTH * self._prior) / (self._draws + _WORTH)
-        return np.asarray(rates[explained.astype(int), kinds])
-
-    def rate(self, *, explained: bool) -> float:
-        """The probability of a failure in scenes of all kinds."""
-        prior = _WORTH * (_INSIDE if explained else _ELSEWHERE)
-        return float((self._failures[int(explained)].sum() + prior) / (self._draws[int(explained)].sum() + _WORTH))
+    def predict(self, explained: float) -> float:
+        """The probability of a failure in a scene, or in scenes of which that share is explained."""
+        elsewhere, inside = (k / n for k, n in zip(self._failures, self._draws, strict=True))
+        return elsewhere + (inside - elsewhere) * explained
 
     def chance(self, *, explained: bool) -> float:
         """The probability with which to roll out: less where outcomes vary less (Neyman 1934 <https://doi.org/10.2307/2342192>)."""
         if not explained:
             return 1.0
-        inside, elsewhere = (
-            math.sqrt(rate * (1 - rate)) for rate in (self.rate(explained=one) for one in (True, False))
-        )
+        inside, elsewhere = (math.sqrt(rate * (1 - rate)) for rate in (self.predict(1.0), self.predict(0.0)))
         return max(_LEAST, min(inside / elsewhere, 1.0))

@@ -7,10 +7,8 @@ from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vlafuzz.search.base import Genome
-from vlafuzz.search.causes.predecessor import KINDS, Forecast
 from vlafuzz.search.causes.rules import Rules
 from vlafuzz.search.causes.units import Levels, Numbers, Units
 from vlafuzz.search.probability import Draw, Probability, Rates, failure_probability, share_of_range, shared_out
@@ -31,23 +29,17 @@ FIRST, MORE, MOST = 200, 4, 20_000
 class Draws:
     """Draws scenes, and estimates from those that are not severe how often the policy fails.
 
-    Args:
-        forecast: of their failures, if there is a predecessor.
-
     Attributes:
         recent: whether each of the last draws failed, and no rule explains it.
     """
 
-    def __init__(
-        self, proposals: ProposalFactory, seed: int, stretched: float, forecast: Forecast | None = None
-    ) -> None:
+    def __init__(self, proposals: ProposalFactory, seed: int, stretched: float) -> None:
         self._proposals, self._seed, self._stretched = proposals, seed, stretched
         self._supply: list[Levels] = []  # random scenes without a rollout
         self._deviations: Numbers | None = None  # theirs
-        self._forecast, self._version, self._kinds = forecast, 0, np.zeros(0, dtype=np.int64)
         self.recent: deque[bool] = deque(maxlen=RECENT)
         self._plain = 0
-        self._rates = Rates(KINDS if forecast else 1)
+        self._rates = Rates()
         self._open: dict[int, _Drawn] = {}
         self._judged: dict[int, _Drawn] = {}
         self._left_out: list[Draw] = []  # not rolled out
@@ -62,27 +54,24 @@ class Draws:
         if not self.due(number) and rng.random() < self._stretched * self._rarity():
             return self._severe(rng, units, rules)
         self._plain += 1
-        known = np.asarray(rules.regions(self._random(units), units).any(axis=1))
-        predicted = self._rates.predict(known, self._kinds)
-        mean, error = float(predicted.mean()), float(predicted.std()) / math.sqrt(len(predicted))
+        share = float(rules.regions(self._random(units), units).any(axis=1).mean())
+        spread = abs(self._rates.predict(1.0) - self._rates.predict(0.0)) * math.sqrt(share * (1 - share))
         while True:
             genome = self._proposals.sampled(rng)
             levels = units.levels(genome)
-            inside = np.asarray(rules.regions(units.deviations(levels[None]), units).any(axis=1))
-            kind = self._kinds_of(levels[None])
-            explained = bool(inside[0])
+            explained = bool(rules.regions(units.deviations(levels[None]), units).any())
             draw = Draw(
                 scene=levels.tobytes(),
                 chance=self._rates.chance(explained=explained),
-                prediction=float(self._rates.predict(inside, kind)[0]),
-                mean_prediction=mean,
-                error=error,
+                prediction=self._rates.predict(explained),
+                mean_prediction=self._rates.predict(share),
+                error=spread / math.sqrt(len(self._supply)),
             )
             coin = rng.random()
             if coin < draw.chance:
-                sample = not known.any() or coin < self._rates.chance(explained=True)
+                sample = not share or coin < self._rates.chance(explained=True)
                 new = bool(self._proposals.new([genome])[0])
-                self._open[number] = _Drawn(draw, levels, explained, int(kind[0]), sample, new)
+                self._open[number] = _Drawn(draw, levels, explained, sample, new)
                 return self._proposals.registered(genome)
             self._left_out.append(draw)
 
@@ -92,7 +81,7 @@ class Draws:
         if drawn is None:
             return True
         self._judged[number] = replace(drawn, draw=replace(drawn.draw, failed=failed))
-        self._rates.learn(explained=drawn.explained, failed=failed, kind=drawn.kind)
+        self._rates.learn(explained=drawn.explained, failed=failed)
         return drawn.new
 
     def forget(self) -> None:
@@ -107,7 +96,7 @@ class Draws:
     @property
     def elsewhere(self) -> float:
         """The failure rate of random scenes that no rule explains."""
-        return self._rates.rate(explained=False)
+        return self._rates.predict(0.0)
 
     def probability(self, *, over: bool) -> Probability:
         """The probability that the policy fails in a random scene; ``over``: see ``failure_probability``."""
@@ -137,15 +126,7 @@ class Draws:
             new = units.deviations(np.array(self._supply[known:]))
             self._deviations = new if self._deviations is None else np.concatenate([self._deviations, new])
         assert self._deviations is not None
-        version = self._forecast.version if self._forecast else 0
-        if version != self._version:
-            self._kinds, self._version = self._kinds[:0], version
-        if len(self._kinds) < len(self._supply):
-            self._kinds = np.append(self._kinds, self._kinds_of(np.array(self._supply[len(self._kinds) :])))
         return self._deviations
-
-    def _kinds_of(self, levels: NDArray[np.int64]) -> NDArray[np.int64]:
-        return self._forecast.kinds(levels) if self._forecast else np.zeros(len(levels), dtype=np.int64)
 
     def _keep(self, number: int, units: Units) -> None:
         """Have at least so many random scenes without a rollout, the same in every run of a seed."""
@@ -174,7 +155,6 @@ class _Drawn:
 
     Attributes:
         explained: it was in a rule's range.
-        kind: of its forecast.
         sample: it would have been rolled out in either case.
         new: it was not proposed before.
     """
@@ -182,6 +162,5 @@ class _Drawn:
     draw: Draw
     levels: Levels
     explained: bool
-    kind: int
     sample: bool
     new: bool

@@ -13,7 +13,6 @@ from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import EXPLAINED, STRETCHED, Draws
-from vlafuzz.search.causes.predecessor import Forecast, Predecessor
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
@@ -79,7 +78,7 @@ class Causes:
         budget: int | None = None,
         *,
         stretched: float = STRETCHED,
-        like: Predecessor | None = None,
+        like: Sequence[Cause] = (),
     ) -> None:
         self._space, self._seed, self._asked, self._rolled_out = space, seed, 0, 0
         self._budget = budget
@@ -87,9 +86,10 @@ class Causes:
         self._proposals = ProposalFactory(space)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
-        self._forecast = Forecast(like, self._units) if like else None
-        self._draws = Draws(self._proposals, seed, stretched, self._forecast)
-        self._inherited = deque(like.suspects(self._units) if like else ())
+        self._draws = Draws(self._proposals, seed, stretched)
+        found = ((self._units.levels(cause.genome), cause.operators) for cause in like)
+        taken = ((levels, self._units.taken(levels, operators)) for levels, operators in found)
+        self._inherited = deque((levels, kept) for levels, kept in taken if kept.any())
         self._has_reference = False
         self._background, self._nominal, self._passed = Background(), 0, 0
         self._rules = Rules()
@@ -124,8 +124,6 @@ class Causes:
             test, asked = self._out.pop(proposal.id)
             self._rolled_out += score.rolled_out
             levels = self._units.levels(proposal.genome)
-            if self._forecast and score.rolled_out:
-                self._forecast.learn(levels, failed=score.failed)
             if test is not None and proposal.genome is not asked:  # another scene of a pool: see Selection
                 self._miss(test)
                 test = None

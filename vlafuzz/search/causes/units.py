@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,11 @@ class Units:
     def operators(self, kept: NDArray[np.bool_]) -> tuple[str, ...]:
         """The operators of some units, each once."""
         return tuple(dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays))
+
+    def taken(self, levels: Levels, operators: Collection[str]) -> NDArray[np.bool_]:
+        """``(units,)`` those of some operators whose values are not the reference's."""
+        differs = self.deviations(levels[None])[0, :-1] != 0
+        return np.asarray(differs & np.array([unit.operator in operators for unit in self.units]))
 
     def levels(self, genome: Genome) -> Levels:
         """The levels of a genome."""
