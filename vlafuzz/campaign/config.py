@@ -128,7 +128,7 @@ def filled(config: RunConfig) -> Filled:
     robot = config.robot or (scenes[0].robot if scenes else next(iter(world.robots)))
     if robot not in world.robots:
         hint = suggestion(robot, world.robots)
-        raise UsageError(f"--robot {robot}: not for {wanted}", hint=hint)
+        raise UsageError(f"robot {robot}: not for {wanted}", hint=hint)
     _check_scenes(config, scenes, "robot", robot)
     strategy = config.strategy or STRATEGY
     if config.scenes:

@@ -82,7 +82,7 @@ class RunConfig:
     )
     robot: str | None = _option(
         WHAT,
-        "--robot",
+        "",
         "What acts: `vlafuzz list worlds` names the robots; some need files from a --pack.",
         "that of --scenes, or the world's first",
     )

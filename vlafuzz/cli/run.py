@@ -68,7 +68,7 @@ def command(
     example, is not run. With --time, half of it is for the run and what is left is for certification, if any; all of it
     is for the run where what is left would probably certify nothing. Several tasks share it.
 
-    --config also has what is rarely changed: batch, repeats, stop-early, unchecked; and
+    --config also has what is rarely changed: robot, batch, repeats, stop-early, unchecked; and
     fail-on-finding, for exit code 1 when scenes fail.
     """
     from vlafuzz.common.deadline import deadline

@@ -92,7 +92,7 @@ class Tabletop(TableWorld):
     def space_of(self, task: str, robot: str, operators: OperatorSet, packs: Sequence[Any]) -> SearchSpace:
         setup = rig(robot)
         if setup.urdf:
-            assets.need(f"robots/{setup.urdf}", f"--robot {setup.robot}")
+            assets.need(f"robots/{setup.urdf}", f"robot={setup.robot}")
         return SearchSpace(operators, load_catalogue(packs=packs), task, robot)
 
     def stored_space(self, source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> SearchSpace:
