@@ -163,8 +163,8 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
     causes = found.causes if found else ()
     with Store.open(Path(summary.store)) as store:
         rate = rate_of(store, next(run for run in store.runs() if run.id == summary.run), found)
-        sure = "how often it fails is unknown without random scenes"
-        if rate:
+        sure = "how often it fails is unknown with so few random scenes"
+        if rate and (rate.low > 0 or rate.high < 1):
             sure = f"{percent(rate.value)} of random scenes fail ({interval(rate.low, rate.high)})"
         elif summary.strategy == SEVERITY:
             sure = f"one half fails at severity {half_in_words(half_of_run(store, summary.run))}"
