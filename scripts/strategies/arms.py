@@ -34,15 +34,15 @@ class Later(Causes):
     """Attributes failures of random scenes only, and only once so many have been drawn."""
 
     def __init__(self, space: Source, seed: int, draws: int) -> None:
-        super().__init__(space, seed, stretched=0.0)
-        self._alone = draws
+        super().__init__(space, seed, severe=False)
+        self._first = draws
 
     def _begin(self) -> None:
-        if self._asked >= self._alone:
+        if self._asked >= self._first:
             super()._begin()
 
     def _may_draw(self, already: int) -> bool:
-        return self._asked < self._alone or super()._may_draw(already)
+        return self._asked < self._first or super()._may_draw(already)
 
 
 def hunt(world: World, strategy: Strategy, budget: int) -> Course:

@@ -13,6 +13,7 @@ from vlafuzz.search.causes.units import Levels
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
 LARGEST = 4  # units of a cause
 FEW, MOST = (12, 30), (22, 45)  # tests of a firm failure and of others: by suspicion, and in all
+ALONE = 24  # tests of a scene that deviates in one unit, in all
 LONGER = 1.0  # times the background: so much longer do attributions take where policies fail by chance
 BY_CHANCE = 0.95  # probability that a failure is one by chance from which it is given up
 REPEATED = 4  # rollouts of a scene before it is said to show a cause
@@ -63,8 +64,8 @@ class Attribution:
 
     @property
     def answered(self) -> bool:
-        """Whether there was an answer to confirm."""
-        return self._answer is not None
+        """Whether there was an answer to confirm, of several that were possible."""
+        return self._answer is not None and int(self.suspects.deviating.sum()) > 1
 
     def next_test(self, rng: np.random.Generator) -> Mask | None:
         """The units to keep in the next test; None if no further one is needed."""
@@ -72,6 +73,9 @@ class Attribution:
         few, most = (self._longer * tests for tests in (FEW if suspects.rate > FIRM else MOST))
         if suspects.by_chance > BY_CHANCE:
             return None
+        is_alone = suspects.deviating.sum() == 1
+        if self._answer is None and is_alone:
+            self._propose(suspects.deviating)
         if self._answer is None:
             kept = None
             if not self._sure and suspects.tests < few:
@@ -83,7 +87,7 @@ class Attribution:
             if suspects.smallest.sum() > LARGEST:
                 return None
             self._propose(suspects.smallest)
-        return self._confirm() if suspects.tests < 2 * most else None
+        return self._confirm() if suspects.tests < (ALONE if is_alone else 2 * most) else None
 
     def learn(self, kept: Mask, *, failed: bool) -> None:
         """Learn the outcome of a test."""
@@ -110,21 +114,22 @@ class Attribution:
         if scene < -self._confirmed:
             return None
         if scene < self._confirmed or self.suspects.rollouts(answer) < REPEATED:
-            return answer
+            compared = answer.sum() > 1 or self._background.is_known(failures + passes)
+            return answer if compared else np.zeros_like(answer)  # the reference, without which it tells little
         needed = answer.copy()
         for unit in np.flatnonzero(answer):
             without = answer.copy()
             without[unit] = False
+            if not without.any():  # the reference, whose failures make the background
+                continue
             found = self._evidence(without)
             if self.suspects.is_unfair(without):
                 needed[unit] = self.suspects.rollouts(without) > 0 and self.suspects.evidence(without) < 0
                 continue
             if found > self._confirmed:
-                if not without.any():  # the reference fails as often
-                    return None
                 self._propose(without)
                 return without
-            if found > -self._confirmed or (without.any() and self.suspects.rollouts(without) < WITHOUT):
+            if found > -self._confirmed or self.suspects.rollouts(without) < WITHOUT:
                 return without
         if needed.any():
             self.cause, self.scene = needed, answer
@@ -132,8 +137,6 @@ class Attribution:
 
     def _evidence(self, kept: Mask) -> float:
         """Log likelihood ratio of the tests of the answer: these units are in a fault, or they are not."""
-        if not kept.any():
-            return self.suspects.ratio(self._background.failures, self._background.passes, self._background.chances)
         if self._quiet and self._background.rate < QUIET:
             return self.suspects.evidence(kept)
         mark = kept.tobytes()

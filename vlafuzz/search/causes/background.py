@@ -14,7 +14,7 @@ RAREST, SUREST = 0.05, 0.98  # least such share, and most probability that a fai
 
 
 class Background:
-    """Learns from the reference alone: in scenes that are partly reset another cause may be left.
+    """Learns from the reference, and from scenes that are nearly it: in others another cause may be left.
 
     Attributes:
         failures: of the reference.
@@ -40,15 +40,27 @@ class Background:
     def by_chance(self) -> float:
         """The probability that a failure which no known cause explains is one by chance."""
         rate = (self._failing + BEYOND * WORTH) / (self._draws + WORTH)
-        share = max(RAREST, (rate - self.rate) / (1 - self.rate))
+        return self.by_chance_of(max(RAREST, (rate - self.rate) / (1 - self.rate)))
+
+    def by_chance_of(self, share: float) -> float:
+        """The same, where this share of scenes fails for a cause."""
         chance = self.rate * (1 - share)
         return min(SUREST, chance / (chance + share))
+
+    def is_known(self, rollouts: int) -> bool:
+        """Whether the reference was rolled out as often as a scene that is compared with it."""
+        return not self.failures or self.failures + self.passes >= rollouts
 
     def learn(self, *, failed: bool) -> None:
         """Learn an outcome of the reference."""
         self.failures += failed
         self.passes += not failed
         self._log += np.log(RATES if failed else 1 - RATES)
+
+    def learn_alone(self, share: float, *, failed: bool) -> None:
+        """Learn from a scene with one unit off the reference, of which such a share fails for a cause."""
+        failing = RATES + (1 - RATES) * share
+        self._log += np.log(failing if failed else 1 - failing)
 
     def learn_draw(self, unexplained: float, *, failed: bool) -> None:
         """Learn the outcome of a draw, by the probability that no known cause explains a failure there."""

@@ -1,9 +1,8 @@
-"""Draws: random scenes, and others that are made severe where known causes do not explain a failure."""
+"""Draws: random scenes, and severe ones, at the ends of ranges where known causes do not explain a failure."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,12 +14,9 @@ from vlafuzz.search.probability import Draw, Probability, Rates, failure_probabi
 from vlafuzz.search.proposals import ProposalFactory
 
 SUPPLY = 8  # candidates for a severe scene
+TOGETHER = 6  # units at the end of their ranges in a severe scene: few make its failure cheap to attribute
 PLAIN = 0.5  # of all proposals are random scenes as they are: the probability rests on them alone
-STRETCHED = 1.0  # largest share of the other draws that are made severe: fewer where failures are frequent
-MOVED = (0.5, 0.8)  # share of the numbers of a severe scene that are moved, by how rare failures are
 AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose failure a rule may explain
-RECENT = 30  # draws by which that is judged
-EXPLAINED = 0.5  # chance from which on a failure counts as explained
 # Random scenes without a rollout, by which shares are estimated: at first, for each proposal, and at most. One takes 2
 # to 3 ms; four for each rollout add less than a tenth to the variance of a probability.
 FIRST, MORE, MOST = 200, 4, 20_000
@@ -29,15 +25,15 @@ FIRST, MORE, MOST = 200, 4, 20_000
 class Draws:
     """Draws scenes, and estimates from those that are not severe how often the policy fails.
 
-    Attributes:
-        recent: whether each of the last draws failed, and no rule explains it.
+    Args:
+        severe: whether to draw any that are.
     """
 
-    def __init__(self, proposals: ProposalFactory, seed: int, stretched: float) -> None:
-        self._proposals, self._seed, self._stretched = proposals, seed, stretched
+    def __init__(self, proposals: ProposalFactory, seed: int, *, severe: bool) -> None:
+        self._proposals, self._seed, self.severe = proposals, seed, severe
         self._supply: list[Levels] = []  # random scenes without a rollout
         self._deviations: Numbers | None = None  # theirs
-        self.recent: deque[bool] = deque(maxlen=RECENT)
+        self._ends: list[list[Levels]] | None = None  # see Units.ends
         self._plain = 0
         self._rates = Rates()
         self._open: dict[int, _Drawn] = {}
@@ -48,10 +44,22 @@ class Draws:
         """Whether there are fewer random scenes among so many proposals than the probability needs."""
         return self._plain < PLAIN * asked
 
+    def alone(self, units: Units) -> list[Levels]:
+        """The reference with a single unit at an end of its range; categories are left to random scenes."""
+        if not self.severe:
+            return []
+        columns = np.arange(len(units.units))
+        return [
+            units.keep(end, columns == column)
+            for column, ends in enumerate(self._farthest(units))
+            if units.units[column].kind != "category"
+            for end in ends
+        ]
+
     def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """A scene for the proposal with this number."""
         self._keep(min(FIRST + MORE * number, MOST), units)
-        if not self.due(number) and rng.random() < self._stretched * self._rarity():
+        if self.severe and not self.due(number):
             return self._severe(rng, units, rules)
         self._plain += 1
         share = float(rules.regions(self._random(units), units).any(axis=1).mean())
@@ -75,6 +83,10 @@ class Draws:
                 return self._proposals.registered(genome)
             self._left_out.append(draw)
 
+    def is_random(self, number: int) -> bool:
+        """Whether the scene of this proposal, which awaits its outcome, is a random one."""
+        return number in self._open
+
     def learn(self, number: int, *, failed: bool) -> bool:
         """Learn the outcome of a scene that was rolled out; returns whether the scene was new."""
         drawn = self._open.pop(number, None)
@@ -86,7 +98,7 @@ class Draws:
 
     def forget(self) -> None:
         """There is another reference: deviations from the old one are of no use."""
-        self._deviations = None
+        self._deviations = self._ends = None
 
     @property
     def sample(self) -> list[int]:
@@ -135,18 +147,26 @@ class Draws:
             self._supply.append(units.levels(self._proposals.sampled(rng)))
 
     def _severe(self, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
-        """One of a few severe scenes, more likely one in which no rule explains a failure."""
-        least, most = MOVED
-        share = least + (most - least) * self._rarity()
-        drawn = [self._supply[index] for index in rng.integers(len(self._supply), size=SUPPLY)]
-        severe = np.array([units.stretched(levels, share, rng) for levels in drawn])
+        """The reference with a few units at the ends of their ranges, preferably where no rule explains a failure."""
+        severe = np.array([self._together(rng, units) for _ in range(SUPPLY)])
         worths = (1 - rules.explain(units.deviations(severe), units)) ** AVERSE + 1e-6
         taken = severe[rng.choice(SUPPLY, p=worths / worths.sum())]
         return self._proposals.first_new(lambda: units.genome(taken), rng)
 
-    def _rarity(self) -> float:
-        """How rare unexplained failures have been of late: 1 for none."""
-        return 1 - float(np.mean(self.recent)) if self.recent else 1.0
+    def _together(self, rng: np.random.Generator, units: Units) -> Levels:
+        farthest, levels = self._farthest(units), units.reference.copy()
+        varied = [column for column, ends in enumerate(farthest) if ends]
+        kept = np.zeros(len(units.units), dtype=bool)
+        for column in rng.permutation(varied)[:TOGETHER]:
+            indices, kept[column] = list(units.units[column].indices), True
+            levels[indices] = farthest[column][rng.integers(len(farthest[column]))][indices]
+        return units.keep(levels, kept)
+
+    def _farthest(self, units: Units) -> list[list[Levels]]:
+        self._keep(FIRST, units)
+        if self._ends is None:
+            self._ends = units.ends(np.array(self._supply[:FIRST]))
+        return self._ends
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
 from vlafuzz.search.causes.background import Background
-from vlafuzz.search.causes.draws import EXPLAINED, STRETCHED, Draws
+from vlafuzz.search.causes.draws import TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
@@ -29,15 +29,17 @@ MEMORY = 400  # scenes that an attribution learns from
 REPEATS = 3  # of the first failures as they are: they show how often a fault makes the policy fail
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
 # Rollouts of the reference at most, and at first; more only of a policy that fails there.
-NOMINAL, SOON = 12, 4
+NOMINAL, SOON = 20, 4
 SHORT = 40  # proposals, of which two alone are spent on the reference at first
-SHARE = 30  # proposals for each of them: few where the budget is small
+SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
+ENDS = 18  # proposals for each scene with one unit at an end: few where the budget is small
 PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 TRIALS = 3  # of a rule on a failure, at most: with 6, a run finds 5 % fewer causes at 20 % background
+ALONE, SEVERE = 0.15, 0.3  # share of scenes with one unit at an end, and of severe ones, that fail for a cause
 RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is worth
 # Likelihood ratio that tests of an answer have to show, times the square of the odds that one is refuted, as many of
-# those are chances to be wrong; and its least logarithm.
-CONFIRMED, LEAST_CONFIRMED = 20.0, 2.3
+# those are chances to be wrong; for a single unit, of which many are tried; and its least logarithm.
+CONFIRMED, CONFIRMED_ALONE, LEAST_CONFIRMED = 20.0, 50.0, 2.3
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
 SURVIVES = 0.5  # prior that a predecessor's cause is one of this policy, too
 NEARBY = 20  # known scenes beside which a new one is looked for
@@ -51,6 +53,7 @@ class Test:
         failure: whether the rule is to explain a failure; else its range is probed.
         chance: probability that the scene is in the range of the rule, so far.
         trial: number of rollouts for that, this one included.
+        alone: it shows what a single unit does.
     """
 
     scene: Levels
@@ -60,6 +63,7 @@ class Test:
     failure: bool = False
     chance: float = 0.5
     trial: int = 1
+    alone: bool = False
 
 
 class Causes:
@@ -67,18 +71,14 @@ class Causes:
 
     A failure is attributed by scenes in which some units are reset to a reference, the nominal scene if the policy
     passes there; see ``Suspects``. What is found becomes a rule. A failure that a rule explains is not attributed,
-    after one test if in doubt. Half of the proposals are random scenes; most of the other draws are severe ones,
-    preferably where no rule explains a failure. The causes of a predecessor are tested before failures are attributed.
+    after one test if in doubt. The causes of a predecessor are tested first. Half of the proposals are random scenes.
+    The others begin with each unit by itself at the ends of its range, where causes of one operator show. Then come
+    failures of random scenes and of severe ones, which have a few units at such ends: the more often a policy fails by
+    chance, the more of these.
     """
 
     def __init__(
-        self,
-        space: Source,
-        seed: int,
-        budget: int | None = None,
-        *,
-        stretched: float = STRETCHED,
-        like: Sequence[Cause] = (),
+        self, space: Source, seed: int, budget: int | None = None, *, severe: bool = True, like: Sequence[Cause] = ()
     ) -> None:
         self._space, self._seed, self._asked, self._rolled_out = space, seed, 0, 0
         self._budget = budget
@@ -86,7 +86,7 @@ class Causes:
         self._proposals = ProposalFactory(space)
         nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
         self._units = Units(space.genes, nominal)
-        self._draws = Draws(self._proposals, seed, stretched)
+        self._draws = Draws(self._proposals, seed, severe=severe)
         found = ((self._units.levels(cause.genome), cause.operators) for cause in like)
         taken = ((levels, self._units.taken(levels, operators)) for levels, operators in found)
         self._inherited = deque((levels, kept) for levels, kept in taken if kept.any())
@@ -94,12 +94,14 @@ class Causes:
         self._background, self._nominal, self._passed = Background(), 0, 0
         self._rules = Rules()
         self._pending: deque[Levels] = deque()
+        self._promising: deque[Levels] = deque()  # failures in which few units deviate: they come first
         self._active: list[Attribution] = []
         self._tests: deque[Test] = deque()
         self._out: dict[int, tuple[Test | None, Genome]] = {}
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
         self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
+        self._alone: deque[Levels] | None = None  # scenes with one unit at an end; None without a reference
         self._refuted = 0  # answers that did not hold when they were tested
 
     def ask(self, n: int) -> list[Proposal]:
@@ -109,7 +111,7 @@ class Causes:
         while len(proposals) < n:
             self._begin()
             due = self._draws.due(self._asked)
-            test = self._nominal_test(rng) or (None if due else self._next_test(rng))
+            test = self._nominal_test(rng) or (None if due else self._alone_test(rng) or self._next_test(rng))
             if not (test or due or self._may_draw(len(proposals))):
                 break
             genome = test[1] if test else self._draw(rng)
@@ -133,6 +135,8 @@ class Causes:
                 self._learn_test(test, test.attribution, score)
             elif test.rule is not None:
                 self._learn_trial(test, test.rule, levels, score)
+            elif test.alone:
+                self._learn_alone(levels, score)
             elif score.rolled_out:
                 self._learn_nominal(failed=score.failed)
 
@@ -154,7 +158,8 @@ class Causes:
         out = [test for test, _ in self._out.values() if test]
         trials = [test.scene for test in (*self._tests, *out) if test.failure]
         open_ones = [attribution.levels for attribution in self._active if not attribution.inherited]
-        return [self._units.genome(levels) for levels in (*self._given_up, *self._pending, *open_ones, *trials)]
+        waiting = [*self._promising, *self._pending, *open_ones, *trials]
+        return [self._units.genome(levels) for levels in (*self._given_up, *waiting)]
 
     @property
     def at_random(self) -> list[int]:
@@ -175,7 +180,7 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        return not already or (not self._pending and len(self._active) < self._at_once())
+        return not already or (not self._promising and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
         """How many attributions there may be: one for each outstanding outcome, fewer at the end."""
@@ -192,11 +197,28 @@ class Causes:
         self._nominal += 1
         return (Test(self._units.reference, nothing), genome) if genome is not None else None
 
+    def _alone_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
+        """The reference with a single unit at an end of its range: there most causes of one operator are seen."""
+        while self._alone:
+            levels = self._alone.popleft()
+            kept = self._units.deviations(levels[None])[0][:-1] != 0
+            genome = self._fair(levels, rng)
+            if genome is not None:
+                return Test(self._units.levels(genome), kept, alone=True), genome
+        return None
+
+    def _list_alone(self) -> None:
+        """Once there is a reference, list the scenes that differ from it in one unit, in a random order."""
+        if self._has_reference and self._alone is None:
+            scenes, rng = self._draws.alone(self._units), np.random.default_rng([self._seed, 3])
+            most = len(scenes) if self._budget is None else self._budget // ENDS
+            self._alone = deque(scenes[index] for index in rng.permutation(len(scenes))[:most])
+
     def _nominal_due(self) -> int:
         """How often the reference is to be rolled out so far, without its first time."""
         few = self._asked // SHARE + 1
         if self._background.failures or not self._has_reference:
-            few = min(NOMINAL, (self._budget or NOMINAL * SHARE) // SHARE)
+            few = min(NOMINAL, (self._budget or NOMINAL * OFTEN) // OFTEN)
         soon = PASSED if self._budget and self._budget < SHORT else SOON
         return min(NOMINAL, max(few, soon)) - 1
 
@@ -205,12 +227,27 @@ class Causes:
         self._passed += not failed
         self._has_reference = self._has_reference or self._passed >= PASSED
 
+    def _learn_alone(self, levels: Levels, score: Score) -> None:
+        if score.rolled_out:
+            self._remember(levels, failed=score.failed)
+            self._background.learn_alone(ALONE, failed=score.failed)
+            if score.failed:
+                self._promising.append(levels)
+
     def _begin(self) -> None:
         """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
         while self._has_reference and self._inherited and len(self._active) < self._at_once():
             self._attribute(*self._inherited.popleft())
-        while self._has_reference and self._pending and len(self._active) < self._at_once():
-            levels = self._pending.popleft()
+        self._list_alone()
+        coin = np.random.default_rng([self._seed, self._rolled_out, 2]).random()
+        prefers_severe = self._draws.severe and coin < self._background.by_chance  # failures of random scenes tell less
+        while self._alone is not None and not self._alone and len(self._active) < self._at_once():
+            if self._promising:
+                levels = self._promising.popleft()
+            elif self._pending and not prefers_severe:
+                levels = self._pending.popleft()
+            else:
+                return
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
             if rule is None or chance < POSSIBLE:
@@ -224,17 +261,21 @@ class Causes:
         """Look for the cause of a failure; with ``answer`` whether a predecessor's cause is one here."""
         deviations = self._units.deviations(levels[None])[0]
         severity = self._units.severity(deviations)
-        by_chance = self._background.by_chance if answer is None else 1 - SURVIVES
-        if not severity.any() or by_chance > BY_CHANCE:
+        units, by_chance = int(np.count_nonzero(severity)), self._background.by_chance
+        if units <= TOGETHER:
+            by_chance = self._background.by_chance_of(ALONE if units == 1 else SEVERE)
+        if answer is not None:
+            by_chance = 1 - SURVIVES
+        if not units or by_chance > BY_CHANCE:
             self._given_up.append(levels)
             return
         suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
-        if self._known and answer is None:
+        if self._known and answer is None and units > 1:
             scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
             alike = self._units.alike(self._units.deviations(scenes), deviations)
             suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
         odds = (self._refuted + 1) / (len(self._rules) + 1)
-        confirmed = max(LEAST_CONFIRMED, math.log(CONFIRMED * odds**2))
+        confirmed = max(LEAST_CONFIRMED, math.log((CONFIRMED_ALONE if units == 1 else CONFIRMED) * odds**2))
         about = levels, suspects, self._background
         self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, answer=answer))
 
@@ -285,13 +326,14 @@ class Causes:
     def _learn_draw(self, number: int, levels: Levels, score: Score) -> None:
         if number == 0 and score.rolled_out:
             self._learn_nominal(failed=score.failed)
+        is_random = self._draws.is_random(number)
         if not score.rolled_out or number == 0 or not self._draws.learn(number, failed=score.failed):
             return
         explained = self._remember(levels, failed=score.failed)
-        self._background.learn_draw(1 - explained, failed=score.failed)
-        self._draws.recent.append(score.failed and explained < EXPLAINED)
+        if is_random:
+            self._background.learn_draw(1 - explained, failed=score.failed)
         if score.failed:
-            self._pending.append(levels)
+            (self._pending if is_random else self._promising).append(levels)
         elif not self._has_reference and self._nominal >= self._nominal_due():
             self._refer()
 

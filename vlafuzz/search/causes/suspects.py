@@ -56,6 +56,7 @@ class Suspects:
         plausible, sizes = np.where(inside, severity[self.deviating], 1.0).prod(axis=1), inside.sum(axis=1)
         sets = weights * plausible / np.bincount(sizes, plausible)[sizes]
         row = backgrounds[self._rows[:, 0]] * rates[self._rows[:, 1]]
+        self._prior_rates = rates
         self._log = np.log(row / row.sum())[:, None] + np.log(sets / sets.sum() * (1 - by_chance))
         self._log_chance = np.log(backgrounds * by_chance)
         self._weigh()
@@ -139,7 +140,10 @@ class Suspects:
         Args:
             backgrounds: ``(10,)`` probability of each of ``BACKGROUNDS`` outside of it.
         """
-        inside = self._row @ (self._inside**failures * (1 - self._inside) ** passes) / self._row.sum()
+        row = self._row
+        if self.deviating.sum() == 1:  # its tests are the evidence itself, and must not count twice
+            row = backgrounds[self._rows[:, 0]] * self._prior_rates[self._rows[:, 1]]
+        inside = row @ (self._inside**failures * (1 - self._inside) ** passes) / row.sum()
         outside = backgrounds @ (BACKGROUNDS**failures * (1 - BACKGROUNDS) ** passes)
         return float(np.log(max(inside, 1e-300)) - np.log(max(outside, 1e-300)))
 

@@ -21,8 +21,6 @@ SLIGHT = 0.02  # deviation of a unit that differs, but not in its first gene
 BEYOND = 0.92  # chance that a value farther from the reference than one in a fault is in it, too
 FEWER, AS_MANY = 0.1, 0.35  # the same with fewer confounders, and with at least as many
 FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
-EXTREME = 0.3  # exponent: the smaller, the closer to the ends of their ranges numbers are moved
-CROWDED = 0.5  # of the share of numbers that are moved: confounders are added
 
 
 @dataclass(frozen=True)
@@ -107,24 +105,28 @@ class Units:
         near[index] += rng.choice(steps or [0])
         return near
 
-    def stretched(self, levels: Levels, share: float, rng: np.random.Generator) -> Levels:
-        """The levels with a share of the numbers moved outwards, mostly close to the ends of their ranges."""
-        moved = levels.copy()
-        if self._count is not None and rng.random() < share * CROWDED:
-            moved[self._count] = rng.integers(levels[self._count], self._sizes[self._count])
-        for unit in self.units:
+    def ends(self, supply: NDArray[np.int64]) -> list[list[Levels]]:
+        """For each unit, scenes in which it is as far from the reference as it gets, on either side.
+
+        Args:
+            supply: ``(n, dim)`` random scenes, of which it takes categories, confounders and the rest of a place.
+        """
+        away, scenes = self.deviations(supply), list[list[Levels]]()
+        for column, unit in enumerate(self.units):
             index = unit.indices[0]
-            if unit.kind != "number" or rng.random() >= share:
-                continue
-            start, last = self.reference[index], self._sizes[index] - 1
-            wraps = self.genes[index].grid.wraps
-            outwards = 1 if levels[index] > start or (levels[index] == start and rng.random() < 0.5) else -1
-            if start in (0, last):
-                outwards = 1 if start == 0 else -1
-            end = start + outwards * (self._sizes[index] // 2) if wraps else (last if outwards > 0 else 0)
-            way = rng.random() ** EXTREME
-            moved[index] = round(levels[index] + (end - levels[index]) * way) % self._sizes[index]
-        return moved
+            start, size, half = self.reference[index], self._sizes[index], self._sizes[index] // 2
+            sides = {(start + half - 1) % size, (start - half + 1) % size}
+            if not self.genes[index].grid.wraps:
+                sides = {0, size - 1}
+            if unit.kind == "category":
+                scenes.append(list(supply[supply[:, index] != start]))
+            elif unit.kind == CONFOUNDERS:
+                scenes.append([supply[int(np.argmin(away[:, -1]))]])
+            else:
+                farthest = supply[int(np.argmax(np.abs(away[:, column])))]
+                moved = [np.where(np.arange(len(farthest)) == index, side, farthest) for side in sorted(sides)]
+                scenes.append([levels for levels in moved if levels[index] != start])
+        return scenes
 
     def numbers(self, kept: NDArray[np.bool_]) -> list[int]:
         """The genes of those units that are a number."""
