@@ -163,7 +163,7 @@ def _print_end(summary: Summary, found: CauseList | None, again: str) -> None:
     causes = found.causes if found else ()
     with Store.open(Path(summary.store)) as store:
         rate = rate_of(store, next(run for run in store.runs() if run.id == summary.run), found)
-        sure = "how often it fails is unknown with so few random scenes"
+        sure = f"how often it fails is unknown without {'more ' * bool(rate)}random scenes"
         if rate and (rate.low > 0 or rate.high < 1):
             sure = f"{percent(rate.value)} of random scenes fail ({interval(rate.low, rate.high)})"
         elif summary.strategy == SEVERITY:
