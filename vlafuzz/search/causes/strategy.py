@@ -32,7 +32,7 @@ ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a sus
 NOMINAL, SOON = 20, 4
 SHORT = 40  # proposals, of which two alone are spent on the reference at first
 SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
-ENDS = 18  # proposals for each scene with one unit at an end: few where the budget is small
+ENDS, FEW_ENDS = 10, 20  # proposals for each scene with one unit at an end, and in runs of fewer than 100
 PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 TRIALS = 3  # of a rule on a failure, at most: with 6, a run finds 5 % fewer causes at 20 % background
 ALONE, SEVERE = 0.15, 0.3  # share of scenes with one unit at an end, and of severe ones, that fail for a cause
@@ -211,7 +211,9 @@ class Causes:
         """Once there is a reference, list the scenes that differ from it in one unit, in a random order."""
         if self._has_reference and self._alone is None:
             scenes, rng = self._draws.alone(self._units), np.random.default_rng([self._seed, 3])
-            most = len(scenes) if self._budget is None else self._budget // ENDS
+            most = len(scenes)
+            if self._budget is not None:
+                most = self._budget // (ENDS if self._budget >= 100 else FEW_ENDS)
             self._alone = deque(scenes[index] for index in rng.permutation(len(scenes))[:most])
 
     def _nominal_due(self) -> int:
