@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
+from vlafuzz.worlds.manipulation.extras import EXTRAS
+from vlafuzz.worlds.manipulation.operators import OPERATORS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 
 

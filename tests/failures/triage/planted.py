@@ -12,7 +12,8 @@ from vlafuzz.failures.triage.shrink import shrink
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Judged
-from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS
+from vlafuzz.worlds.manipulation.extras import EXTRAS
+from vlafuzz.worlds.manipulation.operators import OPERATORS
 from vlafuzz.worlds.manipulation.space import GROUPS
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue

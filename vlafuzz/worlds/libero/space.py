@@ -15,11 +15,13 @@ from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, s
 from vlafuzz.worlds.libero.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
+from vlafuzz.worlds.manipulation import extras as others
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout, Operator
+from vlafuzz.worlds.manipulation.composer import TableComposer, index_of
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet
 from vlafuzz.worlds.manipulation.rigs import rig
-from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, index_of
+from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableSpace
 
 # How an instruction is said: the suite's own way, then frames around it.
 WORDINGS = (
@@ -37,11 +39,11 @@ RIDING = 0.2  # of the range for a thing that stands on another one: farther, an
 _OWN = (
     kinds.TargetPosition.name,
     kinds.TargetOrientation.name,
-    kinds.BystanderPosition.name,
-    kinds.BystanderOrientation.name,
+    others.BystanderPosition.name,
+    others.BystanderOrientation.name,
 )
-_SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in kinds.EXTRAS] + sorted(
-    kinds.EXTRAS - {"backdrop", *_OWN}
+_SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in others.EXTRAS] + sorted(
+    others.EXTRAS - {"backdrop", *_OWN}
 )
 
 
@@ -61,22 +63,22 @@ class LiberoComposer(TableComposer):
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
         layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
-        alone = {kinds.GoalSlide.name} if task.concerned < 2 else set()  # what it is brought to cannot be moved
+        alone = {others.GoalSlide.name} if task.concerned < 2 else set()  # what it is brought to cannot be moved
         shared = [gene for name in _SHARED if name not in alone for gene in operators.operators[name].genes(layout)]
         genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
         super().__init__(str(task), robot, layout, genes)
 
     def _placing(self, operator: Operator) -> Iterator[Gene]:
         concerned, name = self._libero.concerned, operator.name
-        bystanders = isinstance(operator, (kinds.BystanderPosition, kinds.BystanderOrientation))
+        bystanders = isinstance(operator, (others.BystanderPosition, others.BystanderOrientation))
         slots = range(concerned, len(self._libero.things)) if bystanders else range(concerned)
         for slot in slots:
             share = RIDING if self._libero.things[slot] in self._libero.riders else 1.0
-            if isinstance(operator, (kinds.TargetPosition, kinds.BystanderPosition)):
+            if isinstance(operator, (kinds.TargetPosition, others.BystanderPosition)):
                 for axis, span in (("x", operator.x), ("y", operator.y)):
                     grid = Grid(share * span.low, share * span.high, span.step, 0.0)
                     yield Gene(name, f"targets.{slot}.{axis}", "real", grid)
-            elif isinstance(operator, (kinds.TargetOrientation, kinds.BystanderOrientation)):
+            elif isinstance(operator, (kinds.TargetOrientation, others.BystanderOrientation)):
                 yield Gene(name, f"targets.{slot}.yaw", "real", operator.yaw.grid(0.0))
 
     def is_free(self, slot: str, name: str, taken: Sequence[str]) -> bool:

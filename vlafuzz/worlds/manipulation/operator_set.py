@@ -18,7 +18,8 @@ from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
 from vlafuzz.model.conditions import Conditions, Setting, check_choice
 from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
-from vlafuzz.worlds.manipulation.operators import EVENTS, EXTRAS, OPERATORS, ConfounderCount
+from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
+from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderCount
 
 DEFAULT = "tabletop"
 MIN_DISTANCE = Setting("min_distance", 0.0)  # between objects' centres, metres

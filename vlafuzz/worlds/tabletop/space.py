@@ -20,9 +20,10 @@ from vlafuzz.model.scene import UNITS, Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
+from vlafuzz.worlds.manipulation.composer import TableComposer, camera, index_of
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.rigs import Hand, rig
-from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableComposer, TableSpace, camera, index_of
+from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableSpace
 from vlafuzz.worlds.tabletop.fairness import checks
 from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, footprint
 from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen

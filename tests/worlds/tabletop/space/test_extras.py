@@ -14,8 +14,9 @@ from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
+from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
 from vlafuzz.worlds.manipulation.operator_set import operators_json, stored_operators, visible_json
-from vlafuzz.worlds.manipulation.operators import EVENTS, EXTRAS, OPERATORS
+from vlafuzz.worlds.manipulation.operators import OPERATORS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS

@@ -5,7 +5,8 @@ import yaml
 
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.worlds.manipulation.operators import EXTRAS, OPERATORS, ConfounderPosition, Light
+from vlafuzz.worlds.manipulation.extras import EXTRAS
+from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderPosition, Light
 from vlafuzz.worlds.tabletop.space import load_operators
 
 SHIPPED = ("tabletop", "paper", "paper-rq1")
