@@ -20,7 +20,7 @@ from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, Parameters, VlaEval
+from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, ObservationParameters, VlaEval
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
@@ -250,7 +250,9 @@ class TestEvaluator:
         """
         pictures, state = shown
         options = parse("vla-eval:ws://localhost:1?profile=libero", VlaEval).options
-        asked = Hello(protocol_version=1, observation_params=Parameters(send_state=True, send_wrist_image=True))
+        asked = Hello(
+            protocol_version=1, observation_params=ObservationParameters(send_state=True, send_wrist_image=True)
+        )
         model = DeclaredModel("vla-eval", asked, options)
         message = model.message(first_seen(space, model.spec))
         assert list(message["images"]) == ["agentview", "wrist"]
