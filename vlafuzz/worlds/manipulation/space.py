@@ -316,8 +316,8 @@ class TableWorld(World):
         space = self.space_of(task, robot, ranges.only(vary) if vary else ranges, packs)
         offered = {gene.operator for gene in space.by_path.values()}
         idle = space.operators.varied - offered
-        if idle and space.genes:  # some of a world's tasks lack what varies there by default
-            idle -= load_operators(space.rig.operators).varied
+        if idle and space.genes:  # some of a world's tasks lack what varies there by default, or some of all events
+            idle -= load_operators(space.rig.operators).varied.union(extras.EVENTS if "events" in vary else ())
         for name in sorted(idle):
             hint = f"known: {', '.join(sorted(offered))}"
             raise UsageError(f"{name}: nothing of {space.task.name} varies so", hint=hint)

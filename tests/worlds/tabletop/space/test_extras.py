@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vlafuzz.errors import CatalogueError, SceneError
+from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
+from vlafuzz.worlds import world_of
 from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
 from vlafuzz.worlds.manipulation.operator_set import operators_json, stored_operators, visible_json
 from vlafuzz.worlds.manipulation.operators import OPERATORS
@@ -160,3 +161,14 @@ def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, objec
 )
 def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
     assert scene.digest == digest
+
+
+@tasks
+def test_all_events_are_named_by_one_word_and_a_task_without_a_second_target_lacks_one(task: str) -> None:
+    varied = {gene.operator for gene in world_of(task).space(task, "panda", vary=["events"]).genes}
+    assert set(EVENTS) - varied == ({"goal-slide"} if task == "pick-up" else set())
+
+
+def test_an_event_that_a_task_lacks_is_refused_by_its_name() -> None:
+    with pytest.raises(UsageError, match="goal-slide: nothing of pick-up varies so"):
+        world_of("pick-up").space("pick-up", "panda", vary=["goal-slide", "light"])
