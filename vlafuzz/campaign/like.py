@@ -1,4 +1,4 @@
-"""What a store tells a run before it begins: the causes of an earlier version of the policy, or of another task."""
+"""Reads what an earlier store tells a run: the causes of another version of the policy, or of another task."""
 
 import math
 from pathlib import Path

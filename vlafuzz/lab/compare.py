@@ -108,7 +108,7 @@ def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None,
 
 
 class Certified(NamedTuple):
-    """What triage of a run's findings has come to: the fields of ``Counted`` of the same names."""
+    """Triage of a run's findings has come to this: the fields of ``Counted`` of the same names."""
 
     signatures: tuple[str, ...]
     triaged: int

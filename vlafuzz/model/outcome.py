@@ -93,7 +93,7 @@ class Outcome:
         return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)
 
 
-# What can be wrong with scenes, by the name of the check.
+# These checks name what can be wrong with a scene.
 FAIRNESS = {
     "semantic": "with an unknown object, rest pose or task",
     "geometry": "with objects off the table, in each other, or too close",

@@ -246,7 +246,7 @@ class Scene:
 
     @cached_property
     def events(self) -> Mapping[str, Event]:
-        """What happens in the middle of an episode, by the name of the scene's field."""
+        """Returns what happens in the middle of an episode, by the name of the scene's field."""
         return {name: getattr(self, name) for name, usual in EVENTS.items() if getattr(self, name) != usual}
 
     @cached_property

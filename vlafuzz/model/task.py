@@ -26,7 +26,7 @@ class Stage:
 
 @dataclass(frozen=True)
 class Task:
-    """What the robot is to do. ``targets``: how many objects the instruction names; ``stages``: the last is success."""
+    """A task says what the robot is to do. ``targets``: how many objects it names; ``stages``: the last is success."""
 
     name: str
     targets: int

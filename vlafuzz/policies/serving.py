@@ -78,7 +78,7 @@ def options_of(spec: PolicySpec) -> dict[str, str | int | float]:
 
 
 def says_of(spec: PolicySpec) -> str:
-    """What decides how fast a served policy is tested: its batches and its chunks, as a sentence."""
+    """Say what decides how fast a served policy is tested: its batches and its chunks."""
     batch = f"up to {spec.max_batch} observations" if spec.max_batch > 1 else "one observation"
     some = {None: "all actions", 1: "the first action"}.get(spec.execute, f"the first {spec.execute} actions")
     of_chunk = f"{some} of each chunk {'is' if spec.execute == 1 else 'are'} executed"

@@ -176,13 +176,11 @@ class TargetSlide(EventOperator):
     direction: Span
 
 
-class GoalSlide(EventOperator):
+class GoalSlide(TargetSlide):
     """The second target, to which the first one is brought, is slid over the table."""
 
     name, says, part, slot = "goal-slide", "how far the second target is slid in mid-episode", "goal_slide", 1
     happens = "the second target slides away"
-    distance: Span
-    direction: Span
 
 
 class CameraBump(EventOperator):
