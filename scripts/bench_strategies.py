@@ -1,9 +1,8 @@
 #!/usr/bin/env python
-"""Compare strategies at equal budget and with paired seeds, on three benchmarks without physics.
+"""Compare strategies at equal budget and with paired seeds, on two benchmarks without physics.
 
     faults    policies with planted faults: how many are identified by search and triage
     toy       planted failures in closed form
-    replay    published labels of real VLAs (VLATest's folder `data`) as the oracle: choose 200 of 1,000
 
 `vlafuzz compare` compares strategies in the simulator.
 The n-th runs of all strategies have the same seed and are compared as pairs: ratios of means with 95 % intervals, the
@@ -21,16 +20,13 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
 
-from strategies import identified, replay, results, toy
+from strategies import identified, results, toy
 from strategies.arms import SPLITS, arms
 from strategies.faults import DENSITIES
 from strategies.identified_plot import plot
 
-from vlafuzz.common.statistics import mean_ratio
 from vlafuzz.search.registry import STRATEGIES
 
 SIGNALS = ("smooth", "flat", "noise")
@@ -61,36 +57,6 @@ def planted(options: argparse.Namespace) -> dict[str, Any]:
     return dict(tables)
 
 
-def replayed(options: argparse.Namespace) -> dict[str, Any]:
-    cases = replay.cases(options.data)
-    table = results.rows(_run(cases, options), "found")
-    means = {(row["case"], row["strategy"]): row["mean"]["value"] for row in table}
-    for row, case in ((row, case) for row in table for case in cases if case.name == row["case"]):
-        base, most = means[case.name, results.RANDOM], case.most(options.budget)
-        row |= {"most": most, "gain": (row["mean"]["value"] - base) / max(most - base, 1)}
-    results.show(table)
-    rare = [row for row in table if row["case"].endswith("passes")]
-    pooled = {name: _pooled(rare, name) for name in options.strategies if name != results.RANDOM}
-    print("\nrare outcomes over all VLAs, relative to random; then the share of the possible gain over random:")
-    for name, row in pooled.items():
-        gains = ", ".join(
-            f"{other['case']} {other['gain']:.0%}"
-            for other in table
-            if other["strategy"] == name and "failures" in other["case"]
-        )
-        print(f"{name}: {results.shown(row['ratio'])}; {gains}")
-    return {"pooled": pooled, "found": table}
-
-
-def _pooled(rare: list[results.Row], name: str) -> results.Row:
-    """The rare outcome over all VLAs: the n-th runs of all VLAs together count as one run."""
-    runs, base = (
-        np.sum([row["runs"] for row in rare if row["strategy"] == strategy], axis=0).tolist()
-        for strategy in (name, results.RANDOM)
-    )
-    return {"ratio": results.estimate(mean_ratio(runs, base)), "runs": runs}
-
-
 def _run(cases: list[Any], options: argparse.Namespace) -> dict[str, dict[str, list[dict[str, float]]]]:
     return results.run(cases, options.strategies, seeds=_seeds(options), budget=options.budget, workers=options.workers)
 
@@ -116,10 +82,8 @@ def main() -> None:
     ground = _ground(grounds, "toy", planted, strategies=ALL, budget=300, repeats=20)
     ground.add_argument("--shares", nargs="+", type=float, default=[0.1, 0.01, 0.005], help="of scenes that fail")
     ground.add_argument("--signals", nargs="+", default=list(SIGNALS), choices=SIGNALS)
-    ground = _ground(grounds, "replay", replayed, strategies=ALL, budget=200, repeats=20)
-    ground.add_argument("data", type=Path, help="folder with VLATest's scene files and all-correct-task.json")
     options = parser.parse_args()
-    if options.ground in ("toy", "replay") and results.RANDOM not in options.strategies:
+    if options.ground == "toy" and results.RANDOM not in options.strategies:
         options.strategies.insert(0, results.RANDOM)
     settings = {key: value for key, value in vars(options).items() if key in ("budget", "repeats", "seed")}
     results.write(options.out, {"ground": options.ground, **settings, **options.work(options)})

@@ -31,7 +31,6 @@ from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 Rng = np.random.Generator
 Reader = Callable[[Rng, Path], None]
 CATALOGUE = samples.CATALOGUE
-FRAMES = ("fit", "robot")
 
 
 def _yaml(rng: Rng, pattern: str, path: Path) -> Path:
@@ -127,7 +126,7 @@ def vlatest(rng: Rng, folder: Path) -> None:
     else:
         path.write_text(json.dumps(mutators.tree(rng, document)))
     is_document(path)
-    read_vlatest(path, CATALOGUE, frame=rng.choice(FRAMES))
+    read_vlatest(path)
 
 
 def _pack(folder: Path) -> Path:

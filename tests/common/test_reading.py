@@ -145,7 +145,7 @@ def test_lint_judges_all_lines_of_a_file_with_a_rotation_of_length_zero(tmp_path
 def test_numbers_of_thousands_of_digits_number_no_scene(tmp_path: Path):
     (tmp_path / "a.json").write_text(json.dumps({"9" * 5000: {}}))
     with pytest.raises(SceneError, match="unknown key"):
-        read_vlatest(tmp_path / "a.json", CATALOGUE)
+        read_vlatest(tmp_path / "a.json")
 
 
 class TestMeshes:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -11,11 +10,11 @@ from typing import Annotated, Literal
 import typer
 
 from vlafuzz.cli.flags import TrustFlag, option, refuse
-from vlafuzz.cli.output import Bar, print_rows, stderr, table
+from vlafuzz.cli.output import Bar, print_rows
 from vlafuzz.common.files import writing
 from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
-from vlafuzz.model.scene_lines import Frame, is_document, write_scenes
+from vlafuzz.model.scene_lines import is_document, write_scenes
 
 Wanted = Literal["failed", "passed", "all"]
 Shown = Literal["failed", "minimal", "random"]
@@ -74,14 +73,6 @@ def export(
             "0",
         ),
     ] = None,
-    frame: Annotated[
-        Frame | None,
-        option(
-            "How VLATest's scenes become ours. fit: stretch their box onto ours; robot: keep their robots, objects and "
-            "distances, for `vlafuzz run --pack`.",
-            "fit",
-        ),
-    ] = None,
 ) -> None:
     """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
@@ -93,8 +84,8 @@ def export(
     With --format lerobot the expert solves the failing scenes, and its solutions are written as episodes with the
     pictures, state and actions of the policy: demonstrations to train it with.
 
-    VLATest's files become one file of ours, in order; scenes with an object that has no counterpart here are left out,
-    with a note.
+    VLATest's files become one file of ours, in order, with their robots, objects and distances, for `vlafuzz run
+    --pack`.
 
     With --format store all runs, trials and failures of several stores are written to a new one. A scene that fails for
     one policy in several stores is one failure; a run that is in two of them appears twice.
@@ -105,8 +96,6 @@ def export(
         refuse(wanted, "only --format lerobot has it")
     if foreign:
         refuse({"--run": run}, f"{sources[0]} is a file of scenes, not a store")
-    else:
-        refuse({"--frame": frame}, "only VLATest's files, written as ours, have it")
     if not minimal:
         refuse({"--controls": controls}, "only a corpus has controls, see --minimal")
     check_number("--workers", workers, 1)
@@ -114,7 +103,7 @@ def export(
         problem = f"{sources[1]}: several sources are for VLATest's files and --format store"
         raise UsageError(problem, hint="export one after the other")
     if foreign:
-        _import_scenes(sources, out, frame or "fit")
+        _import_scenes(sources, out)
     elif minimal:
         if verdict != "failed" or format_ != "vlafuzz":
             raise UsageError(
@@ -228,26 +217,13 @@ def _note_left_out(left_out: Mapping[str, int]) -> None:
         Bar.note(f"left out: {count}: {reason}")
 
 
-def _import_scenes(files: Sequence[Path], out: Path, frame: Frame) -> None:
-    """Write the scenes of VLATest's files as one file of ours, in order.
-
-    Scenes with an object that has no counterpart in our catalogue are left out, with a note; in the frame robot
-    none are.
-    """
+def _import_scenes(files: Sequence[Path], out: Path) -> None:
+    """Write the scenes of VLATest's files as one file of ours, in order."""
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"--out: cannot write {str(out)!r}", hint="give a file in a folder that exists")
     from vlafuzz.worlds import usual_world
 
-    imported = [usual_world().imported(path, frame) for path in files]
+    imported = {path: usual_world().imported(path) for path in files}
     with writing(out):
-        write_scenes(out, [scene for file in imported for scene in file.scenes])
-    if missing := sum((Counter(file.missing) for file in imported), Counter[str]()):
-        left_out = sum(file.left_out for file in imported)
-        Bar.note(f"{left_out} scenes are left out: they have objects without a counterpart in our catalogue")
-        lacking = [{"no counterpart for": name, "scenes": count} for name, count in missing.most_common()]
-        stderr().print(table(lacking))
-    rows = [
-        {"file": str(file.path), "scenes": file.read, "written": len(file.scenes), "left out": file.left_out}
-        for file in imported
-    ]
-    print_rows(rows, title=str(out))
+        write_scenes(out, [scene for scenes in imported.values() for scene in scenes])
+    print_rows([{"file": str(path), "scenes": len(scenes)} for path, scenes in imported.items()], title=str(out))

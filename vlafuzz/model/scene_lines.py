@@ -3,7 +3,6 @@
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Literal
 
 from vlafuzz.common.files import write_whole
 from vlafuzz.common.reading import MIB, parse_json, read_text
@@ -11,7 +10,6 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model.scene import Scene
 
 MOST, MOST_LINES = 256 * MIB, 200_000  # of a file: bytes; lines, of which each may be broken
-Frame = Literal["fit", "robot"]  # how scenes of VLATest become ours
 _VERDICT = "verdict"
 _EXPECTED = "expected JSON lines with one scene per line"
 

@@ -15,7 +15,6 @@ from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.scene_lines import Frame
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import ActionSpec, Policy
@@ -75,26 +74,6 @@ class SceneMap:
 
 
 Judge = Callable[[Scene], Rejection | None]  # why a scene is not fair; None if it is
-
-
-@dataclass(frozen=True)
-class Imported:
-    """The scenes of a file of another program.
-
-    Attributes:
-        read: number of scenes in the file.
-        missing: names of objects without a counterpart, with the number of scenes that lack them.
-    """
-
-    path: Path
-    read: int
-    scenes: tuple[Scene, ...]
-    missing: Mapping[str, int]
-
-    @property
-    def left_out(self) -> int:
-        """Number of scenes with an object that has no counterpart."""
-        return self.read - len(self.scenes)
 
 
 class World(ABC):
@@ -233,6 +212,6 @@ class World(ABC):
         """A judge of scenes, for which no policy is needed; ``settle``: with physics, which takes longer."""
         raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
 
-    def imported(self, path: Path, frame: Frame) -> Imported:
+    def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of another program's file; a SceneError if it is no such file."""
         raise UsageError(f"{path}: this world reads no files of other programs", hint="export scenes of a store")

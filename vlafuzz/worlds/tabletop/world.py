@@ -14,13 +14,12 @@ from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.model.scene_lines import Frame
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.base import Demonstrator, Imported, Judge, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Judge, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
@@ -151,9 +150,9 @@ class Tabletop(TableWorld):
 
         return rejection
 
-    def imported(self, path: Path, frame: Frame) -> Imported:
+    def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of a file of VLATest."""
-        return read_vlatest(path, load_catalogue(), frame=frame)
+        return read_vlatest(path)
 
 
 def _is_robots_only(folder: Path) -> bool:
