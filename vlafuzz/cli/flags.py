@@ -166,7 +166,6 @@ TimeFlag = Annotated[
     str | None, option("Wall clock that it takes at most: 1h, 30m, 90s, 1h30m.", "no limit", flag="--time")
 ]
 JsonFlag = Annotated[bool, option("Print JSON.", flag="--json")]
-MarkdownFlag = Annotated[bool, option("Print Markdown.", flag="--markdown")]
 TrustFlag = Annotated[
     bool, option("Load code (python:…) and ask servers that the file names, not only yours.", flag="--trust")
 ]

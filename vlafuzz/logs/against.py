@@ -15,12 +15,12 @@ class Contrast:
     """The success rates of two logs in a suite.
 
     Attributes:
-        paired: whether the same episodes are compared; else those of either log are independent. worse: pairs in which
-        only the old one succeeds, ``better``: only the new one; repeats are one pair. difference: 95 % interval of the
-        new success rate minus the old one.
-        p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites. least: the
-        smallest p that such a test can give when the new one fails everywhere. left: judged episodes of either log
-        without a partner.
+        paired: whether the same episodes are compared; else those of either log are independent.
+        worse: pairs in which only the old one succeeds, ``better``: only the new one; repeats are one pair.
+        difference: 95 % interval of the new success rate minus the old one.
+        p: two-sided, of the sign test, or of Fisher's if not paired; ``p_holm``: corrected for all suites.
+        least: the smallest p that such a test can give when the new one fails everywhere.
+        left: judged episodes of either log without a partner.
     """
 
     suite: str
@@ -58,43 +58,38 @@ class LogComparison:
     new: str
     alpha: float
     contrasts: tuple[Contrast, ...]
-    missing: tuple[str, ...] = ()
-    judged: float = 1.0
+    missing: tuple[str, ...]
+    judged: float
 
     @property
-    def worse(self) -> list[Contrast]:
-        return [one for one in self._different if one.fell]
+    def worse(self) -> list[str]:
+        """The suites that got worse; ``better`` likewise."""
+        return [one.suite for one in self.contrasts if one.p_holm <= self.alpha and one.fell]
 
     @property
-    def better(self) -> list[Contrast]:
-        return [one for one in self._different if not one.fell]
-
-    @property
-    def _different(self) -> list[Contrast]:
-        return [one for one in self.contrasts if one.p_holm <= self.alpha]
-
-    @property
-    def tells(self) -> bool:
-        """Whether there is a verdict: a loss is shown, or could have been, and half of the log is judged."""
-        possible = any(one.least * len(self.contrasts) <= self.alpha for one in self.contrasts)
-        return bool(self.worse) or (possible and self.judged >= 0.5)
+    def better(self) -> list[str]:
+        return [one.suite for one in self.contrasts if one.p_holm <= self.alpha and not one.fell]
 
     @property
     def verdict(self) -> str:
-        """The result in one sentence."""
+        """The result in one sentence; it tells nothing where a loss is neither shown nor could have been."""
         if not self.contrasts:
             return f"cannot tell: {self.new} and {self.old} have no suite in common"
         if self.judged < 0.5 and not self.worse:
             return f"cannot tell: most episodes of {self.new} ended in an error"
-        if not self.tells:
+        if not self.worse and min(one.least for one in self.contrasts) * len(self.contrasts) > self.alpha:
             return f"cannot tell: too few episodes succeed in {self.old} to notice any loss"
-        rest = [one for one in self.contrasts if one.p_holm > self.alpha]
         kinds = {f"worse than {self.old}": self.worse, f"better than {self.old}": self.better}
-        shown = [f"{kind} in {named(one.suite for one in those)}" for kind, those in kinds.items() if those]
+        shown = [f"{kind} in {named(those)}" for kind, those in kinds.items() if those]
         if not shown:
             return f"{self.new} is not shown to differ from {self.old}"
-        unshown = f", not shown to differ in {named(one.suite for one in rest)}" if rest else ""
-        return f"{self.new} is {', '.join(shown)}{unshown}"
+        rest = named(one.suite for one in self.contrasts if one.p_holm > self.alpha)
+        return f"{self.new} is {', '.join(shown)}" + (f", not shown to differ in {rest}" if rest else "")
+
+    @property
+    def tells(self) -> bool:
+        """Whether there is a verdict."""
+        return not self.verdict.startswith("cannot tell")
 
 
 def compare(
@@ -134,43 +129,36 @@ def _matched(old: Sequence[LoggedEpisode], new: Sequence[LoggedEpisode]) -> list
 def _contrast(
     suite: str, pairs: Sequence[Pair], old: Sequence[LoggedEpisode], new: Sequence[LoggedEpisode]
 ) -> Contrast:
-    if pairs:
-        return replace(_of_pairs(suite, pairs), left=len(old) + len(new) - 2 * len(pairs))
-    ours, theirs = _independent(new), _independent(old)
-    now, before = share(ours), share(theirs)
-    return Contrast(
-        suite=suite,
-        paired=False,
-        old=before,
-        new=now,
-        difference=newcombe(now.count, now.of, before.count, before.of),
-        p=fisher(now.count, now.of, before.count, before.of),
-        least=fisher(0, now.of, before.count, before.of),
-        left=len(old) + len(new) - now.of - before.of,
-    )
-
-
-def _independent(episodes: Sequence[LoggedEpisode]) -> list[LoggedEpisode]:
-    """One repeat of every episode."""
-    return [those[0] for those in grouped(episodes, lambda episode: episode.same or episode.place).values()]
-
-
-def _of_pairs(suite: str, pairs: Sequence[Pair]) -> Contrast:
-    gains: dict[Hashable, list[int]] = {}
-    passes: dict[Hashable, int] = {}
-    for old, new in pairs:
-        gains.setdefault(old.start, []).append(bool(new.success) - bool(old.success))
-        passes[old.start] = passes.get(old.start, 0) + bool(old.success)
+    """The contrast of a suite in its pairs; without any, of one repeat of each episode as two samples."""
+    left = len(old) + len(new)
+    if not pairs:
+        once = (grouped(log, lambda episode: episode.same or episode.place).values() for log in (old, new))
+        before, now = (share(repeats[0] for repeats in log) for log in once)
+        counts = now.count, now.of, before.count, before.of
+        return Contrast(
+            suite=suite,
+            paired=False,
+            old=before,
+            new=now,
+            difference=newcombe(*counts),
+            p=fisher(*counts),
+            least=fisher(0, *counts[1:]),
+            left=left - now.of - before.of,
+        )
+    gains, passes = dict[Hashable, list[int]](), set[Hashable]()
+    for one, other in pairs:
+        gains.setdefault(one.start, []).append(bool(other.success) - bool(one.success))
+        passes |= {one.start} if one.success else set()
     worse, better = (sum(sign * sum(those) > 0 for those in gains.values()) for sign in (-1, 1))
-    before = share(old for old, _ in pairs)
     return Contrast(
         suite=suite,
         paired=True,
-        old=before,
-        new=share(new for _, new in pairs),
+        old=share(one for one, _ in pairs),
+        new=share(other for _, other in pairs),
         worse=worse,
         better=better,
         difference=paired_difference([(start, gain) for start, those in gains.items() for gain in those]),
         p=sign_test(worse, better),
-        least=sign_test(sum(count > 0 for count in passes.values()), 0),
+        least=sign_test(len(passes), 0),
+        left=left - 2 * len(pairs),
     )

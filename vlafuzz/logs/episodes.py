@@ -15,8 +15,8 @@ class LoggedEpisode:
 
     Attributes:
         condition: what was changed, such as ``camera_shift high``.
-        state: number of the initial state, or of the episode; ``seed``: of the policy or the environment. run: the
-        evaluation; a run has every episode once.
+        state: number of the initial state, or of the episode; ``seed``: of the policy or the environment.
+        run: the evaluation, which has every episode once.
         place: file and line.
         success: None where the episode ended in an error, which is no failure.
     """
@@ -48,37 +48,33 @@ def judged(episodes: Iterable[LoggedEpisode]) -> list[LoggedEpisode]:
     return [episode for episode in episodes if episode.success is not None]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class SuccessRate:
     """The success rate of some episodes; ``errors``: further ones that ended in an error, counted for neither."""
 
-    suite: str = ""
-    task: str = ""
-    condition: str = ""
+    suite: str
+    task: str
+    condition: str
     success: Share
     errors: int
-
-    @property
-    def failure(self) -> Share:
-        success = self.success
-        return Share(success.of - success.count, success.of, 1 - success.high, 1 - success.low)
 
 
 def rates(episodes: Sequence[LoggedEpisode]) -> list[SuccessRate]:
     """The rates by suite, by condition and by task, where there are several; the first one is of all episodes."""
 
-    def by(those: Sequence[LoggedEpisode], *names: str) -> list[SuccessRate]:
-        groups = grouped(those, lambda episode: tuple(getattr(episode, name) for name in names))
-        return [
-            SuccessRate(
-                **dict(zip(names, key, strict=True)), success=share(group), errors=len(group) - len(judged(group))
+    def by(*names: str) -> list[SuccessRate]:
+        def key(episode: LoggedEpisode) -> tuple[str, str, str]:
+            suite, task, condition = (
+                getattr(episode, name) if name in names else "" for name in ("suite", "task", "condition")
             )
-            for key, group in groups.items()
-        ]
+            return suite, task, condition
 
-    suites, conditions, tasks = by(episodes, "suite"), by(episodes, "condition"), by(episodes, "suite", "task")
+        groups = grouped(episodes, key).items()
+        return [SuccessRate(*those, share(group), len(group) - len(judged(group))) for those, group in groups]
+
+    suites, conditions, tasks = by("suite"), by("condition"), by("suite", "task")
     return [
-        *(by(episodes) if len(suites) > 1 else []),
+        *(by() if len(suites) > 1 else []),
         *suites,
         *(conditions if len(conditions) > 1 else []),
         *(tasks if len(tasks) > len(suites) else []),
