@@ -8,7 +8,7 @@ import pytest
 
 from tests.doubles import manifest
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.worlds.provenance import by_place, elsewhere, here, in_words
+from vlafuzz.worlds.provenance import elsewhere, here, in_words
 from vlafuzz.worlds.tabletop.renderer import in_use, probe_once
 
 BLIND = PolicySpec("blind")
@@ -43,11 +43,6 @@ def test_what_a_later_version_adds_to_a_place_is_left_out():
 def test_what_only_one_of_two_policies_depends_on_is_no_difference():
     looks_on = OLD | {"renderer": ""}
     assert elsewhere(stored(OLD), stored(looks_on)) == ""
-
-
-def test_runs_are_listed_by_place():
-    listed = by_place({1: stored(OLD), 2: "", 3: stored(OLD)})
-    assert listed == f"run 1, 3: {SAID}; run 2: not known"
 
 
 def test_this_place_has_what_torch_uses(monkeypatch: pytest.MonkeyPatch):

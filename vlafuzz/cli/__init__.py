@@ -61,7 +61,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
     ),
     "compare": (
         "vlafuzz compare --policy pinhole --budget 100 --repeats 7",
-        "vlafuzz compare --strategies random,causes,nsga2 --policy pinhole --store compare.db --out compare",
+        "vlafuzz compare --strategies random,causes,nsga2 --policy pinhole --store compare.db",
     ),
     "replay": (
         "vlafuzz replay first.db --video failure.mp4",

@@ -3,13 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import usual_speed
-from vlafuzz.common.files import writing
 from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
@@ -33,7 +31,6 @@ def compare(
     strategies: Sequence[str],
     repeats: int,
     limit: int,
-    folder: Path,
     watch: Watch = SILENT,
     speed_of: SpeedOf = usual_speed,
 ) -> Comparison:
@@ -42,7 +39,6 @@ def compare(
     Args:
         run: the same for all runs, but for strategy and seed; it names the store.
         limit: policy rollouts to triage the failures of each run; 0 for no triage.
-        folder: for the results; made before the runs.
         speed_of: see ``complete``.
     """
     assert run.store
@@ -55,14 +51,12 @@ def compare(
 
     # One of every strategy before the second of any: an interrupted comparison is balanced.
     jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
-    with writing(folder, "give --out another folder"):
-        folder.mkdir(parents=True, exist_ok=True)
     with Store.open(run.store, "write") as store:
         runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)
-        known = known_results(store) if limit else None
+        known = known_results(store)
         counted = [_count(store, done, trials[done.id], known, limit) for done in runs]
     return compare_runs(counted, strategies, first.manifest, store=str(run.store), limit=limit)
 
@@ -84,7 +78,7 @@ def _own_trials(store: Store, run: Run) -> list[Trial]:
     return trials
 
 
-def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None, limit: int) -> Counted:
+def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known, limit: int) -> Counted:
     """Count a stored run, with what its triage has come to."""
     verdicts = [trial.outcome.verdict for trial in trials]
     failed = verdicts.count(Verdict.FAILED)
@@ -94,7 +88,7 @@ def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None,
     elif run.manifest.strategy == "random" and (judged := failed + verdicts.count(Verdict.PASSED)):
         share = Share.of_counts(failed, judged)
         probability = Estimate(share.share, share.low, share.high)
-    made = None if known is None else certified(findings_in_order(store, run.id), known, limit)
+    made = certified(findings_in_order(store, run.id), known, limit) if limit else None
     return Counted(
         run=run.id,
         strategy=run.manifest.strategy,

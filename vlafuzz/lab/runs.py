@@ -1,6 +1,6 @@
 """The runs of a comparison: what its store lacks is done, the rest is taken from there."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -11,7 +11,7 @@ from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.forecast import Forecast, Speed, usual_speed
 from vlafuzz.campaign.launch import fuzz, make_executor, stands_alone
 from vlafuzz.campaign.resume import check_version
-from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.campaign.tally import Tally
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
@@ -19,7 +19,7 @@ from vlafuzz.model.conditions import ASKED, Origin, Role
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.provenance import by_place, elsewhere
+from vlafuzz.worlds.provenance import elsewhere
 
 SpeedOf = Callable[[Plan], Speed | None]
 
@@ -69,15 +69,17 @@ def complete(
                         watch.note(stands_alone(plan.manifest.policy))
                     _foresee(plan, len(missing), triage, watch, speed_of(plan))
                 executor = executor or stack.enter_context(closing(make_executor(plan)))
-                summary = fuzz(plan, store, executor, partial(_report, show, done), alone=True)
+                report = partial(_report, show, done)
+                summary = fuzz(plan, store, executor, report, alone=True)
                 done += plan.manifest.budget
-                _check_judged(summary)
+                if summary.unjudged or (summary.stopped and summary.short):
+                    why = f": {summary.stopped}" if summary.stopped else ""
+                    hint = "`vlafuzz doctor` checks this machine, with --policy the policy; then give another --store"
+                    raise PrerequisiteError(f"{summary.short}{why}", hint)
                 if summary.stopped:
                     watch.note(f"{job} stopped: {summary.stopped}")
     runs = (stored(store, replace(wanted, **job._asdict())) for job in jobs)
-    tried = [run for run in runs if run and store.extent(run.id)[0]]
-    note_places(tried, watch)
-    return tried
+    return [run for run in runs if run and store.extent(run.id)[0]]
 
 
 def stored(store: Store, wanted: Manifest) -> Run | None:
@@ -94,16 +96,6 @@ def stored(store: Store, wanted: Manifest) -> Run | None:
             )
     finished = (run for run in same if run.status not in UNFINISHED)
     return next(finished, same[-1] if same else None)
-
-
-def note_places(runs: Iterable[Run], watch: Watch) -> None:
-    """Note it when runs that are compared were not all made at one place."""
-    places = {run.id: run.manifest.place for run in runs}
-    if len(set(places.values())) > 1:
-        watch.note(
-            f"note: the runs were made at several places ({by_place(places)}): shares of failures compare, "
-            "outcomes of single scenes may not"
-        )
 
 
 def _report(show: Callable[[int], None], before: int, tally: Tally) -> None:
@@ -128,15 +120,3 @@ def _resumed(store: Store, plan: Plan, run: Run | None, name: str, watch: Watch)
         return plan
     check_version(store.path, run, plan.manifest)
     return replace(plan, manifest=run.manifest, resume=run.id)
-
-
-def _check_judged(summary: Summary) -> None:
-    if summary.verdicts["error"] and summary.short and (summary.stopped or summary.unjudged):
-        doctor = "`vlafuzz doctor` checks this machine, with --policy the policy"
-        again = "then the same command goes on" if summary.stopped else "then use another store"
-        raise PrerequisiteError(summary.short, hint=f"{doctor}; {again}")
-    if summary.unjudged:
-        why = f": {summary.stopped}" if summary.stopped else ""
-        raise UsageError(
-            f"{summary.unjudged}{why}", hint="`vlafuzz doctor` checks this machine; then use another store"
-        )
