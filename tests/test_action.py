@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree as Xml
 
 import pytest
 import yaml
@@ -100,7 +99,6 @@ def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
     assert "| controls | 200 |" in job.summary
     results = tmp_path / "vlafuzz-results"
     assert json.loads((results / "regress.json").read_text())["alarm"]
-    assert Xml.parse(results / "junit.xml").getroot().attrib["failures"] == "1"
 
 
 @pytest.mark.slow

@@ -11,12 +11,10 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.failures.corpus.test_tables import compared
 from vlafuzz.common import assets
 from vlafuzz.common.assets import kept
 from vlafuzz.common.files import replacing, write_whole, writing
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.failures.corpus.tables import write_junit
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
 from vlafuzz.worlds.recording import Recording, write_picture
@@ -38,7 +36,6 @@ def write_film(path: Path) -> None:
 WRITERS: dict[str, Callable[[Path], None]] = {
     "scenes": lambda path: write_scenes(path, []),
     "page": write_a_page,
-    "JUnit": lambda path: write_junit(compared(lambda number, repeat: True), path),
     "picture": lambda path: write_picture(path, PICTURE),
     "film": write_film,
 }

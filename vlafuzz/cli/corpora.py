@@ -42,8 +42,7 @@ def regress(
     ] = None,
     whole: Annotated[bool, option("Do not stop at an alarm: run everything.", flag="--whole")] = False,
     time: TimeFlag = None,
-    junit: Annotated[Path | None, option("Write JUnit XML.")] = None,
-    summary: Annotated[Path | None, option("Write Markdown, and beside it a picture of a broken scene.")] = None,
+    summary: Annotated[Path | None, option("Write the verdict and the tables as Markdown.")] = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -53,18 +52,15 @@ def regress(
     and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run, jittered, to show
     what is fixed and what is broken. They raise no alarm: they were selected by what the corpus's own policy does.
     """
-    places = {"--junit": junit, "--summary": summary}
-    for flag, path in places.items():
-        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-            message = f"{flag}: {path}: no place for a file"
-            raise UsageError(message, hint="name a file in a folder that is there")
+    if summary is not None and (summary.is_dir() or not summary.absolute().parent.is_dir()):
+        raise UsageError(f"--summary: {summary}: no place for a file", hint="name a file in a folder that is there")
     _check_policies(policy, baseline)
     check_probability("--alpha", alpha)
     check_number("--nights", nights, 1)
     check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
-    from vlafuzz.failures.corpus.policies import compare_policies, still
-    from vlafuzz.failures.corpus.tables import difference, document, tables, write_junit, write_summary
+    from vlafuzz.failures.corpus.policies import compare_policies
+    from vlafuzz.failures.corpus.tables import difference, document, tables, write_summary
 
     with Bar() as bar:
         compared = compare_policies(
@@ -87,13 +83,9 @@ def regress(
         early = {"worse": "stopped", "time": "--time is over"}.get(compared.stopped)
         stopped = f"{early} after {compared.tried} controls: " if early else ""
         print_lines(difference(compared), compared.changes, f"{stopped}{compared.verdict}")
-    # Last: where one cannot be written, the result of hours is shown all the same.
-    if junit:
-        write_junit(compared, junit)
-    if summary:
-        write_summary(compared, summary, still(corpus, compared, policy))
-    for path in filter(None, places.values()):
-        Bar.note(f"written: {path}")
+    if summary:  # last: where it cannot be written, the result of hours is shown all the same
+        write_summary(compared, summary)
+        Bar.note(f"written: {summary}")
     if compared.alarm:
         raise typer.Exit(1)
     if not compared.tells:

@@ -15,7 +15,6 @@ from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 
 Group = Literal["control", "failing", "counterpart", "nominal"]
-GROUPS: tuple[Group, ...] = ("control", "failing", "counterpart", "nominal")
 Standing = Literal["worse", "better", "passes", "fails", "error", "invalid", "not run"]
 
 
@@ -129,11 +128,6 @@ class Compared:
         outcomes = [pair.policy for pair in self.pairs] + [pair.baseline for pair in self.pairs]
         lost = (one.detail or (f"does not reach {one.lost_stage}" if one.lost_stage else "") for one in outcomes)
         return next(filter(None, lost), "")
-
-    @property
-    def seconds(self) -> float:
-        """Wall time of the policy's rollouts."""
-        return sum(rollout.seconds for pair in self.pairs for rollout in pair.policy.rollouts)
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,6 @@ from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.model.conditions import Model
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
-from vlafuzz.worlds import no_pictures
 
 
 def compare_policies(
@@ -108,17 +107,6 @@ def _baseline(
             problem = f"--baseline {name} cannot answer where {model.which} does"
             raise UsageError(problem, hint="leave it out for the outcomes that a corpus with controls records")
     return closing(_rerun(folder, corpus, Model(name), watch))
-
-
-def still(folder: Path, compared: Comparison, policy: str) -> bytes | None:
-    """JPEG of the first scene in which only the policy failed; None without one, or where nothing renders."""
-    worse = (scene.probe for scene in compared.compared if any(pair.worse for pair in scene.pairs))
-    probe = next(worse, None)
-    if probe is None or no_pictures(probe.scene.task):
-        return None
-    with closing(scene_runner.SimulatorSceneRunner(folder, read_corpus(folder).runs[probe.run], policy)) as runner:
-        film = runner.film(probe.scene)
-    return None if isinstance(film, str) else film.still
 
 
 def _check_power(corpus: Corpus, scenes: Sequence[Probe], baseline: str | None, alpha: float, watch: Watch) -> None:
