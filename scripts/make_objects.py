@@ -18,10 +18,10 @@ import numpy as np
 from objects.schema import Basket, ObjectSpec, read_file
 from objects.shapes import convex_parts, write_visual
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects.catalogue import INDEX, write_model
-from vlafuzz.worlds.tabletop.objects.hulls import Array
 from vlafuzz.worlds.tabletop.objects.model import Container, ObjectModel, StablePose
 from vlafuzz.worlds.tabletop.objects.solids import UP, Solid, lying, normals, rotation, solid, stable_pose, write_parts
 

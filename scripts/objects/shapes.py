@@ -17,7 +17,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from objects import schema, textures
-from vlafuzz.worlds.tabletop.objects.hulls import Array, Faces, triangles
+from vlafuzz.common.arrays import Array
+from vlafuzz.worlds.tabletop.objects.hulls import Faces, triangles
 from vlafuzz.worlds.tabletop.objects.measured import PROMINENT
 
 SIDES = 24  # of a can, which deviates by 0.3 mm from a circle and has faces to lie on

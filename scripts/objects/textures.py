@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from objects.schema import Box, Colour, Look, ObjectSpec
-from vlafuzz.worlds.tabletop.objects.hulls import Array
+from vlafuzz.common.arrays import Array
 
 WALL = (0.12, 0.87)  # v at the lower and upper end of a can's straight wall
 CAP = 0.84  # v at which a bottle's cap begins

@@ -1,5 +1,4 @@
 import json
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -37,7 +36,7 @@ def test_a_healthy_machine_exits_with_0_and_all_is_well():
     result = run("--json")
     rows = {row["check"]: row["verdict"] for row in json.loads(result.stdout)}
     assert result.exit_code == 0
-    assert rows["python"] == rows["simulator"] == rows["renderer"] == rows["cache"] == "ok"
+    assert rows["python"] == rows["simulator"] == rows["renderer"] == "ok"
     assert "Mesa 25.0.7" in run().stdout
 
 
@@ -72,19 +71,6 @@ def test_no_renderer_is_a_warning_that_says_what_still_runs(monkeypatch):
 def test_an_import_that_crashes_is_a_problem_and_not_a_crash(monkeypatch, imports: str, problem: str):
     monkeypatch.setattr(machine, "_IMPORT", imports)
     assert machine.import_problem() == problem
-
-
-def test_the_cache_need_not_exist_yet(tmp_path: Path):
-    check = machine.check_cache(tmp_path / "not" / "yet")
-    assert (check.verdict, check.follows) == ("ok", "objects are built when they are first used")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_cache_that_cannot_be_written_is_refused_and_a_warning_once_it_is_full(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    assert machine.check_cache(tmp_path).verdict == "refuse"
-    (tmp_path / "objects" / "can-1").mkdir(parents=True)
-    assert machine.check_cache(tmp_path).verdict == "warn"
 
 
 def test_the_machine_is_checked_where_nothing_is_installed_but_the_command_line():

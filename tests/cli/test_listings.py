@@ -34,7 +34,7 @@ def test_an_unknown_file_of_operators(capsys):
 @pytest.mark.parametrize(
     ("names", "flags", "says"),
     [
-        ("names: [green_cub]", [], "no object 'green_cub'"),
+        ("names: [green_cub]", ["--task", "pick-up"], "names: 'green_cub' is not in the catalogue"),
         ("onto: [apple]", ["--task", "put-in"], "onto: 'apple' is of no use there"),
     ],
 )

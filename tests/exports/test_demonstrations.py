@@ -13,8 +13,7 @@ from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
 from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.exports.demonstrations import Demonstrations
-from vlafuzz.exports.expert_runner import ExpertRunner, Solution
+from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner, Solution
 from vlafuzz.exports.selection import around, failures_of_store
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes

@@ -17,7 +17,7 @@ def operators(
     pack: PackFlag = None,
     json: JsonFlag = False,
 ) -> None:
-    """List the operators and their ranges, and refuse a file that `vlafuzz run` refuses."""
+    """List the operators and their ranges; with --task, refuse a file that `vlafuzz run` refuses."""
     world = world_of(task) if task else usual_world()
     title, rows, differing = world.listed_operators(operators, task, robot, opened(pack))
     if differing and not json:

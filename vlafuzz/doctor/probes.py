@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
 from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks, finish
 
-Array = NDArray[np.float64]
 MOVED = 0.05  # metres along each axis, in proprioception
 HARDLY = 0.02  # relative size below which a change does not count
 ALPHA = 0.01  # significance level; low, since there are several probes
@@ -56,7 +55,7 @@ class Moment:
 
     start: EpisodeStart
     seen: Observation
-    executed: NDArray[np.float64]
+    executed: Array
 
 
 class Break(NamedTuple):
@@ -212,7 +211,6 @@ class Interview:
         return self.answers.change(self._ask(probe))
 
     def together(self) -> list[Array]:
-        """The answers in batches of the maximal size."""
         most = self._policy.spec.max_batch
         groups = (self._moments[first : first + most] for first in range(0, len(self._moments), most))
         return [answer for group in groups for answer in ask(self._policy, group)]

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.statistics import wilson
 from vlafuzz.doctor.probes import Answers, Break, Effect
 from vlafuzz.model.check import Check, Rating
@@ -14,7 +14,6 @@ from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.harness import WIDTH
 
-Array = NDArray[np.float64]
 FASTEST = {"position_scale": 2.0, "rotation_scale": 2 * math.pi}  # metres and radians per second of such an arm
 OFTEN = 0.1  # share of steps above that speed from which on actions are out of range
 STILL = 0.001  # metres and radians per step below which the hand does not really move
@@ -53,7 +52,6 @@ def judged(check: str, found: str, fault: str | None = None, **words: object) ->
 
 
 def on_spec(spec: PolicySpec) -> Check:
-    """Whether the spec is complete."""
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         detail = f"neither server nor options declare {' and '.join(guessed)}"
         return judged("spec", detail, "guessed", options=" and ".join(f"{name}=…" for name in guessed))
@@ -169,7 +167,6 @@ def on_speed(spec: PolicySpec, seconds: Sequence[float], steps: int) -> Check:
 
 
 def on_rollouts(outcomes: Sequence[Outcome], breaks: Sequence[Break]) -> Check:
-    """Whether the policy completes its rollouts."""
     errors = [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]
     if not errors:
         detail = f"{len(outcomes)} rollouts completed"

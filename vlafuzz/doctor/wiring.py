@@ -16,8 +16,8 @@ from itertools import cycle
 from statistics import fmean
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.doctor.probes import Lent
 from vlafuzz.model.check import Check
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -25,8 +25,6 @@ from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Pair = tuple[Scene, Outcome]
 FEWEST = 2  # failures among successes from which on a fault of wiring is looked for
 SCREENED = 2  # failed scenes in which every correction is tried

@@ -80,7 +80,6 @@ class Dataset:
         return len(self._rows)
 
     def _numbered(self, shown: Packed, task: int) -> Columns:
-        """All columns but the images."""
         steps = np.arange(len(shown.actions))
         constant = {"episode_index": len(self._rows), "task_index": task}
         return {

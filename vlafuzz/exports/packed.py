@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from vlafuzz.common.arrays import Picture
 from vlafuzz.model.scene import Scene
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
@@ -26,7 +27,7 @@ def summary(values: NDArray[Any]) -> Stats:
     return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
 
 
-def levels(pictures: NDArray[np.uint8]) -> Levels:
+def levels(pictures: Picture) -> Levels:
     """How often each level from 0 to 255 occurs, by channel, in images ``(n, height, width, 3)``: ``(3, 256)``."""
     return np.array([np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)])
 
@@ -66,14 +67,14 @@ class Packed:
 
 def packed(
     scene: Scene,
-    images: Mapping[str, NDArray[np.uint8]],
+    images: Mapping[str, Picture],
     states: NDArray[np.float32],
     actions: NDArray[np.float32],
     finding: str = "",
 ) -> Packed:
     """A demonstration with its ``images``, ``(steps, height, width, 3)`` by name, compressed."""
 
-    def png(frame: NDArray[np.uint8]) -> bytes:
+    def png(frame: Picture) -> bytes:
         file = io.BytesIO()
         Image.fromarray(frame).save(file, "PNG")
         return file.getvalue()

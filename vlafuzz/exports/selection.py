@@ -102,7 +102,6 @@ def failures_of_store(store: Store, run: int | None, which: Which) -> list[Faili
 
 
 def failures_of_corpus(corpus: Corpus, which: Which) -> list[FailingScene]:
-    """The cases of a corpus."""
     return [
         FailingScene(
             case.scene,

@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol, get_args, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
 
 Role = Literal["third_person", "wrist"]
@@ -162,8 +163,8 @@ class Silhouette:
         whole: fraction of the outline that is visible and inside the image, in [0, 1].
     """
 
-    pixels: NDArray[np.float64]
-    colour: NDArray[np.float64]
+    pixels: Array
+    colour: Array
     whole: float
 
 
@@ -178,8 +179,8 @@ class Outlines:
     """
 
     things: tuple[Silhouette, ...]
-    hand: NDArray[np.float64] | None
-    table: NDArray[np.float64]
+    hand: Array | None
+    table: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +196,7 @@ class Observation:
     step: int
     instruction: str
     _: KW_ONLY
-    images: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    images: Mapping[str, Picture] = field(default_factory=dict)
     state: NDArray[np.float32] | None = None
     fingers: NDArray[np.float32] | None = None
     outlines: Outlines | None = None
@@ -207,7 +208,7 @@ class Observation:
 class ActionChunk:
     """``actions``: float ``(steps, 7)``, in units, and of the width, that the ``ActionSpec`` says."""
 
-    actions: NDArray[np.float64]
+    actions: Array
 
 
 class Policy(Protocol):

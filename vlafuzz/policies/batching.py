@@ -55,7 +55,6 @@ class StandIn(ABC):
         self._live = [(start, name) for start, name in self._live if name not in self._over]
 
     def request(self, observations: Sequence[Observation]) -> Request:
-        """The request with which the policy is to act."""
         names = {start.episode: name for start, name in self._live}
         return self._request(
             act=[replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in observations]
@@ -157,11 +156,9 @@ class ServedPolicy:
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
 
     def newcomer(self) -> int:
-        """The number of a new caller."""
         return next(self._numbers)
 
     def leave(self, caller: int) -> None:
-        """End all rollouts of a caller that is gone."""
         with self._changed:
             self._changed.wait_for(lambda: not self._busy)
             self._live.discard(caller)

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH
 
@@ -61,7 +62,7 @@ class Player:
 
     def close(self) -> None: ...
 
-    def _at(self, step: int) -> NDArray[np.float64]:
+    def _at(self, step: int) -> Array:
         if step < len(self.actions):
             return np.array(self.actions[step], dtype=np.float64)
         still = np.zeros(self.spec.action.width)

@@ -7,12 +7,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Finishing, Observation, Policy
 
-Array = NDArray[np.float64]
 WIDTH = ActionSpec().width
 _NOT_REAL = "cSUmM"  # kinds of dtypes that NumPy would convert all the same
 _AXES = {"euler_xyz": "XYZ", "rpy": "xyz"}  # in SciPy, capital letters mean intrinsic rotations

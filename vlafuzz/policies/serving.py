@@ -18,6 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
 from vlafuzz import __version__
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.common.reading import array_of, decoded
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
@@ -195,7 +196,7 @@ class _Session:
             self._policy.ask(self._number, Request(over=[self._start.episode]))
         self._start = None
 
-    def _act(self, instruction: object, pictures: Sequence[object], state: object) -> NDArray[np.float64]:
+    def _act(self, instruction: object, pictures: Sequence[object], state: object) -> Array:
         """The actions ``(steps, 7)`` to execute; ValueError when the spec asks for another observation."""
         spec = self._spec
         if not isinstance(instruction, str):
@@ -225,7 +226,7 @@ def _picture(sent: Any) -> Any:
     return np.array(decoded(sent["data"], "PNG", "JPEG").convert("RGB"))
 
 
-def _fitting(picture: Any, camera: CameraRequest) -> NDArray[np.uint8]:
+def _fitting(picture: Any, camera: CameraRequest) -> Picture:
     """A picture resized to the camera's size, since other clients send what their own models take."""
     is_array = isinstance(picture, np.ndarray)
     if not is_array or picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:

@@ -183,7 +183,6 @@ class SharedRunner:
                     raise
 
     def _give_up(self, futures: Sequence[Future[Any]]) -> None:
-        """End the threads that are not done."""
         error = SimulatorError("the work was interrupted", hint="repeat the command to continue")
         for future in futures:
             future.cancel()

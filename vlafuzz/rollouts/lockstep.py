@@ -72,7 +72,6 @@ class LockstepExecutor:
         release(self._policy)
 
     def _idle(self) -> _Lane:
-        """An idle lane, a new one if all are busy."""
         for lane in self._lanes:
             if lane.job is None:
                 return lane
@@ -104,7 +103,6 @@ class _LanePolicy(StandIn):
         self.number, self._policy, self._batching = number, policy, batching
 
     def know(self, catalogue: Any) -> None:
-        """See ``Knowing``."""
         if isinstance(self._policy, Knowing):
             self._policy.know(catalogue)
 
@@ -176,7 +174,6 @@ class _Lane:
             self.asked = time.monotonic() + asked if isinstance(asked, float) else asked
 
     def abandon(self) -> None:
-        """End the evaluation without an outcome."""
         if self.job is not None:
             self._evaluation.close()
             self.policy.flush()

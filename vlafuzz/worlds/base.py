@@ -95,10 +95,6 @@ class World(ABC):
     action_width: int = ActionSpec().width
     settings: Sequence[Setting[Any]] = ()
 
-    def objects(self, packs: Sequence[Any] = ()) -> Collection[str]:
-        """Names of the objects that its scenes may have, with those of packs."""
-        return ()
-
     @property
     def simulator(self) -> str:
         """Packages with their versions, which decide physics and pictures."""

@@ -6,16 +6,14 @@ from zlib import crc32
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rollout
 from vlafuzz.model.scene import Latency, Noise, Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import EpisodeStart, Observation
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``ActionSpec``
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
 _HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay, with the gripper open

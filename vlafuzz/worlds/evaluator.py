@@ -6,9 +6,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Protocol, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Rejection, Rollout
@@ -175,7 +173,7 @@ class SceneEvaluator(ABC):
             self.leave()
         return Outcome.of(rollouts, self._stages)
 
-    def still(self, scene: Scene) -> NDArray[np.uint8]:
+    def still(self, scene: Scene) -> Picture:
         """``(height, width, 3)``: a fair scene before anything moves, as the recording's camera shows it."""
         assert self.recorded is not None
         try:

@@ -6,13 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vlafuzz.model.outcome import Rollout
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 
-Array = NDArray[np.float64]
-Picture = NDArray[np.uint8]
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 START = 1.0  # seconds after which what happens at the start does
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
@@ -82,11 +79,6 @@ def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence
     return progress * len(stages) >= reached - 1e-9
 
 
-def got_there(scene: Scene, rollout: Rollout, hz: int, stages: Sequence[str]) -> bool:
-    """Whether all events of a scene have happened in a rollout; if not, it failed before anything changed."""
-    return all(_is_due(event, rollout.steps, rollout.progress, hz, stages) for event in scene.events.values())
-
-
 def displacement(slide: Slide) -> Array:
     """``(2,)`` metres along the world's x and y."""
     angle = math.radians(slide.direction)
@@ -112,5 +104,4 @@ def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
 
 
 def turned(camera: Camera, bump: CameraBump) -> Camera:
-    """A camera after a bump."""
     return replace(camera, **{axis: getattr(camera, axis) + getattr(bump, axis) for axis in ("roll", "pitch", "yaw")})

@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model.task import Stage
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
@@ -28,7 +29,6 @@ from vlafuzz.worlds.parameters import Value
 from vlafuzz.worlds.parameters import read_parameters as read_parameters
 from vlafuzz.worlds.values import ValuesWorld
 
-Array = NDArray[np.float64]
 Env = gymnasium.Env[Any, Any]
 SUCCESS = ("success", "is_success")  # keys of an info, by convention
 
@@ -99,7 +99,7 @@ class GymWorld(ValuesWorld[Now]):
         """How near success is, in [0, 1]; search profits from it."""
         return 0.0
 
-    def picture(self, state: Now) -> NDArray[np.uint8] | None:
+    def picture(self, state: Now) -> Picture | None:
         """``(height, width, 3)``, by default what the environment renders if it was made with a ``render_mode``."""
         drawn = state.env.render() if state.env.render_mode else None
         return None if drawn is None else np.asarray(drawn, dtype=np.uint8)
@@ -247,7 +247,6 @@ class GymWorld(ValuesWorld[Now]):
         return self._env
 
     def _ready(self) -> Env:
-        """The environment for the next rollout."""
         if self.fresh:
             self.close()
         return self._kept

@@ -7,12 +7,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Picture
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
 from vlafuzz.worlds.episode import Episode
 
-Picture = NDArray[np.uint8]
 _CAPTION = 44  # height of the strip under a frame, pixels
 _DRAWN = 256  # sides of a picture of outlines, pixels
 _INK, _RED = (235, 235, 235), (220, 40, 40)
@@ -130,7 +130,7 @@ def to_mp4(frames: list[Picture], fps: int) -> bytes:
     )
 
 
-def _encoded(picture: NDArray[np.uint8], **options: Any) -> bytes:
+def _encoded(picture: Picture, **options: Any) -> bytes:
     import imageio.v3 as imageio  # here, since most of what records writes no file
 
     return bytes(imageio.imwrite("<bytes>", picture, **options))

@@ -96,7 +96,6 @@ class _Exam:
         self._tried: dict[str, list[tuple[Value, Trace]]] = {}
 
     def resets(self) -> Check:
-        """Whether two new environments begin, and go on, alike."""
         first, second = self._new(), self._new()
         if first.differs(second) != 0:
             return Check("resets", "two new environments begin alike with the same values and seed")
@@ -104,7 +103,6 @@ class _Exam:
         return Check("resets", found, "refuse", self._unseeded("the seed is ignored: hand it to every generator"))
 
     def steps(self) -> Check:
-        """Whether the same actions lead to the same states."""
         first, second = self._new(), self._new()
         step = first.differs(second)
         if step is None:
@@ -113,7 +111,6 @@ class _Exam:
         return Check("steps", found, "refuse", self._unseeded("a step draws by chance: no time, no own generator"))
 
     def repeats(self) -> Check:
-        """Whether a reset forgets all that was before."""
         usual, far = self._new(), self._far()
         with closing(self._opened()) as world:
             begun, again = (self._rollout(world, self.nominal_values, steps=0) for _ in range(2))
@@ -134,7 +131,6 @@ class _Exam:
         return Check("repeats", "a reset forgets the rollouts and values before it")
 
     def values(self) -> Check:
-        """Whether the simulator has the values that it was given, as far as it says them."""
         told = 0
         for one in self.world.parameters:
             for value, trace in self._levels(one):
@@ -150,7 +146,6 @@ class _Exam:
         return Check("values", f"{told} of them are read back as they were set")
 
     def effects(self) -> Check:
-        """Whether each value changes something, up to the ends of its range."""
         idle, alike = [], []
         for one in self.world.parameters:
             traces = self._levels(one)
@@ -173,7 +168,6 @@ class _Exam:
         return Check("effects", f"each of the {len(self.world.parameters)} values changes what happens")
 
     def nominal(self) -> Check:
-        """Whether the nominal scene is the simulator's own start."""
         with closing(self._opened()) as world:
             state = world.own_start(SEED)
             if state is None:
@@ -194,7 +188,6 @@ class _Exam:
         return Check("nominal", found, "warn", follows)
 
     def start(self) -> Check:
-        """Whether a scene is solved before anything is done."""
         if self._new().solved:
             return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
         for one in self.world.parameters:
@@ -205,7 +198,6 @@ class _Exam:
         return Check("start", "no scene is solved before the first step")
 
     def pictures(self) -> Check:
-        """Whether pictures can be drawn, are the same again, and change nothing."""
         world = self._opened()
         try:
             state = world.reset(self.nominal_values, SEED)
@@ -315,7 +307,6 @@ class _Exam:
 
 
 def in_another_process(exam: _Exam, reference: str) -> Check:
-    """Whether a new process has the same rollout."""
     if not reference:
         return Check("processes", "not compared: the world has no name")
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
 from vlafuzz.model.conditions import Conditions, check_choice
 from vlafuzz.model.evidence import Solver
@@ -40,7 +40,6 @@ from vlafuzz.worlds.recording import Recording
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one
 State = TypeVar("State")
-Array = NDArray[np.float64]
 
 
 class _Composer:
@@ -125,7 +124,7 @@ class ValuesEpisode(Episode):
             privileged=self._state,
         )
 
-    def picture(self, camera: str) -> NDArray[np.uint8]:
+    def picture(self, camera: str) -> Picture:
         drawn = self._world.picture(self._state)
         if drawn is None:
             raise PrerequisiteError("this world draws no pictures", hint="define its method picture")
@@ -220,7 +219,7 @@ class ValuesWorld(World, Generic[State]):
         """Why nobody could solve a scene; None if it is fair."""
         return None
 
-    def picture(self, state: State) -> NDArray[np.uint8] | None:
+    def picture(self, state: State) -> Picture | None:
         """``(height, width, 3)``; None where there are no pictures."""
         return None
 
@@ -257,7 +256,6 @@ class ValuesWorld(World, Generic[State]):
 
     @cached_property
     def named(self) -> dict[str, Parameter]:
-        """The parameters by name."""
         return {one.name: one for one in self.parameters}
 
     def scene(self, task: str, values: Mapping[str, Value]) -> Scene:

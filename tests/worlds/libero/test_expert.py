@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.exports.test_demonstrations import of_policy
-from vlafuzz.exports.expert_runner import ExpertRunner
+from vlafuzz.exports.demonstrations import ExpertRunner
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Light

@@ -24,7 +24,6 @@ from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, ObservationP
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.events import got_there
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.evaluator import Workplace
@@ -214,7 +213,6 @@ class TestEvaluator:
         scene = replace(varied.nominal(), **events)
         before, solved, again = soup.evaluate([varied.nominal(), scene, scene])
         assert solved.verdict is Verdict.PASSED
-        assert got_there(scene, solved.rollouts[0], 20, varied.task.stage_names)
         assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
         far = replace(varied.nominal(), target_slide=Slide("start", 0.6, 90.0))
         assert soup.evaluate([far])[0].verdict is Verdict.INVALID

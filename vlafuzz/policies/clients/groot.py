@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AfterValidator, BaseModel
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
@@ -168,7 +168,7 @@ class Groot:
         language = {options.instruction_key: [[text] for text in texts]}
         return {"state": state, "language": language, "video": video}
 
-    def _joined(self, reply: Mapping[str, Any], count: int) -> NDArray[np.float64]:
+    def _joined(self, reply: Mapping[str, Any], count: int) -> Array:
         """The parts of the actions, joined to ``(count, steps, n)``."""
         parts = []
         for key, width in parts_of(self._options.action_key).items():

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.conventions import STATES
@@ -91,7 +91,7 @@ class LeRobot:
     def close(self) -> None:
         self._live.clear()
 
-    def _act(self, seen: Observation) -> NDArray[np.float64]:
+    def _act(self, seen: Observation) -> Array:
         import torch
         from lerobot.policies.utils import prepare_observation_for_inference
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import read_json, validated
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, Observation, PolicySpec
@@ -60,7 +61,7 @@ class Model:
             message[options.state_key] = sent(self.layout, seen)
         return message | {options.instruction_key: seen.instruction}
 
-    def checked(self, chunk: NDArray[np.float64]) -> NDArray[np.float64]:
+    def checked(self, chunk: Array) -> Array:
         """The model's answer; ValueError when it is not as long as the options say."""
         expected = self._options.chunk
         if expected is not None and len(chunk) != expected:
@@ -100,7 +101,6 @@ class Interface:
 
     @property
     def action_names(self) -> list[str]:
-        """The names of the numbers of an action, a move."""
         return [*(f"d{name}" for name in (*PLACE, *ROTATIONS[self.spec.action.rotation])), "gripper"]
 
     @property
@@ -111,13 +111,13 @@ class Interface:
         """The proprioception that the policy gets, in its layout."""
         return sent(self.layout, seen)
 
-    def written(self, action: NDArray[np.float64]) -> Written:
+    def written(self, action: Array) -> Written:
         """``(7,)`` metres, radians and 1 or -1 for an open or closed gripper, as the policy writes it."""
         numbers = written_as(action, self.spec.action)
         numbers[-1] = _GRIPPER[self.spec.action.gripper][int(action[6] > 0)]
         return np.asarray(numbers, dtype=np.float32)
 
-    def metric(self, written: Written) -> NDArray[np.float64]:
+    def metric(self, written: Written) -> Array:
         """``(7,)`` metres and radians; the gripper as it is written."""
         return metric(written.astype(np.float64), self.spec.action)
 

@@ -4,9 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vlafuzz.common.arrays import Array
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
@@ -41,7 +39,7 @@ class OpenPi(Sessions):
     def _send(self, session: Session, seen: Observation) -> None:
         session.connection.send(pack_openpi(self._model.message(seen)))
 
-    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+    def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
         return wire.actions_of(self._next(session, self._model.message(seen), wait))
 
     def _next(self, session: Session, sent: Mapping[str, Any], wait: float | None = None) -> dict[Any, Any]:

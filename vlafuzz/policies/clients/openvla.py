@@ -10,8 +10,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import array_of
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients import wire
@@ -48,10 +48,10 @@ class OpenVla(Sessions):
         message = self._model.message(seen) | ({"unnorm_key": options.unnorm_key} if options.unnorm_key else {})
         session.connection.post(request(message, twice=options.encoded))
 
-    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+    def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
         return self._actions(*session.connection.reply(wait))
 
-    def _actions(self, status: int, body: bytes) -> NDArray[np.float64]:
+    def _actions(self, status: int, body: bytes) -> Array:
         url, text = self._url, body.decode("utf-8", "replace")
         if status != 200:
             raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
@@ -67,7 +67,6 @@ class OpenVla(Sessions):
 
 
 def encode(value: object) -> bytes:
-    """A value as JSON."""
 
     def written(array: Any) -> Any:
         wire.check_sendable(array, np.ndarray | np.generic)

@@ -179,7 +179,6 @@ class Profile(BaseModel, extra="forbid", frozen=True):
 
 @cache
 def known_profiles() -> Mapping[str, Profile]:
-    """The built-in profiles by name."""
     return {path.stem: load_profile(path) for path in sorted(PROFILES.glob("*.yaml"))}
 
 

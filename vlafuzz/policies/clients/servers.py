@@ -87,7 +87,6 @@ def guesses(name: str, spec: PolicySpec) -> dict[str, str]:
 
 
 def is_remote(policy: Policy) -> bool:
-    """Whether the policy is behind a model server."""
     return bool(getattr(policy, "schemes", ()))
 
 

@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
@@ -66,7 +64,7 @@ class Sessions(ABC):
         """Send an observation."""
 
     @abstractmethod
-    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+    def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
         """The actions for the observation that was sent; ValueError when the reply has no valid ones."""
 
     def _end(self, session: Session) -> None:  # noqa: B027

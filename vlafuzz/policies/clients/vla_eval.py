@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar, cast
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import BaseModel, Field
 from scipy.spatial.transform import Rotation
 
 from vlafuzz import __version__
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
@@ -202,7 +201,7 @@ class VlaEval(Sessions):
     def _send(self, session: Session, seen: Observation) -> None:
         self._say(session, "observation", self._model.message(seen))
 
-    def _receive(self, session: Session, seen: Observation, wait: float) -> NDArray[np.float64]:
+    def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
         return wire.actions_of(self._reply(session, "action", wait))
 
     def _end(self, session: Session) -> None:

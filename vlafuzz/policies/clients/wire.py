@@ -15,9 +15,9 @@ from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import KINDS, first_problem
 from vlafuzz.common.text import shortened
 from vlafuzz.errors import Cause, PolicyError, PrerequisiteError, sentence
@@ -94,14 +94,14 @@ def check_repeatable(error: PolicyError, pause: float, causes: Collection[str]) 
     LOG.warning("%s; again in %g s", error, pause)
 
 
-def actions_of(reply: Mapping[Any, Any]) -> NDArray[np.float64]:
+def actions_of(reply: Mapping[Any, Any]) -> Array:
     """The ``actions`` of a reply, see ``numbers``; ValueError when there are none."""
     if "actions" not in reply:
         raise ValueError(f"a reply without actions, but {short(sorted(map(str, reply)))}")
     return numbers(reply["actions"])
 
 
-def numbers(value: object) -> NDArray[np.float64]:
+def numbers(value: object) -> Array:
     """Actions as ``(steps, n)``, a single action ``(n,)`` as one step; ValueError when not of numbers."""
     actions = np.asarray(value)  # a ragged list raises ValueError
     if actions.dtype.kind not in "iuf":

@@ -45,7 +45,6 @@ class IntegerConv(nn.Module):
         return self.fast(whole) if exact() else self.slow(whole)
 
     def fast(self, whole: Tensor) -> Tensor:
-        """The convolution of 8-bit integers."""
         shape = tuple(whole.shape)
         geometry = self._stride, self._padding, [1, 1], 1
         if shape not in self._packed:

@@ -30,7 +30,6 @@ class Objects:
 
     @cached_property
     def words(self) -> dict[str, tuple[str, ...]]:
-        """The words by which instructions say each object."""
         return {name: words for members in self.classes.values() for name, words in members.items()}
 
     def alike(self, kind: str) -> tuple[str, ...]:
@@ -56,7 +55,6 @@ def mistakable(kind: str, instruction: str) -> bool:
 
 @cache
 def load_objects() -> Objects:
-    """Read ``operators/libero-objects.yaml``."""
     path = operators_dir() / "libero-objects.yaml"
     return validated(TypeAdapter(Objects), read_yaml(path, CatalogueError), path, CatalogueError)
 

@@ -9,11 +9,10 @@ from copy import copy
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.libero.packages import load
 
-Array = NDArray[np.float64]
 # robosuite 1.4 samples its observations in the 24th of 25 simulation steps, after that step's integration,
 # which moves joints but not yet bodies.
 _OBSERVED = 23

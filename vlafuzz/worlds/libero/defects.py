@@ -9,13 +9,12 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.libero.casts import kind_of
 from vlafuzz.worlds.libero.env import HZ, LiberoEnv
 from vlafuzz.worlds.libero.suites import PLACING, SETTLING, Atom
 
-Array = NDArray[np.float64]
 STEPS = 2 * HZ  # for which the robot keeps still
 OVERLAP = 0.005  # metres
 SLID = 0.01  # metres sideways; straight down is no defect: all of LIBERO's objects begin in the air

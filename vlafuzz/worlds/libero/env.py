@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.worlds.libero.control import Control
 from vlafuzz.worlds.libero.packages import forget, load, quiet
 from vlafuzz.worlds.libero.pictures import CAMERAS, Pictures
 from vlafuzz.worlds.libero.suites import Atom, LiberoTask, initial_states
 
-Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 HZ = 20
 METRES, RADIANS = 0.05, 0.5  # that an action of 1 asks for
 # Metres, radians and our gripper (1 is open) for one unit of an action of LIBERO's (1 is closed).
@@ -141,11 +140,11 @@ class LiberoEnv:
     def solved(self) -> bool:
         return all(self.holds(atom) for atom in self.task.goal)
 
-    def pictures(self) -> dict[str, Image]:
+    def pictures(self) -> dict[str, Picture]:
         """The pictures of ``CAMERAS``, by name, see ``picture``."""
         return {camera: self.picture(camera, self.size) for camera in CAMERAS}
 
-    def picture(self, camera: str, size: int) -> Image:
+    def picture(self, camera: str, size: int) -> Picture:
         """``(size, size, 3)`` of a camera, turned by 180° as training data are; ``size``: at most the environment's."""
         return self._pictures.take(self._seen(), camera, size)
 

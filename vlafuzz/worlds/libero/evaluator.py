@@ -7,9 +7,9 @@ import hashlib
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
@@ -31,7 +31,6 @@ from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
 from vlafuzz.worlds.recording import Recording
 
-Array = NDArray[np.float64]
 SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
 IDLE = 2  # workplaces that are kept for the next evaluator: each takes seconds and hundreds of megabytes
@@ -71,11 +70,11 @@ class LiberoEpisode(Episode):
             privileged=env if spec.privileged else None,
         )
 
-    def _seen(self, camera: CameraRequest) -> NDArray[np.uint8]:
+    def _seen(self, camera: CameraRequest) -> Picture:
         shown = self._noise.degraded(_shown(self._env, camera), len(self.actions), camera.name)
         return self._events.shown(camera.name, shown) if self._events.parts else shown
 
-    def picture(self, camera: str) -> NDArray[np.uint8]:
+    def picture(self, camera: str) -> Picture:
         return self._env.picture(VIEW, self._env.size)[:, ::-1]  # upright for people, not turned by 180°
 
     def _execute(self, action: Array) -> None:
@@ -98,7 +97,7 @@ class LiberoEpisode(Episode):
         return self._hash.hexdigest()
 
 
-def _shown(env: LiberoEnv, camera: CameraRequest) -> NDArray[np.uint8]:
+def _shown(env: LiberoEnv, camera: CameraRequest) -> Picture:
     """The picture for a policy, turned by 180°: of 256 pixels a side, as LIBERO evaluates, or reduced from these."""
     picture = env.picture(CAMERAS[camera.role == "wrist"], max(camera.width, SIDE))
     if camera.width >= SIDE:

@@ -6,9 +6,9 @@ Also as a policy, and in the place of a policy whose actions it writes.
 from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
@@ -17,7 +17,6 @@ from vlafuzz.worlds.libero.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.worlds.libero.stages import held
 from vlafuzz.worlds.libero.suites import PLACING, Atom
 
-Array = NDArray[np.float64]
 HOVER = 0.08  # metres above a grasp, from where the hand comes down
 CARRY = 0.06  # metres between what is carried and all that stands around
 DROP = 0.01  # metres above its place at which a thing is let go

@@ -5,8 +5,8 @@ from dataclasses import replace
 from functools import cache, lru_cache, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Light, Placement, Scene
@@ -20,7 +20,6 @@ from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import REST
 
-Array = NDArray[np.float64]
 # By checks of defects those of scenes. A scene's places may be outside the suite's regions.
 CHECKS = {
     "overlaps": "geometry",

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.libero.env import LiberoEnv
 
-Array = NDArray[np.float64]
 POINTS = 3000  # of a thing's surface
 NEIGHBOURS = 0.25  # metres from a thing within which other things are obstacles
 PAD, THICK, REACH = 0.010, 0.020, 0.038  # half a finger's width, its thickness, half the open gap; metres

@@ -8,13 +8,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Picture
 from vlafuzz.model.conditions import Setting
 from vlafuzz.worlds.libero.packages import load, versions
 from vlafuzz.worlds.libero.quick import Artist
 
-Image = NDArray[np.uint8]
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 QUALITY = Setting("quality", "full", ("full", "fast"))
 _MOST_GEOMS = 1000  # as robosuite
@@ -46,7 +45,7 @@ class Pictures:
         self._context: Any = None
         self._artist: Artist | None = None
 
-    def take(self, data: Any, camera: str, size: int) -> Image:
+    def take(self, data: Any, camera: str, size: int) -> Picture:
         """``(size, size, 3)`` of a camera, turned by 180° as LIBERO's models expect it."""
         if self._context is None:
             self._start()
@@ -116,7 +115,7 @@ def shrink(model: Any) -> None:
         model.tex_height[texture], model.tex_width[texture] = height, width
 
 
-def discard(data: NDArray[np.uint8]) -> None:
+def discard(data: Picture) -> None:
     """Give the memory of pixels back to Linux, whole pages of it: what is read there later is zero."""
     if sys.platform != "linux":
         return

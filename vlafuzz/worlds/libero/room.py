@@ -7,8 +7,8 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import kept
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.libero.casts import pool
@@ -19,7 +19,6 @@ from vlafuzz.worlds.libero.setting import Standing
 from vlafuzz.worlds.libero.suites import PLACING, LiberoTask, find_task
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 
-Array = NDArray[np.float64]
 REACH = LIBERO.reach
 VERSION = 2  # raise it when looking finds something else
 MANY = 20_000  # points of a piece of furniture
@@ -102,7 +101,6 @@ class Room:
 
 @cache
 def room_of(name: str) -> Room:
-    """The room in a task."""
     task = find_task(name)
     places, radii, base, taken = map(np.array, _once("room", task, _look))
     return Room(task, places, radii, base, taken.reshape(-1, 2))

@@ -9,9 +9,9 @@ import math
 from dataclasses import astuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model.scene import Camera, CameraBump, Event, LightSwitch, Placement, Scene
 from vlafuzz.worlds.events import turned
@@ -20,7 +20,6 @@ from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS
 
-Array = NDArray[np.float64]
 VIEW = CAMERAS[0]
 # Axes of MuJoCo's camera frame (right, up, backwards) in ours (forward, left, up)
 _OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

@@ -63,7 +63,7 @@ class LiberoComposer(TableComposer):
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
         layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
-        alone = {others.GoalSlide.name} if task.concerned < 2 else set()  # what it is brought to cannot be moved
+        alone = {"goal-slide"} if task.concerned < 2 else set()  # what it is brought to cannot be moved
         shared = [gene for name in _SHARED if name not in alone for gene in operators.operators[name].genes(layout)]
         genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
         super().__init__(str(task), robot, layout, genes)

@@ -32,7 +32,6 @@ class Moment:
         return float(np.linalg.norm(outside, axis=1).min())
 
     def held(self, number: int) -> bool:
-        """Whether both fingers touch a thing."""
         return held(self.env, self.env.task.carried[number])
 
     def moved(self, number: int) -> float:

@@ -6,12 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import UsageError, suggestion
 from vlafuzz.worlds.libero.packages import load, quiet
 
-Array = NDArray[np.float64]
 Atom = tuple[str, ...]  # a predicate with its arguments: ("on", "bowl_1", "plate_1")
 SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 # Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite; 520 for others.

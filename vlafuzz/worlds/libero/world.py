@@ -15,7 +15,6 @@ from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
 from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.libero.casts import load_objects
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures import QUALITY, opengl
@@ -43,9 +42,6 @@ class Libero(TableWorld):
         "libero-expert": LiberoExpert,
         "mini-libero": mini_libero,
     }
-
-    def objects(self, packs: Sequence[Any] = ()) -> Collection[str]:
-        return load_objects().words
 
     @property
     def simulator(self) -> str:

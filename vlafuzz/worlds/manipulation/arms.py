@@ -10,13 +10,12 @@ from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.model.scene import InitialPose
 from vlafuzz.worlds.manipulation.rigs import Rig
 
-Array = NDArray[np.float64]
 _NOTHING = (0.0, 0.0, 0.0)
 # Palm and fingers in the frame of the tool centre point, as outlines show them: z points down, metres.
 _PALM = np.array([[x, y, z] for x in (-0.03, 0.03) for y in (-0.10, 0.10) for z in (-0.13, -0.045)])

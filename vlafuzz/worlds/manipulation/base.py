@@ -52,7 +52,6 @@ class Span(Strict):
         return Grid(self.low, self.high, self.step, nominal)
 
     def holds(self, value: float) -> bool:
-        """Whether a value is inside."""
         return self.low <= value <= self.high
 
 
@@ -116,11 +115,9 @@ class Operator(Strict):
         """The operator's genes, slot by slot."""
 
     def ranges(self) -> str:
-        """The ranges in words."""
         return self.range_text.format_map(dict(self))
 
     def nominally(self) -> str:
-        """The nominal value in words."""
         return self.nominal_text.format_map(dict(self))
 
     def _gene(self, path: str, kind: Kind, grid: Grid) -> Gene:

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import Camera
 from vlafuzz.worlds.manipulation.rigs import View
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.uint8]
+Labels = Picture
 Polygon = NDArray[np.int32]  # in OpenCV's fixed-point coordinates
 WIDTH = 256  # pixels
 SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates

@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from dataclasses import fields, replace
+from types import GenericAlias
+from typing import Any, ClassVar, TypeVar, get_type_hints
 
-from pydantic import Field, model_validator
+from pydantic import Field, create_model, model_validator
 
 from vlafuzz.model import scene as model
 from vlafuzz.model.genes import Gene, Grid
-from vlafuzz.model.scene import Pattern, TablePaint, WallPaint, amount, in_words
+from vlafuzz.model.scene import amount, in_words
 from vlafuzz.worlds.manipulation.base import Layout, Operator, Span
 from vlafuzz.worlds.manipulation.rigs import Rig
 
 Options = Span | tuple[str, ...]
+Kind = TypeVar("Kind", bound="Extra")
 
 
 class Extra(Operator):
-    """An operator that is off by default. Its fields are ranges or options of the part's fields of that name.
+    """An operator that is off by default, of a part of scenes; see ``_of_part``.
 
     Nominal is the default of the part's field. While the operator does not vary, digests of operator sets and stored
     operators leave it out; a file that leaves it out gets the ranges of ``tabletop.yaml``.
     """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _again, (self.name, dict(self))  # pickle would look for a class of that name
 
     def spans(self, rig: Rig) -> Mapping[str, Options]:
         """The range of each field that this rig has."""
@@ -62,56 +67,15 @@ class Extra(Operator):
         return getattr(model.EXTRAS[self.part], field)
 
 
-class Backdrop(Extra):
-    """The looks of the table top and of the wall behind the robot."""
-
-    name, says, part = "backdrop", "what table and wall look like", "backdrop"
-    table: tuple[Pattern, ...] = Field(strict=False)
-    colour: tuple[TablePaint, ...] = Field(strict=False)
-    wall: tuple[WallPaint, ...] = Field(strict=False)
-
-
-class InitialPose(Extra):
-    """The offset of each of the robot's arm joints from its usual position at the start, degrees."""
-
-    name, says, part = "initial-pose", "how the arm is bent at the start", "initial_pose"
-    j1: Span
-    j2: Span
-    j3: Span
-    j4: Span
-    j5: Span
-    j6: Span
-    j7: Span
-
+class _InitialPose(Extra):
     def spans(self, rig: Rig) -> Mapping[str, Options]:
         return dict(list(self)[: rig.arm_joints])
 
 
-class SensorNoise(Extra):
-    """Blur, noise and compression of the images that the policy sees."""
-
-    name, says, part = "sensor-noise", "blur, noise and compression of images", "noise"
-    blur: Span
-    grain: Span
-    jpeg: Span
-
-
-class ControlLatency(Extra):
-    """The delay of the policy's actions, control steps."""
-
-    name, says, part = "control-latency", "how late actions are executed", "latency"
-    delay: Span
-
-
-class InitialState(Extra):
-    """The number of the task's own initial state from which a scene deviates, where the world has several."""
-
-    name, says, part = "initial-state", "which of the task's own initial states it is", "start"
-    state: Span
-
+class _InitialState(Extra):
     def genes(self, layout: Layout) -> Iterator[Gene]:
         if layout.rig.initial_states > 1:
-            last = min(int(self.state.high), layout.rig.initial_states - 1)
+            last = min(int(dict(self)["state"].high), layout.rig.initial_states - 1)
             yield self._gene(f"{self.part}.state", "category", Grid.choice(last + 1))
 
 
@@ -153,7 +117,6 @@ class EventOperator(Extra):
 
     happens: ClassVar[str]  # what happens, in a clause that goes on with how much
     slot: ClassVar[int] = 0  # of the target that is concerned: a task with fewer has no such event
-    when: tuple[model.Moment, ...] = Field(strict=False, min_length=1)
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
         if self.slot < len(layout.of("targets")):
@@ -167,88 +130,54 @@ class EventOperator(Extra):
         return "never"
 
 
-class TargetSlide(EventOperator):
-    """The first target is slid over the table."""
-
-    name, says, part = "target-slide", "how far the target is slid in mid-episode", "target_slide"
-    happens = "the target slides away"
-    distance: Span
-    direction: Span
-
-
-class GoalSlide(TargetSlide):
-    """The second target, to which the first one is brought, is slid over the table."""
-
-    name, says, part, slot = "goal-slide", "how far the second target is slid in mid-episode", "goal_slide", 1
-    happens = "the second target slides away"
-
-
-class CameraBump(EventOperator):
-    """The camera is turned."""
-
-    name, says, part = "camera-bump", "how far the camera is turned in mid-episode", "camera_bump"
-    happens = "the camera is turned"
-    roll: Span
-    pitch: Span
-    yaw: Span
-
-
-class LightSwitch(EventOperator):
-    """All lights become brighter or darker by a factor, stepped in log2."""
-
-    name, says, part = "light-switch", "a factor on all lights in mid-episode", "light_switch"
-    happens = "the light changes"
-    intensity: Span
-
+class _LightSwitch(EventOperator):
     def genes(self, layout: Layout) -> Iterator[Gene]:
         when, intensity = super().genes(layout)
         yield when
         yield replace(intensity, grid=replace(intensity.grid, log=True))
 
 
-class PictureLoss(EventOperator):
-    """The policy's pictures freeze, or turn black, for some control steps."""
-
-    name, says, part = "picture-loss", "for how long the policy sees nothing new", "picture_loss"
-    happens = "the pictures stop"
-    duration: Span
-    shows: tuple[Literal["frozen", "black"], ...] = Field(strict=False, min_length=1)
-
-
-class ControlStall(EventOperator):
-    """The robot stands still, and commands are lost, for some control steps."""
-
-    name, says, part = "control-stall", "for how long the robot stands still in mid-episode", "control_stall"
-    happens = "the robot stands still"
-    duration: Span
+def _of_part(base: type[Kind], name: str, says: str, *, part: str = "", **about: object) -> type[Kind]:
+    """The operator of a part of scenes: with a range for each number of the part, and options for each text."""
+    part = part or name.replace("-", "_")
+    nominal = model.EXTRAS[part]
+    kinds: dict[str, Any] = get_type_hints(type(nominal))
+    varied: dict[str, Any] = {}
+    for field in fields(nominal):
+        options = GenericAlias(tuple, (kinds[field.name], ...)), Field(strict=False, min_length=1)
+        varied[field.name] = options if isinstance(field.default, str) else (Span, ...)
+    operator = create_model(name, __base__=base, **varied)
+    for key, value in {"name": name, "says": says, "part": part, **about}.items():
+        setattr(operator, key, value)
+    return operator
 
 
-class GripSlip(EventOperator):
-    """The fingers open for some control steps."""
-
-    name, says, part = "grip-slip", "for how long the fingers open by themselves", "grip_slip"
-    happens = "the fingers open"
-    duration: Span
+def _event(name: str, says: str, happens: str, base: type[EventOperator] = EventOperator) -> type[EventOperator]:
+    return _of_part(base, name, says, happens=happens, slot=int(name == "goal-slide"))
 
 
-EVENT_KINDS: tuple[type[EventOperator], ...] = (
-    TargetSlide,
-    GoalSlide,
-    CameraBump,
-    LightSwitch,
-    PictureLoss,
-    ControlStall,
-    GripSlip,
+EVENT_KINDS = (
+    _event("target-slide", "how far the target is slid in mid-episode", "the target slides away"),
+    _event("goal-slide", "how far the second target is slid in mid-episode", "the second target slides away"),
+    _event("camera-bump", "how far the camera is turned in mid-episode", "the camera is turned"),
+    _event("light-switch", "a factor on all lights in mid-episode", "the light changes", _LightSwitch),
+    _event("picture-loss", "for how long the policy sees nothing new", "the pictures stop"),
+    _event("control-stall", "for how long the robot stands still in mid-episode", "the robot stands still"),
+    _event("grip-slip", "for how long the fingers open by themselves", "the fingers open"),
 )
 EXTRA_KINDS: tuple[type[Extra], ...] = (
-    Backdrop,
-    InitialPose,
-    SensorNoise,
-    ControlLatency,
-    InitialState,
+    _of_part(Extra, "backdrop", "what table and wall look like"),
+    _of_part(_InitialPose, "initial-pose", "how the arm is bent at the start"),
+    _of_part(Extra, "sensor-noise", "blur, noise and compression of images", part="noise"),
+    _of_part(Extra, "control-latency", "how late actions are executed", part="latency"),
+    _of_part(_InitialState, "initial-state", "which of the task's own initial states it is", part="start"),
     BystanderPosition,
     BystanderOrientation,
     *EVENT_KINDS,
 )
 EXTRAS = frozenset(kind.name for kind in EXTRA_KINDS)
 EVENTS = tuple(kind.name for kind in EVENT_KINDS)
+
+
+def _again(name: str, ranges: dict[str, Any]) -> Extra:
+    return next(kind for kind in EXTRA_KINDS if kind.name == name)(**ranges)

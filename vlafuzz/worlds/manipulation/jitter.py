@@ -9,9 +9,9 @@ import math
 from dataclasses import astuple, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.model.scene import Camera, InitialPose, Light, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import rig
 
@@ -66,5 +66,5 @@ def _moved(rng: np.random.Generator, camera: Camera) -> Camera:
     )
 
 
-def _uniform(rng: np.random.Generator, amount: float, size: int) -> NDArray[np.float64]:
+def _uniform(rng: np.random.Generator, amount: float, size: int) -> Array:
     return rng.uniform(-amount, amount, size)

@@ -3,11 +3,11 @@
 from functools import cache, lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.manipulation.rigs import Lights
 
-Array = NDArray[np.float64]
 GAMMA = 2.2
 FRESNEL = 0.04  # what a material of glTF reflects head on
 UP = np.array([0.0, 0.0, 1.0])
@@ -73,7 +73,7 @@ def _lamps(lights: Lights) -> tuple[Array, Array]:
     return toward / np.linalg.norm(toward, axis=1, keepdims=True), strength
 
 
-def planks(size: int = 256) -> NDArray[np.float64]:
+def planks(size: int = 256) -> Array:
     """``(size, size)`` shades of planks with grain."""
     rng = np.random.default_rng(3)
     tone = rng.normal(0.0, 0.045, _PLANKS).repeat(-(-size // _PLANKS))[:size, None]
@@ -83,7 +83,7 @@ def planks(size: int = 256) -> NDArray[np.float64]:
     return np.asarray(1.0 + tone + grain + seams)
 
 
-def shade(pattern: str, size: int = 256) -> NDArray[np.float64]:
+def shade(pattern: str, size: int = 256) -> Array:
     """``(size, size)`` shades of a pattern, about 1."""
     if pattern == "planks":
         return planks(size)

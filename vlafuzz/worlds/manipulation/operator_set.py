@@ -27,20 +27,6 @@ VISIBLE = Setting("visible", "")  # bounds of visibility, as JSON; empty where t
 TASKS = ("pick-up", "move-near", "put-on", "put-in")  # that may have ranges of their own in a file
 _NO_OPERATORS = ("instructions", "libero-objects")
 Kind = TypeVar("Kind", bound=Operator)
-_Raw = dict[str, dict[str, Any]]
-_Distance = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-
-class _TaskPart(Strict):
-    min_distance: _Distance | None = None
-    visible: Any = None  # bounds; False for no such check
-    operators: _Raw = Field(default_factory=dict)
-
-
-class _File(_TaskPart):
-    extends: str | None = None
-    vary: list[str] | None = None
-    tasks: dict[str, _TaskPart] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,12 +67,10 @@ class OperatorSet:
         return replace(self, varied=frozenset(varied), tasks=tasks)
 
     def in_task(self, task: str) -> OperatorSet:
-        """The set for a task."""
         found = self.tasks.get(task, self)
         return found if found.severity == self.severity else replace(found, severity=self.severity)
 
     def get(self, kind: type[Kind]) -> Kind:
-        """The operator of a kind."""
         operator = self.operators[kind.name]
         assert isinstance(operator, kind)
         return operator
@@ -117,7 +101,17 @@ class OperatorSet:
 def load_operators(source: str | Path | None = None) -> OperatorSet:
     """Read operators from a file, or shipped ones by name; a CatalogueError with file and key if they are wrong."""
     path = _find(str(source or DEFAULT), beside=None)
-    return _make(path, _with_extras(_read(path, ())))
+    file = _whole(_read(path, ()))
+    written = _validated(path, file)
+    vary = [name for name in OPERATORS if name not in EXTRAS] if written.vary is None else written.vary
+    for name in written.tasks:
+        if name not in TASKS:
+            raise CatalogueError(f"{path}: tasks: unknown name {name!r}", hint=suggestion(name, TASKS))
+    tasks = {name: part.as_set(path, vary) for name, part in written.tasks.items()}
+    try:
+        return replace(written.as_set(path, vary), tasks=tasks).only(vary)
+    except UsageError as error:
+        raise CatalogueError(f"{path}: vary: {error.message}", hint=error.hint) from None
 
 
 def _find(source: str, beside: Path | None) -> Path:
@@ -130,47 +124,44 @@ def _find(source: str, beside: Path | None) -> Path:
     return path
 
 
-def _read(path: Path, extended: tuple[Path, ...]) -> _File:
-    """A file, completed by the files that it extends."""
+def _read(path: Path, extended: tuple[Path, ...]) -> Any:
+    """What a file says, completed by the files that it extends; nothing of it is checked."""
     if path.resolve() in extended:
         raise CatalogueError(f"{path}: extends: goes round in a circle")
-    file = _validated(path, _File, read_yaml(path, CatalogueError))
-    if file.extends is None:
+    file = read_yaml(path, CatalogueError)
+    if not isinstance(file, dict) or "extends" not in file:
         return file
-    return _merged(_read(_find(file.extends, beside=path), (*extended, path.resolve())), file)
+    base = _read(_find(str(file.pop("extends")), beside=path), (*extended, path.resolve()))
+    return _overlaid(base, file)
 
 
-def _with_extras(file: _File) -> _File:
-    """A file, with the shipped extras and bounds of visibility where it leaves them out."""
-    complete = not EXTRAS - file.operators.keys() and file.visible is not None
-    shipped = file if complete else _read(_find(DEFAULT, beside=None), ())
-    extras = {name: keys for name, keys in shipped.operators.items() if name in EXTRAS}
-    visible = shipped.visible if file.visible is None else file.visible
-    return file.model_copy(update={"operators": extras | file.operators, "visible": visible})
+def _overlaid(base: Any, over: Any) -> Any:
+    """Data with the keys of ``over`` in place of its own, at every level."""
+    if not (isinstance(base, dict) and isinstance(over, dict)):
+        return over
+    return base | {key: _overlaid(base.get(key), value) for key, value in over.items()}
 
 
-def _merged(base: _File, file: _File) -> _File:
-    tasks = {name: _overlaid(base.tasks.get(name, _TaskPart()), part) for name, part in file.tasks.items()}
-    vary = base.vary if file.vary is None else file.vary
-    return _File(**dict(_overlaid(base, file)), vary=vary, tasks=base.tasks | tasks)
-
-
-def _overlaid(base: _TaskPart, over: _TaskPart) -> _TaskPart:
-    nearest = base.min_distance if over.min_distance is None else over.min_distance
-    visible = base.visible if over.visible is None else over.visible
-    if isinstance(visible, dict) and isinstance(base.visible, dict):
-        visible = base.visible | visible
-    changed = {name: base.operators.get(name, {}) | keys for name, keys in over.operators.items()}
-    return _TaskPart(min_distance=nearest, visible=visible, operators=base.operators | changed)
+def _whole(file: Any) -> Any:
+    """A file with the shipped extras and bounds of visibility where it leaves them out, and its tasks complete."""
+    if not isinstance(file, dict):
+        return file
+    shipped = read_yaml(_find(DEFAULT, beside=None), CatalogueError)
+    extras = {name: keys for name, keys in shipped["operators"].items() if name in EXTRAS}
+    file = _overlaid({"operators": extras, "visible": shipped["visible"]}, file)
+    tasks, common = file.get("tasks", {}), {key: file[key] for key in file.keys() & _Part.model_fields.keys()}
+    if isinstance(tasks, dict):
+        tasks = {name: _overlaid(common, part) for name, part in tasks.items()}
+    return file | {"tasks": tasks}
 
 
 _Operators: Any = create_model("_Operators", __base__=Strict, **{name: (kind, ...) for name, kind in OPERATORS.items()})  # type: ignore[call-overload]
 
 
 class _Part(Strict):
-    """The ranges of a task, or of all others, complete."""
+    """The ranges of a task, or of all others, complete. ``visible`` is False where that is not checked."""
 
-    min_distance: _Distance
+    min_distance: Annotated[float, Field(ge=0, allow_inf_nan=False)]
     visible: Annotated[Visible | None, BeforeValidator(lambda bounds: None if bounds is False else bounds)]
     operators: _Operators
 
@@ -183,33 +174,18 @@ class _Part(Strict):
 
 
 class _Whole(_Part):
+    vary: list[str] | None = None
     tasks: dict[str, _Part]
 
 
-def _make(path: Path, file: _File) -> OperatorSet:
-    vary = [name for name in OPERATORS if name not in EXTRAS] if file.vary is None else file.vary
-    for name in file.tasks:
-        if name not in TASKS:
-            raise CatalogueError(f"{path}: tasks: unknown name {name!r}", hint=suggestion(name, TASKS))
-    parts = {name: _overlaid(file, part) for name, part in file.tasks.items()}
-    written = file.model_copy(update={"tasks": parts}).model_dump(exclude={"extends", "vary"}, exclude_none=True)
-    whole = _validated(path, _Whole, written)
-    tasks = {name: part.as_set(path, vary) for name, part in whole.tasks.items()}
+_MODELS: tuple[type[BaseModel], ...] = (_Whole, _Operators, Visible, Box, Range, *OPERATORS.values())
+_KEYS = {"extends", *(key for model in _MODELS for key in model.model_fields)}
+
+
+def _validated(path: Path, raw: object) -> _Whole:
+    """Validate a whole file; a CatalogueError with file, key and value, and a suggestion for a misspelt key."""
     try:
-        return replace(whole.as_set(path, vary), tasks=tasks).only(vary)
-    except UsageError as error:
-        raise CatalogueError(f"{path}: vary: {error.message}", hint=error.hint) from None
-
-
-S = TypeVar("S", bound=BaseModel)
-_MODELS: tuple[type[BaseModel], ...] = (_File, _Operators, Visible, Box, Range, *OPERATORS.values())
-_KEYS = {key for model in _MODELS for key in model.model_fields}
-
-
-def _validated(path: Path, kind: type[S], raw: object) -> S:
-    """Validate data as a model; a CatalogueError with file, key and value, and a suggestion for a misspelt key."""
-    try:
-        return kind.model_validate(raw)
+        return _Whole.model_validate(raw)
     except ValidationError as error:
         problem = error
     for wrong in problem.errors(include_url=False):

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.errors import UsageError, suggestion
+from vlafuzz.errors import UsageError
 from vlafuzz.model import scene as model
 from vlafuzz.model.conditions import Setting
 from vlafuzz.model.genes import Gene, embedded
@@ -16,7 +16,6 @@ from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import Camera, Placement, Scene, in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
 from vlafuzz.model.task import Task
-from vlafuzz.worlds import known_worlds
 from vlafuzz.worlds.base import SceneMap, World
 from vlafuzz.worlds.manipulation import extras
 from vlafuzz.worlds.manipulation import operators as kinds
@@ -221,16 +220,6 @@ class TableSpace(Space):
         return "; ".join(parts)
 
 
-def check_names(operators: OperatorSet, known: Collection[str]) -> None:
-    """Raise a UsageError where operators name an object that is not known."""
-    for part in (operators, *operators.tasks.values()):
-        targets, around = part.get(kinds.TargetType), part.get(kinds.ConfounderType)
-        for operator, names in ((targets, targets.names), (targets, targets.onto), (around, around.names)):
-            for name in names or ():
-                if name not in known:
-                    raise UsageError(f"{operator.name}: no object {name!r}", hint=suggestion(name, known))
-
-
 def _bin(value: float, bounds: tuple[float, float]) -> int:
     low, high = bounds
     share = (value - low) / (high - low)
@@ -335,7 +324,6 @@ class TableWorld(World):
     ) -> tuple[str, list[dict[str, str]], list[str]]:
         setup = rig(robot or next(iter(self.robots)))
         chosen = load_operators(source or setup.operators)
-        check_names(chosen, {name for world in known_worlds().values() for name in world.objects(packs)})
         if task is not None:
             self.space(self.task(task).name, setup.robot, source, packs=packs)
             chosen = chosen.in_task(task)

@@ -1,13 +1,10 @@
-"""Checks of this machine: the simulator's packages, what draws pictures, and where built objects are kept."""
+"""Checks of this machine: the simulator's packages, and what draws pictures."""
 
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
-from vlafuzz.common import assets
-from vlafuzz.model.check import Check, Rating
+from vlafuzz.model.check import Check
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
 
@@ -29,7 +26,6 @@ def checks() -> Iterator[Check]:
     else:
         lost = "policies without camera (expert, pinhole) run; pictures, videos and policies that see do not"
         yield Check("renderer", probed.problem or "", "warn", f"{lost}; hint: {renderer.HINT}")
-    yield check_cache(assets.cache_dir())
 
 
 def import_problem() -> str:
@@ -40,15 +36,3 @@ def import_problem() -> str:
         return "no import within 180 s"
     said = child.stderr.strip().splitlines() if child.returncode > 0 else []
     return "" if child.returncode == 0 else (said or ["the import crashed"])[-1]
-
-
-def check_cache(folder: Path) -> Check:
-    """Whether objects are built in the cache's folder, and can be."""
-    built = sum(not path.name.startswith(".") for path in folder.glob("objects/*"))
-    contents = f"{folder}, {built} objects built"
-    existing = next(path for path in (folder.absolute(), *folder.absolute().parents) if path.exists())
-    if os.access(existing, os.W_OK | os.X_OK):
-        return Check("cache", contents, "ok", "" if built else "objects are built when they are first used")
-    verdict: Rating = "warn" if built else "refuse"
-    follows = "no further object can be built; hint: set VLAFUZZ_CACHE to a folder that you may write"
-    return Check("cache", f"{contents}, not writable", verdict, follows)

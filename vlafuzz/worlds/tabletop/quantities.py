@@ -5,9 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
 from vlafuzz.model.quantities import Quantity
@@ -16,7 +16,6 @@ from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 
-Array = NDArray[np.float64]
 HALF = 0.5  # of what is seen of a target differs at least so much from what is around it
 _TARGET = "the target"
 _OTHER = "the second target"

@@ -11,8 +11,8 @@ from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import UsageError
 from vlafuzz.model.quantities import Quantity
@@ -211,7 +211,7 @@ class SearchSpace(TableSpace):
         return measured(scene, self.catalogue, self._usual)
 
     @cached_property
-    def _usual(self) -> NDArray[np.float64]:
+    def _usual(self) -> Array:
         return places(Picture(self.nominal(), self.catalogue), self.task.targets)
 
     def derived(self, scene: Scene) -> Mapping[tuple[str, str], float]:

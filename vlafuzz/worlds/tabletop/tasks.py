@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import cache, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
@@ -19,7 +19,6 @@ from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
-Array = NDArray[np.float64]
 TABLE, HAND, ARM = "table", "hand", "arm"
 A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # height above the start, metres

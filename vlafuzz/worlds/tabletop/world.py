@@ -53,9 +53,6 @@ class Tabletop(TableWorld):
         "seeing": SeeingExpert,
     }
 
-    def objects(self, packs: Sequence[Pack] = ()) -> tuple[str, ...]:
-        return tuple(load_catalogue(packs=packs))
-
     @property
     def simulator(self) -> str:
         installed = versions()

@@ -7,14 +7,13 @@ import pytest
 
 from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled, evaluate
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, put
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import CameraBump, ControlStall, GripSlip, LightSwitch, PictureLoss, Scene, Slide
 from vlafuzz.policies.base import ActionChunk
-from vlafuzz.worlds.events import afterwards, got_there
+from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.tabletop.fairness.checks import check_events
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SECOND = 5  # control steps
 ASIDE = Slide("start", 0.06, 90.0)
@@ -97,7 +96,6 @@ def test_the_expert_notices_and_solves_the_scene_which_repeating_its_actions_wit
     (before,) = expert_on("pick-up").evaluate([usual])
     solved, again = expert_on("pick-up").evaluate([scene, scene])
     assert solved.verdict is Verdict.PASSED
-    assert got_there(scene, solved.rollouts[0], 5, TASKS["pick-up"].stage_names)
     assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
     if "grip_slip" not in event:  # a hand that closes again may still hold it
         (blind,) = evaluate(repeating(before.rollouts[0].actions), scene)
@@ -129,11 +127,3 @@ def test_a_scene_is_only_fair_if_what_happens_in_it_is(scene, says):
     assert rejection is not None
     assert rejection.reason.startswith(says)
     assert check_events(replace(scene, target_slide=Slide(), camera_bump=CameraBump()), CATALOGUE, 0.1, None) is None
-
-
-def test_a_policy_that_never_moves_does_not_get_to_what_happens_at_the_grasp():
-    scene = replace(NOMINAL, light_switch=LightSwitch("grasp", 0.5))
-    idle: Outcome = evaluate(Meddled(lambda seen, actions: [ActionChunk(STILL[None])]), scene)[0]
-    stages = TASKS["pick-up"].stage_names
-    assert not got_there(scene, idle.rollouts[0], 5, stages)
-    assert got_there(replace(NOMINAL, light_switch=LightSwitch("start", 0.5)), idle.rollouts[0], 5, stages)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
@@ -24,7 +24,6 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
 
-Array = NDArray[np.float64]
 Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
@@ -140,7 +139,6 @@ class Pose(NamedTuple):
         return Pose(self.place + move[:3], Rotation.from_rotvec(move[3:6]) * self.turn)
 
     def move_to(self, other: "Pose") -> Array:
-        """The move from here to another pose."""
         return np.concatenate([other.place - self.place, (other.turn * self.turn.inv()).as_rotvec()])
 
 

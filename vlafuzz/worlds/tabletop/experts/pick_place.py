@@ -5,13 +5,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.manipulation.rigs import Rig
 from vlafuzz.worlds.tabletop.experts import planning
 from vlafuzz.worlds.tabletop.experts.planning import Goal, Reach, Thing
 
-Array = NDArray[np.float64]
 STEP = 0.10  # metres in a control step
 TURN = 0.6  # radians in a control step
 TILT = 0.1  # radians: the largest tilt error of a hand that counts as upright
@@ -38,7 +37,6 @@ class Belief:
 
     @property
     def around(self) -> tuple[Thing, ...]:
-        """The obstacles and the destination."""
         return (*self.others, *((self.b,) if self.b else ()))
 
 

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
@@ -16,7 +16,6 @@ from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceControll
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose, rotation_matrix
 
-Array = NDArray[np.float64]
 # Share of the offset between the hand's true and apparent position that is corrected. Set once, so that
 # random pick-up scenes at the default ranges fail 20 to 40 % of the time.
 CORRECTED = 0.62

@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.manipulation.rigs import Hand, Rig
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 
-Array = NDArray[np.float64]
 UPRIGHT = np.cos(np.radians(8.0))  # the grasps of a stable pose remain valid up to this tilt
 MARGIN = 0.006  # metres around fingers and hand
 HIDING = 0.25  # metres of detour accepted so as not to put a right in front of b
@@ -130,7 +129,6 @@ class Goal:
 
 
 def goal_on(a: Thing, b: Thing) -> Goal:
-    """The goal on the centre of b."""
     return Goal(b.position[:2].copy(), 0.0, b.top)
 
 

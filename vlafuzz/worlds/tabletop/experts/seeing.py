@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.manipulation.arms import hand_boxes
@@ -22,7 +23,6 @@ from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, camera_value
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose
 
-Array = NDArray[np.float64]
 HAND = 255  # label; outlines are counted from 1, 0 is the background
 LEAST = 12  # pixels of an outline that can be recognized
 SAME = 0.5  # agreement from which on an outline is of an object

@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.model.scene import Placement, Quaternion
 from vlafuzz.worlds.tabletop.objects.hulls import outline
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

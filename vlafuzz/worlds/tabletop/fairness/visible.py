@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.base import Visible
@@ -21,7 +22,6 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.hulls import triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, SRGB, ObjectModel
 
-Array = NDArray[np.float64]
 ROBOT = 255  # label; objects are counted from 1, 0 is the background
 ROBOT_COLOUR = (0.80, 0.81, 0.82)  # linear, on average
 REACH = 3  # the surroundings end so many pixels beyond an outline
@@ -125,7 +125,6 @@ class Picture:
         return labels
 
     def hidden(self, index: int) -> Hidden:
-        """Measure how much of an object is hidden."""
         alone, label = blank(self._view), index + 1
         fill(alone, self._outlines[index], 1)
         hiding = np.bincount(self._labels[alone > 0], minlength=256)

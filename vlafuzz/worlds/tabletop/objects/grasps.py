@@ -8,7 +8,8 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from vlafuzz.worlds.tabletop.objects.hulls import Array, outline, section, triangles
+from vlafuzz.common.arrays import Array
+from vlafuzz.worlds.tabletop.objects.hulls import outline, section, triangles
 from vlafuzz.worlds.tabletop.objects.model import Grasp
 
 WIDEST = 0.074  # leaves 3 mm on either side of the 0.08 m opening

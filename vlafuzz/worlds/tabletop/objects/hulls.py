@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-Array = NDArray[np.float64]
+from vlafuzz.common.arrays import Array
+
 Faces = NDArray[np.int64]
 
 

@@ -19,10 +19,11 @@ from PIL import Image
 from scipy.spatial import ConvexHull, QhullError
 from trimesh.visual.material import PBRMaterial
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
 from vlafuzz.worlds.tabletop.objects import solids
-from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, triangles
+from vlafuzz.worlds.tabletop.objects.hulls import corners, triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
 from vlafuzz.worlds.tabletop.objects.packs import MOST_BYTES, PackObject
 

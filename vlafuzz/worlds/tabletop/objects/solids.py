@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
-from vlafuzz.worlds.tabletop.objects.hulls import Array, corners, mass_properties, outline, triangles
+from vlafuzz.worlds.tabletop.objects.hulls import corners, mass_properties, outline, triangles
 from vlafuzz.worlds.tabletop.objects.model import Grasp, StablePose
 
 UNEVEN = 5e-4  # metres; distance up to which a corner counts as in a face's plane
@@ -121,7 +122,6 @@ def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: 
 
 
 def write_parts(parts: Sequence[Array], folder: Path) -> tuple[Path, ...]:
-    """Write each convex part as OBJ."""
     files = tuple(folder / f"part_{number:02d}.obj" for number in range(len(parts)))
     for file, points in zip(files, parts, strict=True):
         lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points]

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import sapien
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-Array = NDArray[np.float64]
+from vlafuzz.common.arrays import Array
+
 # Half a Newton step per iteration converges in a dozen iterations. SAPIEN's default of a tenth takes four
 # times as long; whole steps overshoot near the joint limits and find 4 % fewer targets.
 IK_STEP, IK_ITERATIONS = 0.5, 50

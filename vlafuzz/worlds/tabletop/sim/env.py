@@ -12,8 +12,8 @@ import sapien
 from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs.types import SceneConfig, SimConfig
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
 from vlafuzz.model.scene import EVENTS, EXTRAS, CameraBump, Event, LightSwitch, Scene, Start
 from vlafuzz.policies.base import CameraRequest
@@ -126,7 +126,7 @@ class TabletopEnv(BaseEnv):
         self._events = Events(scene, self.control_hz, self.task.stage_names)
         return start
 
-    def advance(self, action: NDArray[np.float64], relative_to: str = "target") -> State:
+    def advance(self, action: Array, relative_to: str = "target") -> State:
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
         events, slides = self._events, None
         if events.parts:
@@ -151,12 +151,12 @@ class TabletopEnv(BaseEnv):
             if self._studio is not None:
                 self._studio.light(self.light)
 
-    def seen(self, camera: str) -> NDArray[np.uint8]:
+    def seen(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a policy sees through a camera at present."""
         shown = self._noise.degraded(self.picture(camera), self._step, camera)
         return self._events.shown(camera, shown) if self._events.parts else shown
 
-    def picture(self, camera: str) -> NDArray[np.uint8]:
+    def picture(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a camera shows at present."""
         request = self._requests[camera]
         if self._studio is not None and camera == self._shown:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
@@ -53,10 +54,10 @@ class TabletopEpisode(Episode):
             calibration=Calibration(env.view, env.light, env.models[: env.task.targets]) if spec.calibrated else None,
         )
 
-    def picture(self, camera: str) -> NDArray[np.uint8]:
+    def picture(self, camera: str) -> Picture:
         return self._env.picture(camera)
 
-    def _execute(self, action: NDArray[np.float64]) -> None:
+    def _execute(self, action: Array) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)
 
     def _states_hash(self) -> str:

@@ -12,11 +12,11 @@ import cv2
 import numpy as np
 import sapien
 from mani_skill.render.shaders import ShaderConfig
-from numpy.typing import NDArray
 from sapien import physx
 from sapien.render import RenderMaterial, RenderTexture2D
 
 from vlafuzz.common import assets
+from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import Backdrop
 from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, Colour, planks, shade
 from vlafuzz.worlds.manipulation.rigs import Lights, Table
@@ -191,7 +191,7 @@ def _painted(texture: RenderTexture2D) -> RenderMaterial:
     return material
 
 
-def _texture(colours: NDArray[np.float64]) -> RenderTexture2D:
+def _texture(colours: Array) -> RenderTexture2D:
     """A texture of linear colours ``(height, width, 3)``, rounded as in an image of sRGB."""
     srgb = np.round(np.clip(colours, 0, 1) ** (1 / 2.2) * 255).astype(np.uint8)
     linear = (srgb / 255.0) ** 2.2
@@ -199,7 +199,7 @@ def _texture(colours: NDArray[np.float64]) -> RenderTexture2D:
     return RenderTexture2D(np.round(opaque * 255).astype(np.uint8), "R8G8B8A8Unorm", mipmap_levels=6)
 
 
-def _shaded(colour: Sequence[float], shade: NDArray[np.float64]) -> RenderTexture2D:
+def _shaded(colour: Sequence[float], shade: Array) -> RenderTexture2D:
     """Shades of a colour that is their mean, linear like all colours of the catalogue."""
     return _texture(np.array(colour) * (shade / shade.mean())[..., None])
 
@@ -278,10 +278,9 @@ class Studio:
         self.light(light)
 
     def light(self, intensity: float) -> None:
-        """Scale all lights."""
         self._lights.apply(self._scene, intensity)
 
-    def picture(self) -> NDArray[np.uint8]:
+    def picture(self) -> Picture:
         """``(height, width, 3)``: what the camera shows at present."""
         for entity, twin in self._twins:
             twin.pose = entity.pose

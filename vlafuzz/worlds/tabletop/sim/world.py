@@ -14,10 +14,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import sapien
-from numpy.typing import NDArray
 from sapien import physx
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import InitialPose, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
@@ -29,7 +29,6 @@ from vlafuzz.worlds.tabletop.sim.rendering import add_table, render_system, use_
 from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
-Array = NDArray[np.float64]
 SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to fail
 _HAND = ("hand", "finger", "gripper")  # parts of the names of the hand's links
 
@@ -134,7 +133,6 @@ class World:
 
     @property
     def poses(self) -> tuple[sapien.Pose, ...]:
-        """The poses of the objects."""
         return tuple(body.entity_pose for body in self._bodies)
 
     def _move_over(self) -> None:
