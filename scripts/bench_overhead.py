@@ -134,7 +134,6 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
         with Store.open(prepared.store, "write") as store:
             summary = fuzz(
                 manifest=prepared.manifest,
-                stages=space.task.stage_names,
                 space=space,
                 strategy=prepared.strategy,
                 executor=LocalExecutor(toy),

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import STAGES, ClosedForm, TinySpace, manifest  # fmt: skip
+from tests.doubles import ClosedForm, TinySpace, manifest  # fmt: skip
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.model.outcome import Outcome
@@ -62,7 +62,7 @@ class Moody(ClosedForm):
 def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summary:
     defaults = {"strategy": Climber(), "executor": LocalExecutor(Moody()), "patience": None}
     with Store.open(path, "write") as store:
-        return fuzz(manifest=about, stages=STAGES, space=SPACE, store=store, resume=resume, **defaults | parts)
+        return fuzz(manifest=about, space=SPACE, store=store, resume=resume, **defaults | parts)
 
 
 def cut(path: Path, after: int, **parts) -> None:

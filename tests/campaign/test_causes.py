@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import STAGES, Backwards, ClosedForm, Scripted, TinySpace, failed, manifest, passed, scene
+from tests.doubles import Backwards, ClosedForm, Scripted, TinySpace, failed, manifest, passed, scene
 from tests.failures.triage.planted import CONDITIONS, SPACE
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
@@ -57,7 +57,6 @@ def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int |
     with Store.open(path, "write") as store:
         fuzz(
             manifest=manifest(strategy="causes", budget=100, batch=4),
-            stages=STAGES,
             space=space,
             strategy=strategy or strategy_factory("causes")(space, 0, 100),
             executor=executor or LocalExecutor(Faulty()),

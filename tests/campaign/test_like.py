@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import STAGES, manifest
+from tests.doubles import manifest
 from tests.failures.triage.planted import CONDITIONS, SPACE
 from tests.failures.triage.runners import PlantedEvaluator
 from vlafuzz.campaign.config import RunConfig, plan
@@ -28,7 +28,6 @@ def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with Store.open(path, "write") as store:
         fuzz(
             manifest=replace(manifest(strategy="causes", budget=100, batch=4), **SPACE.conditions),
-            stages=STAGES,
             space=SPACE,
             strategy=Causes(SPACE, 0, 100),
             executor=LocalExecutor(PlantedEvaluator(FAULTS)),

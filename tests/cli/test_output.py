@@ -1,37 +1,24 @@
 """What a terminal shows, and without one, how far long work is."""
 
-import threading
+import pytest
 
-from vlafuzz.cli.output import Bar, Heartbeat, print_lines
-
-SOON = 10.0  # seconds, within which a line is certainly written
-
-
-class Lines(list[str]):
-    """Collects lines, and says when there is one."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.some = threading.Event()
-
-    def __call__(self, line: str) -> None:
-        self.append(line)
-        self.some.set()
+from vlafuzz.cli import output
+from vlafuzz.cli.output import Bar, print_lines
 
 
-def test_lines_say_what_is_done_and_how_long_the_rest_takes_until_the_end():
-    lines = Lines()
-    beat = Heartbeat(lines, every=0.01)
-    beat.tell("findings", 0, 8)
-    beat.tell("findings", 2, 8)
-    for _ in range(3):  # one step takes long
-        lines.some.clear()
-        assert lines.some.wait(SOON)
-    beat.stop()
-    assert lines[-1].startswith("findings: 2 of 8, ")
-    assert "left" in lines[-1]
-    lines.some.clear()
-    assert not lines.some.wait(0.1)
+@pytest.fixture
+def often(monkeypatch) -> None:
+    monkeypatch.setattr(output, "EVERY", 0.0)
+
+
+@pytest.mark.usefixtures("often")
+def test_lines_say_what_is_done_and_how_long_the_rest_takes(capsys):
+    with Bar() as bar:
+        bar.progress("findings", 0, 8)
+        bar.progress("findings", 2, 8, ", 1 failed")
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "findings: 0 of 8, 0 s so far"
+    assert second == "findings: 2 of 8, 1 failed, 0 s so far, about 0 s left"
 
 
 def test_short_work_says_nothing_where_there_is_no_terminal(capsys):
@@ -40,21 +27,19 @@ def test_short_work_says_nothing_where_there_is_no_terminal(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_fewer_steps_than_before_are_another_work():
-    beat = Heartbeat(Lines(), every=60)
-    beat.tell("causes", 2, 4)
-    beat.tell("causes", 0, 4)
-    assert "left" not in beat.line()
-    beat.tell("causes", 1, 4)
-    assert "left" in beat.line()
-    beat.stop()
+@pytest.mark.usefixtures("often")
+def test_fewer_steps_than_before_are_another_work(capsys):
+    with Bar() as bar:
+        for done in (2, 0, 1):
+            bar.progress("causes", done, 4)
+    assert ["left" in line for line in capsys.readouterr().err.splitlines()] == [False, False, True]
 
 
 def test_in_a_terminal_sentences_are_wrapped_by_words_and_commands_stay_in_one_piece(monkeypatch, capsys):
     monkeypatch.setenv("FORCE_COLOR", "1")  # as a terminal has it
     monkeypatch.setenv("COLUMNS", "40")
-    command = "`vlafuzz triage a-store-with-a-name-that-is-long.db --limit 2`"
-    print_lines(f"A sentence that is wider than the terminal, then {command} certifies the rest.")
-    *before, typed, after = capsys.readouterr().out.splitlines()
-    assert before == ["A sentence that is wider than the", "terminal, then"]
-    assert (typed, after) == (command, "certifies the rest.")
+    command = "then `vlafuzz triage a-store-with-a-name-that-is-long.db --limit 2`"
+    print_lines("A sentence that is wider than the terminal is wrapped.", command)
+    assert [line.rstrip() for line in capsys.readouterr().out.splitlines()] == [
+        "A sentence that is wider than the", "terminal is wrapped.", command,
+    ]  # fmt: skip

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import STAGES, manifest
+from tests.doubles import manifest
 from tests.search.worlds import space, toy
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.errors import PrerequisiteError, UsageError
@@ -22,7 +22,6 @@ def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
     with Store.open(tmp_path / "own.db", "write") as store:
         summary = fuzz(
             manifest=manifest(strategy="python:tests.doubles:make_random_again", budget=60),
-            stages=STAGES,
             space=space(),
             strategy=strategy,
             executor=LocalExecutor(toy(share=0.1)),

@@ -36,7 +36,6 @@ class Proposed(Measure, Protocol):
 def fuzz(
     *,
     manifest: Manifest,
-    stages: Sequence[str],
     space: Proposed,
     strategy: Strategy,
     executor: Executor,
@@ -63,7 +62,7 @@ def fuzz(
         PolicyError: the policy no longer answers; the run can be resumed.
     """
     run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
-    tally = Tally(run, manifest, stages, before)
+    tally = Tally(run, manifest, before)
     past, own = Past(store, run), run if alone else None
     campaign = _Campaign(
         tally=tally,

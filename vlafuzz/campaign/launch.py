@@ -12,7 +12,6 @@ from vlafuzz.rollouts.executor import Executor, Until
 from vlafuzz.rollouts.registry import executor_at
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.store import Store
-from vlafuzz.worlds import world_of
 
 SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 
@@ -30,7 +29,6 @@ def fuzz(
     """Run a plan in an open store with an existing executor; see ``campaign.fuzz``."""
     return campaign.fuzz(
         manifest=plan.manifest,
-        stages=world_of(plan.manifest.task).task(plan.manifest.task).stage_names,
         space=plan.space,
         strategy=plan.strategy,
         executor=executor,

@@ -1,11 +1,11 @@
 """Tally: the counts of a run in progress. Summary: its result, the JSON of ``run --json``."""
 
-import math
 import re
 import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vlafuzz.common.text import plural
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -23,8 +23,6 @@ class Summary:
         earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
-        stages: distinct scenes in which a stage was reached in some rollout.
-        progress_mean: over the scenes that passed or failed, in [0, 1]; None if there are none.
         first_failure: digest of the first scene that failed.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
@@ -44,9 +42,7 @@ class Summary:
     earlier: int
     verdicts: dict[str, int]
     invalid: dict[str, int]
-    stages: dict[str, int]
     findings: int
-    progress_mean: float | None
     first_failure: str | None
     first_error: str | None
     stopped: str | None
@@ -100,15 +96,12 @@ class Stopwatch:
         self.seconds += time.perf_counter() - self._began
 
 
-@dataclass(slots=True)  # there is one for every scene of a run
-class _Seen:
-    """The last outcome of a scene: an ERROR may be followed by a verdict."""
+class _Seen(NamedTuple):
+    """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict."""
 
     first: int
     verdict: Verdict
     check: str
-    progress: float
-    reached: frozenset[str]
 
 
 class Tally:
@@ -122,7 +115,7 @@ class Tally:
         causes: found so far; None if the strategy does not look for causes.
     """
 
-    def __init__(self, run: int, manifest: Manifest, stages: Sequence[str], before: Spent) -> None:
+    def __init__(self, run: int, manifest: Manifest, before: Spent) -> None:
         self.run, self.manifest = run, manifest
         self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
         self._began = time.perf_counter() - before.seconds
@@ -131,7 +124,6 @@ class Tally:
         self.stopped: str | None = None
         self.causes: int | None = None
         self.verdicts: Counter[Verdict] = Counter()
-        self._stages = tuple(stages)
         self._seen: dict[str, _Seen] = {}
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
@@ -149,8 +141,7 @@ class Tally:
             self.verdicts[before.verdict] -= 1
             first = min(first, before.first)
         self.verdicts[outcome.verdict] += 1
-        reached = frozenset(stage for rollout in outcome.rollouts for stage in rollout.reached)
-        self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, outcome.progress, reached)
+        self._seen[digest] = _Seen(first, outcome.verdict, outcome.check)
         self._judged = self._judged or outcome.verdict >= Verdict.PASSED
         if outcome.verdict is Verdict.ERROR:
             self._errors[re.sub(r"\d+", "", outcome.detail)] += not (outcome.unanswered or trial.duplicate)
@@ -199,7 +190,6 @@ class Tally:
     def summary(self, store: str) -> Summary:
         """The result so far."""
         manifest, scenes = self.manifest, self._seen.values()
-        judged = [seen.progress for seen in scenes if seen.verdict >= Verdict.PASSED]
         failed = {digest: seen.first for digest, seen in self._seen.items() if seen.verdict is Verdict.FAILED}
         verdicts = sorted(Verdict, reverse=True)
         return Summary(
@@ -208,9 +198,7 @@ class Tally:
             **{name: getattr(self, name) for name in _OF_TALLY},
             verdicts={verdict.name.lower(): self.verdicts[verdict] for verdict in verdicts},
             invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),
-            stages={stage: sum(stage in seen.reached for seen in scenes) for stage in self._stages},
             findings=len(failed),
-            progress_mean=math.fsum(judged) / len(judged) if judged else None,
             first_failure=min(failed, key=failed.__getitem__, default=None),
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,

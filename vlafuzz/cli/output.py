@@ -1,16 +1,13 @@
 """Output of commands: data on stdout as a table or JSON; progress and notes on stderr."""
 
 import json as json_format
-import re
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout
 from typing import Any, Self
 
 import typer
-from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -23,7 +20,7 @@ from vlafuzz.common.text import duration
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import printable
 
-EVERY = 30.0  # seconds between lines about long work where no terminal shows a bar
+EVERY = 30.0  # seconds at least between lines about long work where no terminal shows a bar
 _data: list[Checked] = []  # the stdout of the command that runs
 
 
@@ -73,17 +70,10 @@ def print_lines(*lines: str, style: str = "") -> None:
 
 
 def _say(console: Console, text: str, style: str = "") -> None:
-    """Print lines, in a terminal wrapped by words; commands stay in one piece, to be copied."""
-    width = console.width if console.is_terminal else sys.maxsize
+    """Print lines; those with a command stay in one piece, to be copied."""
     for line in text.splitlines():
-        *rows, row = [""]
-        indent = line[: len(line) - len(line.lstrip())]
-        for word in re.findall(r"`[^`]*`\S*|vlafuzz .*|\S+", line):
-            if row and cell_len(f"{indent}{row} {word}") > width:
-                rows.append(row)
-                row = ""
-            row = f"{row} {word}".lstrip()
-        console.print("\n".join(indent + one for one in [*rows, row]), style=style, soft_wrap=True)
+        command = "`" in line or "vlafuzz " in line
+        console.print(line, style=style, soft_wrap=command or not console.is_terminal)
 
 
 def print_json(value: Any) -> None:
@@ -157,20 +147,38 @@ class Bar(Watch):
         columns = (words, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         console = stderr()
         self._bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._heartbeat = None if console.is_terminal else Heartbeat(self.note, until=until)
-        self._stage: tuple[TaskID, int | None] | None = None
+        self._until = until or Deadline()
+        self._task: TaskID | None = None
+        self._done, self._first = 0, 0  # steps of the present work, now and when it began
+        self._total: int | None = -1
+        self._began = self._told = time.monotonic()
 
     def progress(self, description: str, done: int, total: int | None, more: str = "") -> None:
         """Move the bar; another total begins a new one. ``more`` stands behind the description."""
-        if self._heartbeat:
-            self._heartbeat.tell(description, done, total, more)
+        now, another = time.monotonic(), total != self._total
+        if another or done < self._done:
+            self._first, self._began, self._told = done, now, now
+        self._done, self._total = done, total
+        if self._bar.disable:
+            if now - self._told >= EVERY:
+                self._told = now
+                self.note(self._line(description, more, now - self._began))
             return
         description = printable(description + more)
-        if self._stage is None or total != self._stage[1]:
+        if self._task is None or another:
             self.clear()
-            self._stage = self._bar.add_task(description, total=total), total
+            self._task = self._bar.add_task(description, total=total)
             self._bar.start()
-        self._bar.update(self._stage[0], completed=done, description=description)
+        self._bar.update(self._task, completed=done, description=description)
+
+    def _line(self, description: str, more: str, spent: float) -> str:
+        """What is done, since when, and how long the rest will take at the same rate."""
+        done, total, left = self._done, self._total, ""
+        if total and self._first < done < total:
+            seconds = spent * (total - done) / (done - self._first)
+            left = f", about {duration(max(min(seconds, self._until.left), 0.0))} left"
+        of = f"{done} of {total}" if total else str(done)
+        return f"{description}: {of}{more}, {duration(spent)} so far{left}"
 
     @staticmethod
     def note(text: str) -> None:
@@ -179,9 +187,9 @@ class Bar(Watch):
 
     def clear(self) -> None:
         """Take the bar away."""
-        if self._stage:
-            self._bar.remove_task(self._stage[0])
-            self._stage = None
+        if self._task is not None:
+            self._bar.remove_task(self._task)
+            self._task = None
         self._bar.stop()
 
     def __enter__(self) -> Self:
@@ -189,49 +197,6 @@ class Bar(Watch):
 
     def __exit__(self, *_: object) -> None:
         self.clear()
-        if self._heartbeat:
-            self._heartbeat.stop()
-
-
-class Heartbeat:
-    """Calls ``write`` with the state of the work every half minute, from a thread of its own.
-
-    Args:
-        until: when the work ends at the latest.
-    """
-
-    def __init__(self, write: Callable[[str], None], every: float = EVERY, until: Deadline | None = None) -> None:
-        self._write, self._every, self._until = write, every, until or Deadline()
-        self._state: tuple[str, int, int | None, str] | None = None
-        self._began, self._first = time.monotonic(), 0
-        self._over = threading.Event()
-
-    def tell(self, description: str, done: int, total: int | None, more: str = "") -> None:
-        """``done`` of ``total`` steps are finished; with another total, or fewer, it is another work."""
-        before, self._state = self._state, (description, done, total, more)
-        if before is None or before[2] != total or done < before[1]:
-            self._began, self._first = time.monotonic(), done
-        if before is None:
-            threading.Thread(target=self._beat, daemon=True).start()
-
-    def stop(self) -> None:
-        """Write no more lines."""
-        self._over.set()
-
-    def line(self) -> str:
-        """What is done, since when, and how long the rest will take at the same rate."""
-        assert self._state
-        description, done, total, more = self._state
-        spent, left = time.monotonic() - self._began, ""
-        if total and self._first < done < total:
-            seconds = spent * (total - done) / (done - self._first)
-            left = f", about {duration(max(min(seconds, self._until.left), 0.0))} left"
-        of = f"{done} of {total}" if total else str(done)
-        return f"{description}: {of}{more}, {duration(spent)} so far{left}"
-
-    def _beat(self) -> None:
-        while not self._over.wait(self._every):
-            self._write(self.line())
 
 
 @contextmanager

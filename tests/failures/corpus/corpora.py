@@ -5,7 +5,6 @@ from base64 import b64decode
 import numpy as np
 
 from tests.doubles import manifest, scene
-from vlafuzz.common.statistics import Share
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.model.evidence import Causes, Threshold, Witness
 from vlafuzz.model.scene import Scene
@@ -49,13 +48,7 @@ def control(number: int) -> Control:
 
 def make_corpus(*cases: Case, runs: int = 1, controls: int = 0) -> Corpus:
     evidence = Evidence(
-        findings=9,
-        shares={"confirmed": Share.of_counts(8, 9)},
-        left_out={"it no longer fails": 1},
-        search_rollouts=120,
-        triage_rollouts=240,
-        expert_rollouts=36,
-        seconds=61.5,
+        left_out={"it no longer fails": 1}, search_rollouts=120, triage_rollouts=240, expert_rollouts=36
     )
     return Corpus(
         name="dark",

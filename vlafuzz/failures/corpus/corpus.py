@@ -3,7 +3,8 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from vlafuzz.common.statistics import Share
+from pydantic import ConfigDict
+
 from vlafuzz.model.conditions import Model
 from vlafuzz.model.evidence import Causes, Failure, Witness
 from vlafuzz.model.phrasing import titled
@@ -71,23 +72,19 @@ class Control:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What triage of the store found, and what the export left out.
+    """What the corpus took, and what the export left out.
 
     Attributes:
-        shares: of the triaged findings: confirmed, flaky, witnessed, by sight, unproven, minimal.
         left_out: number of minimal findings that are not in the corpus, by reason.
         search_rollouts: policy rollouts of the search; ``triage_rollouts``: those of triage.
         expert_rollouts: replays of witnesses included.
-        seconds: wall time of triage.
     """
 
-    findings: int
-    shares: Mapping[str, Share]
+    __pydantic_config__ = ConfigDict(extra="ignore")  # of earlier versions
     left_out: Mapping[str, int]
     search_rollouts: int
     triage_rollouts: int
     expert_rollouts: int
-    seconds: float
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

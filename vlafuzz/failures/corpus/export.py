@@ -8,7 +8,6 @@ from functools import partial
 from itertools import count, groupby
 from operator import itemgetter
 
-from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
@@ -104,12 +103,18 @@ def export(
         reasons = ", ".join(f"{reason} ({count})" for reason, count in left_out.items())
         problem = f"{store.path}: no minimal finding holds: {reasons}"
         raise StoreError(problem, hint="`vlafuzz triage` it here")
+    took = summarise(store, task)
     return Corpus(
         name=name,
         runs=[runs[number].manifest for number in numbers],
         cases=list(cases.values()),
         controls=recorded,
-        evidence=_evidence(store, task, left_out),
+        evidence=Evidence(
+            left_out=dict(left_out),
+            search_rollouts=sum(store.rollouts(run.id) for run in runs.values() if task in (None, run.manifest.task)),
+            triage_rollouts=took.policy_rollouts,
+            expert_rollouts=took.expert_rollouts,
+        ),
         renderer=renderer,
         versions=provenance.versions(),
         created=datetime.now(UTC).isoformat(timespec="seconds"),
@@ -191,19 +196,3 @@ def _choose(store: Store, run: int | None, task: str | None = None) -> list[tupl
     if not chosen:
         raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
     return sorted(chosen.values(), key=itemgetter(0))
-
-
-def _evidence(store: Store, task: str | None, left_out: Counter[str]) -> Evidence:
-    summary = summarise(store, task)
-    counts = {"confirmed": summary.confirmed, "witnessed": summary.witnessed, "by sight": summary.by_sight}
-    counts |= {bucket: summary.buckets[bucket] for bucket in ("minimal", "unproven", "flaky")}
-    runs = [run.id for run in store.runs() if task in (None, run.manifest.task)]
-    return Evidence(
-        findings=summary.findings,
-        shares={name: Share.of_counts(count, summary.triaged) for name, count in counts.items()},
-        left_out=dict(left_out),
-        search_rollouts=sum(map(store.rollouts, runs)),
-        triage_rollouts=summary.policy_rollouts,
-        expert_rollouts=summary.expert_rollouts,
-        seconds=summary.seconds,
-    )
