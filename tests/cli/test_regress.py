@@ -50,8 +50,6 @@ def test_the_corpus_own_policy_is_not_worse(capsys):
     assert printed["groups"]["control"]["policy"]["count"] == 32
     assert printed["difference"]["of_failure_rates"] == 0
     assert printed["groups"]["failing"]["standings"]["fails"] == 30
-    assert printed["groups"]["counterpart"]["standings"]["passes"] == 29
-    assert printed["groups"]["nominal"]["policy"]["count"] == 3
     assert [made.closed for made in MADE] == [1]
 
 
@@ -60,12 +58,12 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsy
     captured = capsys.readouterr()
     assert "pinhole is worse than idle as recorded: 9 worse and 0 better of 27 controls" in captured.out
     assert "biased upward, because the test stopped at the alarm" in captured.out
-    assert "40 controls and 60 other scenes, at most 220 rollouts" in captured.err
+    assert "40 controls and 30 other scenes, at most 130 rollouts" in captured.err
     assert "32 of 40 controls pass: a loss of 35 points or more is noticed with 90% power" in captured.err
     assert regress("pinhole", "--whole") == 1
     captured = capsys.readouterr()
     assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
-    assert captured.out.count(" without light") > 20
+    assert captured.out.count(" control ") == 20
 
 
 def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):
@@ -103,14 +101,12 @@ def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys):
     assert regress("expert") == 0
     printed = capsys.readouterr().out
     assert "failures are fixed: 30 of 30 failing scenes fixed" in printed
-    assert "0 of 30 passing scenes beside them broken (p = 1)" in printed
 
 
 def test_what_is_fixed_is_in_every_output(capsys):
     assert regress("expert", "--json", "--summary", "a.md") == 0
     printed = json.loads(capsys.readouterr().out)
     assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (30, 30, True)
-    assert (printed["broken"]["changed"], printed["broken"]["of"], printed["broken"]["p_value"]) == (0, 30, 1)
     assert printed["changes"] in Path("a.md").read_text()
 
 

@@ -1,4 +1,5 @@
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -52,7 +53,7 @@ def test_findings_that_could_not_be_judged_say_why(ends: Outcome, code: int, sai
 
 def test_it_prints_a_table_of_buckets_and_where_the_failures_are_listed(capsys):
     printed = typed(capsys, ["triage", "a.db"]).out
-    assert "3 (100%)" in printed
+    assert re.search(r"witnessed +│ 3 \(100%\)", printed)
     assert "`vlafuzz report a.db` lists the failures" in printed
 
 
@@ -65,13 +66,6 @@ def test_a_triage_that_has_spent_its_rollouts_says_what_is_left(capsys):
     printed = typed(capsys, ["triage", "a.db", "--rollouts", "1", "--json"])
     assert json.loads(printed.out)["triaged"] == 1
     assert "2 failures are left: --rollouts are used up\nhint: continue with" in printed.err
-
-
-def test_with_a_time_it_says_how_many_findings_that_is(monkeypatch, capsys):
-    monkeypatch.setattr("vlafuzz.failures.triage.pipeline.pace", lambda *_: 180 / 210)
-    said = typed(capsys, ["triage", "a.db", "--time", "2m"]).err
-    assert "about 3 min: 3 failures, about 210 rollouts" in said
-    assert "; --time ends it after " in said
 
 
 def test_an_interruption_keeps_what_is_done_and_says_how_to_go_on(capsys, store: Path):

@@ -44,7 +44,6 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
-    from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare import compare
     from vlafuzz.lab.comparison import rows, sentences
     from vlafuzz.worlds import default_policy, default_task
@@ -62,7 +61,7 @@ def command(
     run = RunConfig(**of_all, strategy=names[0], command=typed())
     note = f"interrupted: all results so far are stored in {store}\nhint: the same command continues"
     with interruptible(note) as bar:
-        compared = compare(run, names, repeats, limit, bar, speed_of)
+        compared = compare(run, names, repeats, limit, bar)
     if json:
         print_json(asdict(compared))
     else:

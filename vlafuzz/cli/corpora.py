@@ -49,8 +49,8 @@ def regress(
     """Check whether a policy got worse: exit code 1 if it fails more often than the baseline.
 
     Both are compared in the controls of a corpus, random scenes that no outcome selected; a sequential test decides,
-    and ends at an alarm. Then the failing scenes, their counterparts and the nominal scenes are run, jittered, to show
-    what is fixed and what is broken. They raise no alarm: they were selected by what the corpus's own policy does.
+    and ends at an alarm. Then the failing scenes are run, jittered, to show what is fixed. They raise no alarm: they
+    were selected by what the corpus's own policy does.
     """
     if summary is not None and (summary.is_dir() or not summary.absolute().parent.is_dir()):
         raise UsageError(f"--summary: {summary}: no place for a file", hint="name a file in a folder that is there")
@@ -107,8 +107,6 @@ def diff(
     label_b: Annotated[
         str | None, option("Which model the second policy is, or which of those in B.", "as in B")
     ] = None,
-    run_a: Annotated[int | None, option("Only this run of A.", "all runs")] = None,
-    run_b: Annotated[int | None, option("Only this run of B.", "all runs")] = None,
     alpha: AlphaFlag = 0.05,
     out: Annotated[Path | None, option("Write one HTML page, with films of both.", "the terminal")] = None,
     videos: VideosFlag = True,
@@ -117,9 +115,8 @@ def diff(
 ) -> None:
     """Compare two policies by the causes of their failures: which are fixed, which remain, which are new.
 
-    Both are rolled out where one of them is certified to fail, and in the passing scenes beside these: each scene three
-    times or more, each cause eight times or more, jittered. A cause is fixed, or new, only if a paired test shows that
-    one of them passes there more often.
+    Both are rolled out where one of them is certified to fail: each scene three times or more, each cause eight times
+    or more, jittered. A cause is fixed, or new, only if a paired test shows that one of them passes there more often.
     """
     check_probability("--alpha", alpha)
     _check_policies(policy_a, policy_b)
@@ -133,16 +130,7 @@ def diff(
     views = [view_of(source) for source in (a, b)] if out else []
     with Bar() as bar:
         result = diff_policies(
-            a,
-            b,
-            policy_a,
-            policy_b,
-            label_a=label_a or "",
-            label_b=label_b or "",
-            run_a=run_a,
-            run_b=run_b,
-            alpha=alpha,
-            watch=bar,
+            a, b, policy_a, policy_b, label_a=label_a or "", label_b=label_b or "", alpha=alpha, watch=bar
         )
     if json:
         print_json(difference_document(result))

@@ -73,11 +73,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
 
     A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
     """
-    from vlafuzz.failures.corpus.controls import CONTROLS
-    from vlafuzz.failures.corpus.export import forecast
     from vlafuzz.failures.described import BUCKETS
     from vlafuzz.failures.listed import listing_of
-    from vlafuzz.store.store import Store
 
     found = listing_of(source)
     if json:
@@ -100,13 +97,10 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     if shown:
         print_lines(f"see number 1: {shown[0].replay}")
     print_lines(*(f"{text} {line}" for text, line in found.todo))
-    minimal = sum(one.bucket == "minimal" for one in listed)
-    if minimal and not found.todo and source.is_file():
+    if any(one.bucket == "minimal" for one in listed) and not found.todo and source.is_file():
         policies = [run.policy for run in found.runs]
         keep = command_line("export", source, "--minimal", "--out", "corpus", names=policies)
-        with Store.open(source) as store:
-            takes = forecast(store, minimal, CONTROLS, workers=1)
-        print_lines(f"keep the minimal ones as a corpus, for vlafuzz regress{takes}: {keep}")
+        print_lines(f"keep the minimal ones as a corpus, for vlafuzz regress: {keep}")
 
 
 def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:

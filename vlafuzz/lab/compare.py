@@ -7,16 +7,15 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
-from vlafuzz.campaign.forecast import usual_speed
 from vlafuzz.common.statistics import Estimate, Share
-from vlafuzz.common.text import duration, plural
+from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run, work
 from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
-from vlafuzz.lab.runs import Job, SpeedOf, complete
+from vlafuzz.lab.runs import Job, complete
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place
@@ -26,20 +25,12 @@ from vlafuzz.store.store import Store
 Known = dict[tuple[str, str], Triaged]  # results of triage by the finding's key
 
 
-def compare(
-    run: RunConfig,
-    strategies: Sequence[str],
-    repeats: int,
-    limit: int,
-    watch: Watch = SILENT,
-    speed_of: SpeedOf = usual_speed,
-) -> Comparison:
+def compare(run: RunConfig, strategies: Sequence[str], repeats: int, limit: int, watch: Watch = SILENT) -> Comparison:
     """Compare strategies at equal budget; the first is the reference.
 
     Args:
         run: the same for all runs, but for strategy and seed; it names the store.
         limit: policy rollouts to triage the failures of each run; 0 for no triage.
-        speed_of: see ``complete``.
     """
     assert run.store
     first = config.plan(run)
@@ -52,7 +43,7 @@ def compare(
     # One of every strategy before the second of any: an interrupted comparison is balanced.
     jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
     with Store.open(run.store, "write") as store:
-        runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
+        runs = complete(store, jobs, plan, first.manifest, watch)
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)
@@ -132,9 +123,6 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch:
     if not left:
         return
     most = len(left) * limit
-    seconds, budgets = sum(run.seconds or 0.0 for run in runs), sum(run.manifest.budget for run in runs)
-    took = f"about {duration(most * seconds / budgets)} at the speed of the runs"
-    watch.note(f"triage of {plural(len(left), 'run')}, {most} rollouts: {took}")
 
     def progress(index: int, spent: int) -> None:
         name = Job(left[index].manifest.strategy, left[index].manifest.seed)

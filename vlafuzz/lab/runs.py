@@ -8,11 +8,9 @@ from itertools import groupby
 from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan
-from vlafuzz.campaign.forecast import Forecast, Speed, usual_speed
 from vlafuzz.campaign.launch import fuzz, make_executor, stands_alone
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Tally
-from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model.conditions import ASKED, Origin, Role
@@ -20,8 +18,6 @@ from vlafuzz.rollouts.executor import Executor
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import elsewhere
-
-SpeedOf = Callable[[Plan], Speed | None]
 
 
 class Job(NamedTuple):
@@ -35,13 +31,7 @@ class Job(NamedTuple):
 
 
 def complete(
-    store: Store,
-    jobs: Sequence[Job],
-    plan_of: Callable[[Job], Plan],
-    wanted: Manifest,
-    watch: Watch,
-    speed_of: SpeedOf = usual_speed,
-    triage: int = 0,
+    store: Store, jobs: Sequence[Job], plan_of: Callable[[Job], Plan], wanted: Manifest, watch: Watch
 ) -> list[Run]:
     """Begin or resume the runs that a store lacks, in order; all of them that have a trial. They share no outcomes.
 
@@ -50,8 +40,6 @@ def complete(
     Args:
         wanted: what every run would have if it began now, but for strategy and seed; batches may differ, as they suit
             the strategy.
-        speed_of: the speed of a plan's policy, for a forecast.
-        triage: rollouts for triage of each run, afterwards.
     """
     before = {job: stored(store, replace(wanted, **job._asdict())) for job in jobs}
     missing = [job for job, run in before.items() if run is None or run.status in UNFINISHED]
@@ -64,10 +52,8 @@ def complete(
                 show = partial(watch.progress, f"run {number} of {len(missing)}: {job}", total=total)
                 show(done)
                 plan = _resumed(store, plan_of(job), before[job], str(job), watch)
-                if number == 1:
-                    if plan.manifest.alone:
-                        watch.note(stands_alone(plan.manifest.policy))
-                    _foresee(plan, len(missing), triage, watch, speed_of(plan))
+                if number == 1 and plan.manifest.alone:
+                    watch.note(stands_alone(plan.manifest.policy))
                 executor = executor or stack.enter_context(closing(make_executor(plan)))
                 report = partial(_report, show, done)
                 summary = fuzz(plan, store, executor, report, alone=True)
@@ -100,15 +86,6 @@ def stored(store: Store, wanted: Manifest) -> Run | None:
 
 def _report(show: Callable[[int], None], before: int, tally: Tally) -> None:
     show(before + tally.rollouts)
-
-
-def _foresee(plan: Plan, runs: int, triage: int, watch: Watch, speed: Speed | None) -> None:
-    """Say how long so many runs will take, of which the plan is the first."""
-    if speed:
-        rollouts, afterwards = runs * plan.manifest.budget, runs * triage
-        seconds = Forecast(plan, speed, certify=False).rollout * (rollouts + afterwards)
-        both = f"{rollouts} rollouts" + (f" and up to {afterwards} of triage" if afterwards else "")
-        watch.note(f"{plural(runs, 'run')}, {both}: about {duration(seconds)}; {speed.words}")
 
 
 def _resumed(store: Store, plan: Plan, run: Run | None, name: str, watch: Watch) -> Plan:

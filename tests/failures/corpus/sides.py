@@ -16,23 +16,14 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 NO_VERDICT = {Verdict.ERROR: Outcome.error("policy: connect"), Verdict.INVALID: Outcome.invalid("x", "unfair")}
 
 
-def probes(controls: int = 60, selected: int = 0) -> list[Probe]:
-    """Controls, each fifth of which failed; then failing scenes and as many counterparts.
-
-    The target's x holds the number of the scene.
-    """
+def probes(controls: int = 60, failing: int = 0) -> list[Probe]:
+    """Controls, each fifth of which failed; then failing scenes. The target's x holds the number of the scene."""
 
     def probe(number: int, group: Group, passed: bool) -> Probe:
         return Probe(scene(x=number / 1000), group, f"{group} {number}", 0, passed)
 
     random = [probe(number, "control", passed=number % 5 > 0) for number in range(controls)]
-    groups: list[tuple[Group, bool]] = [("failing", False), ("counterpart", True)]
-    others = [
-        probe(controls + number + selected * index, group, passed)
-        for index, (group, passed) in enumerate(groups)
-        for number in range(selected)
-    ]
-    return random + others
+    return random + [probe(controls + number, "failing", passed=False) for number in range(failing)]
 
 
 class Planned:

@@ -18,7 +18,7 @@ from vlafuzz.common.statistics import sign_p
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
-from vlafuzz.failures.corpus.pairs import Change, Compared, Probe
+from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
 from vlafuzz.model.conditions import Model
@@ -42,7 +42,7 @@ class Known:
         model: whose failures they are.
         runs: that found them; ``Probe.run`` is an index.
         causes: signature and title of each failing scene.
-        probes: the failing scenes and the passing ones beside them.
+        probes: the failing scenes.
     """
 
     source: Path
@@ -93,7 +93,7 @@ class Difference:
     """Two policies by their causes: those of the first one, then those that only the second one's store has.
 
     Attributes:
-        fixed: test of the second policy in the first one's failing scenes; ``broken``: in the passing ones beside them.
+        fixed: test of the second policy in the first one's failing scenes.
         new: test of the first policy in the second one's failing scenes: whether some of these are new.
         asked: the names under which the policies were asked; empty if they were none.
     """
@@ -101,9 +101,8 @@ class Difference:
     first: str
     second: str
     causes: tuple[CauseChange, ...]
-    fixed: Change
-    broken: Change
-    new: Change
+    fixed: Fixed
+    new: Fixed
     asked: tuple[str, ...] = ()
 
     def of(self, standing: Standing) -> list[CauseChange]:
@@ -120,8 +119,7 @@ class Difference:
             fixed = "none is certified"
         if not self.new.of:
             new = f"new ones unknown, as {self.second} has no certified cause"
-        beside = f"{self.broken.changed} of {self.broken.of} passing scenes broken ({self.broken})"
-        return f"causes of {self.first} in {self.second}: {fixed}, {new}{rest}; {beside}"
+        return f"causes of {self.first} in {self.second}: {fixed}, {new}{rest}"
 
 
 def diff_policies(
@@ -132,8 +130,6 @@ def diff_policies(
     *,
     label_a: str = "",
     label_b: str = "",
-    run_a: int | None = None,
-    run_b: int | None = None,
     alpha: float = 0.05,
     watch: Watch = SILENT,
 ) -> Difference:
@@ -147,7 +143,7 @@ def diff_policies(
         UsageError: both are the same model, at one address, on different tasks, or one has several.
         StoreError: none of them has a certified cause.
     """
-    first, second = known(a, run_a, label_a), known(b, run_b, label_b)
+    first, second = known(a, label_a), known(b, label_b)
     if not (first.causes or second.causes):
         raise StoreError(f"{a} and {b}: neither has a certified cause", hint="`vlafuzz triage` certifies some")
     one, other = _two_models(first, second, policy_a, policy_b)
@@ -184,11 +180,10 @@ def _two_models(first: Known, second: Known, policy_a: str | None, policy_b: str
     return one, other
 
 
-def known(source: Path, run: int | None = None, label: str = "") -> Known:
+def known(source: Path, label: str = "") -> Known:
     """The certified failures in a store or corpus.
 
     Args:
-        run: only those of this run.
         label: the model; only its failures, where the runs have labels.
 
     Raises:
@@ -196,15 +191,13 @@ def known(source: Path, run: int | None = None, label: str = "") -> Known:
         UsageError: it has several models or tasks, or none of that label.
     """
     if is_corpus(source):
-        if run is not None:
-            raise UsageError(f"run {run}: {source} is a corpus, not a store", hint="leave it out")
         corpus = read_corpus(source)
         causes = {case.scene: (case.signature, case.title) for case in corpus.cases}
         probes = [probe for probe in probes_of(corpus) if probe.group != "control"]
         model = _labelled(source, corpus.tested, label)
         return Known(source=source, model=model, runs=corpus.runs, causes=causes, probes=probes)
     with Store.open(source) as store:
-        return _of_store(store, run, label)
+        return _of_store(store, label)
 
 
 def _labelled(source: Path, model: Model, label: str) -> Model:
@@ -214,14 +207,13 @@ def _labelled(source: Path, model: Model, label: str) -> Model:
     return replace(model, label=label or model.label)
 
 
-def _of_store(store: Store, run: int | None, label: str) -> Known:
+def _of_store(store: Store, label: str) -> Known:
     runs = {begun.id: begun.manifest for begun in store.runs()}
-    of = {finding.key: finding.run for finding in store.findings(run)}
-    numbers = sorted(set(of.values())) or [number for number in runs if run in (None, number)]
+    of = {finding.key: finding.run for finding in store.findings()}
+    numbers = sorted(set(of.values())) or list(runs)
     if label in {runs[number].named for number in numbers}:
         numbers = [number for number in numbers if runs[number].named == label]
     causes: dict[Scene, tuple[str, str]] = {}
-    beside: dict[Scene, Probe] = {}
     failing: dict[Scene, Probe] = {}
     for row in store.triaged():
         if of.get(row.key) not in numbers or row.bucket != "minimal" or not (row.shrunk and row.signature):
@@ -229,21 +221,18 @@ def _of_store(store: Store, run: int | None, label: str) -> Known:
         number, title = numbers.index(of[row.key]), titled(row.operators, row.causes)
         causes.setdefault(row.shrunk, (row.signature, title))
         failing.setdefault(row.shrunk, Probe(row.shrunk, "failing", title, number, passed=False))
-        for operator, scene in row.counterparts.items():
-            what = f"{row.shrunk.digest[:8]} without {operator}"
-            beside.setdefault(scene, Probe(scene, "counterpart", what, number, passed=True))
     if not numbers:
         raise StoreError(f"{store.path}: has no run", hint="`vlafuzz run` begins one")
     manifests = [runs[number] for number in numbers]
     if len({(manifest.tested, manifest.task) for manifest in manifests}) > 1:
         problem = f"{store.path}: has failures of several policies or tasks"
-        raise UsageError(problem, hint="name a run or a label: --run-a N, --label-a NAME, and so on")
+        raise UsageError(problem, hint="name a label, --label-a NAME; or give a corpus of one run")
     return Known(
         source=store.path,
         model=_labelled(store.path, manifests[0].tested, label),
         runs=manifests,
         causes=causes,
-        probes=[*failing.values(), *beside.values()],
+        probes=list(failing.values()),
     )
 
 
@@ -269,9 +258,7 @@ def diff(
     known_already = {change.signature for change in theirs if change.standing == "remaining"}
     ours = [change for change in _changes(b, on_b, "new", alpha) if change.signature not in known_already]
     causes = sorted([*theirs, *ours], key=lambda change: ORDER.index(change.standing))
-    return Difference(
-        first=first.name, second=second.name, causes=tuple(causes), fixed=on_a.fixed, broken=on_a.broken, new=on_b.fixed
-    )
+    return Difference(first=first.name, second=second.name, causes=tuple(causes), fixed=on_a.fixed, new=on_b.fixed)
 
 
 def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alpha: float) -> Iterator[CauseChange]:

@@ -16,7 +16,7 @@ from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.oracle import Answer
 from vlafuzz.failures.triage.path import nominal
-from vlafuzz.failures.triage.pipeline import SOON, pace, summarise
+from vlafuzz.failures.triage.pipeline import pace, summarise
 from vlafuzz.failures.triage.triager import repeat
 from vlafuzz.model.evidence import Failure
 from vlafuzz.model.outcome import Verdict
@@ -74,8 +74,8 @@ def export(
         raise UsageError(f"{store.path}: {problem}", hint="--run N exports the findings of one run")
     cases: dict[Scene, Case] = {}
     recorded: list[Control] = []
-    if takes := forecast(store, len(chosen), controls, workers):
-        watch.note(f"{plural(len(chosen), 'minimal finding')} and {controls} controls{takes}")
+    takes = duration((controls + PER_CASE * len(chosen)) * pace(store, workers))
+    watch.note(f"{plural(len(chosen), 'minimal finding')} and {controls} controls: about {takes}")
     left_out: Counter[str] = Counter()
     checked = partial(watch.progress, "minimal findings checked", total=len(chosen))
     done = count(1)
@@ -171,12 +171,6 @@ def _check_power(controls: Sequence[Control], watch: Watch) -> None:
     if not power.possible:
         raise PrerequisiteError(str(power), hint=f"{MILDER}; --controls 0 writes a corpus without an alarm")
     watch.note(f"{power}; {MILDER}" if power.total else str(power))
-
-
-def forecast(store: Store, findings: int, controls: int, workers: int) -> str:
-    """How long an export takes, in brackets; empty where it is soon done."""
-    seconds = (controls + PER_CASE * findings) * pace(store, workers)
-    return f" (about {duration(seconds)}; fewer --controls take less)" if seconds > SOON else ""
 
 
 def tasks_of(store: Store, run: int | None) -> list[str]:

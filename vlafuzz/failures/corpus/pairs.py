@@ -14,7 +14,7 @@ from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 
-Group = Literal["control", "failing", "counterpart", "nominal"]
+Group = Literal["control", "failing"]
 Standing = Literal["worse", "better", "passes", "fails", "error", "invalid", "not run"]
 
 
@@ -23,8 +23,7 @@ class Probe:
     """A scene that is run again.
 
     Attributes:
-        group: a random ``control``; the minimal ``failing`` scene of a case; its ``counterpart``, with one operator
-            reset; or its ``nominal`` scene.
+        group: a random ``control``, or the minimal ``failing`` scene of a case.
         what: the case, in a few words.
         run: index of the run whose conditions apply, in ``Corpus.runs``.
         passed: whether the corpus's own policy passed, as recorded.
@@ -38,24 +37,15 @@ class Probe:
 
 
 def probes(corpus: Corpus) -> list[Probe]:
-    """Every scene of a corpus once, controls first.
+    """The controls of a corpus, then the failing scenes, each once.
 
-    The other scenes were selected by the outcomes of the corpus's own policy: where it failed, any other can only
-    improve, and where it passed only get worse. The counterpart of a case with one operator is its nominal scene, and
-    counts as nominal; where the case has a reference, it is the reference.
+    The latter were selected because the corpus's own policy fails there, where any other one can only improve.
     """
     by_scene: dict[Scene, Probe] = {}
     for control in corpus.controls:
         by_scene.setdefault(control.scene, Probe(control.scene, "control", "random", 0, control.passed))
     for case in corpus.cases:
         by_scene.setdefault(case.scene, Probe(case.scene, "failing", case.title, case.run, passed=False))
-    for case in corpus.cases:
-        what = f"{case.scene.digest[:8]}, all nominal"
-        by_scene.setdefault(case.nominal, Probe(case.nominal, "nominal", what, case.run, case.nominal_passes))
-    for case in corpus.cases:
-        for operator, scene in case.counterparts.items():
-            what = f"{case.scene.digest[:8]} without {operator}"
-            by_scene.setdefault(scene, Probe(scene, "counterpart", what, case.run, passed=True))
     return list(by_scene.values())
 
 
@@ -156,15 +146,15 @@ class Tally:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Change:
-    """What became of scenes in which the baseline mostly fails, or mostly passes.
+class Fixed:
+    """What became of scenes in which the baseline mostly fails.
 
     These were selected by what the corpus's own policy does there, so nothing follows for scenes that nobody selected.
     But the rollouts of another policy had no part in it, and what they say about these is valid.
 
     Attributes:
-        changed: scenes in which the policy mostly does the other; ``of`` so many that were judged. p_value: that it
-        does so nowhere; see ``change``.
+        changed: scenes in which the policy mostly passes; ``of`` so many that were judged.
+        p_value: that it does so nowhere; see ``fixed``.
         alpha: bound on the probability that a change is shown where there is none.
     """
 
@@ -182,29 +172,25 @@ class Change:
         return f"p = {self.p_value:.2g}"
 
 
-def change(compared: Sequence[Compared], alpha: float, *, recorded: bool, for_better: bool) -> Change:
-    """The failing scenes that pass now; or the passing ones beside them that fail now.
+def fixed(compared: Sequence[Compared], alpha: float, *, recorded: bool) -> Fixed:
+    """The failing scenes that pass now.
 
-    Where the baseline's outcomes are recorded, it is certified to do what it did in half of the rollouts or more. If
-    the policy did so too in every scene, all r rollouts of one would end otherwise with probability 2**-r at most; the
-    p-value is that of as many such scenes. Where the baseline was rolled out as well, each pair of rollouts of which
-    only one passes would be as likely one of the policy's (sign test).
+    Where the baseline's outcomes are recorded, it is certified to fail in half of the rollouts or more. If the policy
+    did so too in every scene, all r rollouts of one would pass with probability 2**-r at most; the p-value is that of
+    as many such scenes. Where the baseline was rolled out as well, each pair of rollouts of which only one passes would
+    be as likely one of the policy's (sign test).
     """
-    groups = ("failing",) if for_better else ("counterpart", "nominal")
-    selected = (scene for scene in compared if scene.probe.group in groups and scene.probe.passed is not for_better)
-    judged = [scene for scene in selected if scene.judged]
+    judged = [scene for scene in compared if scene.probe.group == "failing" and scene.judged]
     standings = Counter[str](scene.standing for scene in judged)
-    ours, same = ("better", "fails") if for_better else ("worse", "passes")
-    changed, of = standings[ours], len(judged)
+    of = len(judged)
     if recorded:
-        outright = sum(scene.policy_passed == len(scene.judged) * for_better for scene in judged)
+        outright = sum(scene.policy_passed == len(scene.judged) for scene in judged)
         p_value = _tail(outright, [0.5 ** len(scene.judged) for scene in judged])
     else:
-        of = changed + standings[same]
+        of = standings["better"] + standings["fails"]
         pairs = [pair for scene in judged for pair in scene.judged]
-        worse, better = sum(pair.worse for pair in pairs), sum(pair.better for pair in pairs)
-        p_value = float(sign_p(better, worse) if for_better else sign_p(worse, better))
-    return Change(changed=changed, of=of, p_value=p_value, alpha=alpha)
+        p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
+    return Fixed(changed=standings["better"], of=of, p_value=p_value, alpha=alpha)
 
 
 def _tail(least: int, probabilities: Sequence[float]) -> float:

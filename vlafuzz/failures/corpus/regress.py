@@ -1,9 +1,9 @@
 """regress: compare two policies until the new one is shown to be worse: to fail more often.
 
 The evidence is one rollout of each policy in each control of a corpus, a random scene that no outcome selected (see
-``SignTest``); recorded outcomes of the baseline are as good as new ones. The other scenes were selected by outcomes of
-the corpus's own policy, so that any other one regresses to its mean in them. They say what is fixed and broken there,
-but never raise an alarm.
+``SignTest``); recorded outcomes of the baseline are as good as new ones. The failing scenes were selected by outcomes
+of the corpus's own policy, so that any other one regresses to its mean in them. They say what is fixed there, but never
+raise an alarm.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +15,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.statistics import Interval, newcombe
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
-from vlafuzz.failures.corpus.pairs import Change, Compared, Group, Pair, Probe, Tally, change
+from vlafuzz.failures.corpus.pairs import Compared, Fixed, Group, Pair, Probe, Tally, fixed
 from vlafuzz.failures.corpus.sign_test import SignTest
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -160,25 +160,16 @@ class Comparison:
         return self.controls.baseline.share - self.controls.policy.share
 
     @property
-    def fixed(self) -> Change:
+    def fixed(self) -> Fixed:
         """Failing scenes that pass now."""
-        return change(self.compared, self.alpha, recorded=self.recorded, for_better=True)
-
-    @property
-    def broken(self) -> Change:
-        """Passing scenes beside them that fail now."""
-        return change(self.compared, self.alpha, recorded=self.recorded, for_better=False)
+        return fixed(self.compared, self.alpha, recorded=self.recorded)
 
     @property
     def changes(self) -> str:
-        """What is fixed and what is broken, in one sentence; empty where none of these scenes was judged."""
-        fixed, broken = self.fixed, self.broken
-        if not fixed.of + broken.of:
-            return ""
-        claims = ["failures are fixed"] * fixed.shown + ["passing scenes are broken"] * broken.shown
-        claim = " and ".join(claims) or "nothing is shown to be fixed or broken"
-        counts = f"{fixed.changed} of {fixed.of} failing scenes fixed ({fixed})"
-        return f"{claim}: {counts}, {broken.changed} of {broken.of} passing scenes beside them broken ({broken})"
+        """What is fixed, in one sentence; empty where no failing scene was judged."""
+        found = self.fixed
+        claim = "failures are fixed" if found.shown else "nothing is shown to be fixed"
+        return f"{claim}: {found.changed} of {found.of} failing scenes fixed ({found})" if found.of else ""
 
     def of(self, group: Group) -> list[Compared]:
         return [compared for compared in self.compared if compared.probe.group == group]

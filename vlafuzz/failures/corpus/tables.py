@@ -8,26 +8,18 @@ from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import Row, markdown_table, markdown_text, points
 from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.diff import ORDER, Difference
-from vlafuzz.failures.corpus.pairs import Change, Compared, Group, Standing
+from vlafuzz.failures.corpus.pairs import Compared, Fixed, Group, Standing
 from vlafuzz.failures.corpus.regress import Comparison
 
-_GROUPS: dict[Group, str] = {
-    "control": "controls",
-    "failing": "failing scenes",
-    "counterpart": "counterparts",
-    "nominal": "nominal scenes",
-}
+_GROUPS: dict[Group, str] = {"control": "controls", "failing": "failing scenes"}
 SHOWN = 20  # rows of a Markdown table
 
 
 def tables(compared: Comparison) -> dict[str, list[Row]]:
     """The rows of every table, by title."""
-    selected = [scene for scene in compared.compared if scene.probe.group != "control"]
-    broken = [_scene(scene) for scene in selected if scene.standing == "worse"]
-    return {
-        compared.corpus: [_row(compared, group) for group in _GROUPS],
-        **({"broken, which raises no alarm": broken} if broken else {}),
-    }
+    groups = [_row(compared, group) for group in _GROUPS]
+    broken = [_scene(scene) for scene in compared.compared if scene.standing == "worse"]
+    return {compared.corpus: groups, **({"broken: only the policy fails": broken} if broken else {})}
 
 
 def difference(compared: Comparison) -> str:
@@ -80,7 +72,6 @@ def document(compared: Comparison) -> dict[str, Any]:
         "controls": compared.tried,
         "judged": compared.controls.policy.of,
         "fixed": _change(compared.fixed),
-        "broken": _change(compared.broken),
         "changes": compared.changes,
         "difference": between and {"of_failure_rates": compared.lost, **between._asdict()},
         "groups": {
@@ -95,7 +86,7 @@ def document(compared: Comparison) -> dict[str, Any]:
     }
 
 
-def _change(change: Change) -> dict[str, Any]:
+def _change(change: Fixed) -> dict[str, Any]:
     return {**asdict(change), "shown": change.shown}
 
 
@@ -115,7 +106,7 @@ def difference_rows(result: Difference) -> list[Row]:
 
 def difference_document(result: Difference) -> dict[str, Any]:
     """The JSON of ``diff --json``."""
-    tests = {name: _change(getattr(result, name)) for name in ("fixed", "broken", "new")}
+    tests = {name: _change(getattr(result, name)) for name in ("fixed", "new")}
     counts = {standing: len(result.of(standing)) for standing in ORDER}
     names = {"first": result.first, "second": result.second, "verdict": result.verdict}
     return {**names, "counts": counts, **tests, "causes": [asdict(change) for change in result.causes]}

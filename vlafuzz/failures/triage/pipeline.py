@@ -20,7 +20,6 @@ from vlafuzz.worlds.provenance import commit
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
-SOON = 60.0  # seconds up to which nobody need be told
 HERE = Place()
 SAMPLE = 200  # rollouts that tell how long one takes
 
