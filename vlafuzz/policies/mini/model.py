@@ -28,12 +28,12 @@ SPAN = 2  # bins on either side of the most likely one that enter the mean
 FARTHEST = (0.1, 0.1, 0.1, 0.6, 0.6, 0.6)  # metres and radians at the last bin
 STATE = 10  # length of ``proprioception``
 LONG = 10  # steps since the last change of the gripper's command are clipped here
-Affine = tuple[Tensor, Tensor]  # a factor and an offset of each channel, ``(n, channels, 1, 1)``
+Affine = tuple[Tensor, Tensor]  # a factor and an offset of each channel, ``(pictures, channels, 1, 1)``
 
 
 @dataclass(frozen=True)
 class Told:
-    """All that the network makes of an instruction, the same in every step of a rollout."""
+    """All that the network makes of n instructions, the same in every step; ``films`` are of n * views pictures."""
 
     text: Tensor
     films: tuple[Affine, ...]
@@ -49,8 +49,8 @@ class Film(nn.Module):
         nn.init.zeros_(self.line.weight)
         nn.init.zeros_(self.line.bias)
 
-    def forward(self, text: Tensor) -> Affine:
-        scale, shift = self.line(text)[:, :, None, None].chunk(2, dim=1)
+    def forward(self, text: Tensor, views: int) -> Affine:
+        scale, shift = self.line(text).repeat_interleave(views, 0)[:, :, None, None].chunk(2, dim=1)
         return 1 + scale, shift
 
 
@@ -136,7 +136,7 @@ class Network(nn.Module):
     def read(self, tokens: Tensor) -> Told:
         """Encode instructions: ``(n, words.LENGTH)`` tokens."""
         text = self.reader(tokens)
-        films = tuple(block.film(text) for block in (*self.middle, *self.far))
+        films = tuple(block.film(text, self.views) for block in (*self.middle, *self.far))
         return Told(text, films, self.queries(text).unflatten(1, (self.views, POINTS, FEATURES)))
 
     def act(self, pictures: Tensor, told: Told, state: Tensor) -> dict[str, Tensor]:
@@ -171,7 +171,7 @@ class Network(nn.Module):
         grid = _grid(self.views, pictures.device, pictures.dtype).repeat(len(pictures), 1, 1, 1)
         pictures = pictures.reshape(-1, 3, *pictures.shape[2:])
         x = self.to_middle(self.stem(torch.cat([pictures * 2 - 1, grid], dim=1)))
-        films = iter([tuple(part.repeat_interleave(self.views, 0) for part in film) for film in told.films])
+        films = iter(told.films)
         for block in self.middle:
             x = block(x, next(films))
         middle, x = x, self.to_far(x)
