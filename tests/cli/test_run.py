@@ -127,7 +127,7 @@ def test_a_run_in_which_nothing_was_judged_is_no_success(monkeypatch, capsys):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     shown = typed(capsys, ["run", *IDLE, "--store", "a.db", "--config", "fail-on-finding=true"], code=3)
     assert "ConnectionError: refused" in shown.out
-    assert "stopped: all of the first 8 scenes ended in the same error: ConnectionError: refused" in shown.err
+    assert "stopped: 8 scenes in a row ended in an error, the last: ConnectionError: refused" in shown.err
     assert "error: no scene could be judged: all " in shown.err
     assert " rollouts ended in an error, first: ConnectionError: refused\n" in shown.err
 

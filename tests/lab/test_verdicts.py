@@ -41,10 +41,10 @@ def test_too_few_repeats_are_said_to_be_so_whatever_they_show():
     assert "3 repeats are too few to tell, p is never below 1; 8 could (6.5x (" in pair.verdict
 
 
-def test_where_the_reference_finds_nothing_the_difference_is_told():
+def test_where_the_reference_finds_nothing_there_is_no_ratio():
     pair = first(against(runs(random=[0] * 10, mine=CLEAR["mine"]), "random"))
     assert pair.ratio is None
-    assert "than random: mean difference 10.4 (9.38 to 11.4), more in 10" in pair.verdict
+    assert "than random: more in 10" in pair.verdict
 
 
 def test_p_values_are_corrected_for_every_strategy_in_every_measure():

@@ -23,7 +23,7 @@ from vlafuzz.store.records import Manifest, Spent, Status, Trial
 from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
-GONE = 8  # scenes in a row to which the policy did not answer, after which no more is expected of it
+GONE = 8  # scenes in a row that end in an error, after which nothing else is expected
 AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
@@ -48,8 +48,8 @@ def fuzz(
     """Run a strategy against a policy until the budget of rollouts is spent, or nothing is left to roll out.
 
     At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed gives the same
-    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial but those that
-    the policy did not answer, which are tried again on resuming.
+    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial; the last errors
+    are tried again on resuming.
 
     Args:
         patience: proposals in a row without a rollout after which the run stops; None for never.
@@ -78,9 +78,9 @@ def fuzz(
     status: Status = "failed"
     try:
         campaign.loop()
-        status = "interrupted" if tally.broken else "stopped" if tally.stopped else "finished"
+        status = "stopped" if tally.stopped else "finished"
     except TimeOverError:
-        status, tally.stopped = "interrupted", (patience is not None and tally.crashed) or TIME_OVER
+        status, tally.stopped = "interrupted", tally.stopped or TIME_OVER
     except (KeyboardInterrupt, PolicyError):
         status = "interrupted"
         raise
@@ -148,7 +148,7 @@ class _Asked:
 
     @property
     def settled(self) -> bool:
-        """Whether its outcome is final: an ERROR for want of an answer is, once it is stored."""
+        """Whether its outcome is known."""
         return self.kept or (self.duplicate if self.same is None else self.same.settled)
 
     @property
@@ -174,8 +174,7 @@ class _Campaign:
     todo: deque[_Asked] = field(default_factory=deque)
     running: dict[int, _Asked] = field(default_factory=dict)
     told: int = 0  # rollouts of which the strategy knows
-    unanswered: list[_Asked] = field(default_factory=list)  # since the last answer; not stored
-    in_a_row: int = 0  # scenes without an answer, the stored ones included
+    in_a_row: int = 0  # errors
 
     def loop(self) -> None:
         for number, outcomes in self.executor.run(self._scenes()):
@@ -185,8 +184,6 @@ class _Campaign:
     def _scenes(self) -> Iterator[tuple[int, list[Scene]] | None]:
         """Scenes as they are proposed; None when outcomes are needed before there are more."""
         while True:
-            if not self.todo and not self.running:
-                self._keep_unanswered()
             self._ask()
             while self._tell():  # one group at a time, so that what is asked when is always the same
                 self._ask()
@@ -275,28 +272,24 @@ class _Campaign:
                 self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
 
     def _take(self, asked: _Asked, outcome: Outcome) -> None:
-        """Store a trial; one to which the policy did not answer is stored once it answers again.
+        """Store a trial, and end the run where nothing but errors is to be expected; resuming forgets the last ones.
 
         Raises:
             PolicyError: the policy no longer answers.
+            TimeOverError: other errors, but for those in the scenes of a file.
         """
         asked.outcome = outcome
-        if not outcome.unanswered:
-            if outcome.verdict is not Verdict.INVALID:  # for which the policy was not asked
-                self.in_a_row = 0
-                self._keep_unanswered()
-            self._keep(asked)
-            return
-        self.unanswered.append(asked)
-        self.in_a_row += 1
-        if self.in_a_row == GONE:
+        self._keep(asked)
+        if outcome.verdict is Verdict.ERROR:
+            self.in_a_row += 1
+        elif outcome.judged:  # in an unfair scene the policy was not asked
+            self.in_a_row = 0
+        if self.in_a_row == GONE and outcome.unanswered:
             problem = f"{GONE} scenes in a row had no answer: {outcome.detail}"
             raise PolicyError(problem, hint="repeat the command once the policy answers", cause="connect")
-
-    def _keep_unanswered(self) -> None:
-        for asked in self.unanswered:
-            self._keep(asked)
-        self.unanswered.clear()
+        if self.in_a_row >= GONE and self.patience is not None:
+            self.tally.stopped = f"{GONE} scenes in a row ended in an error, the last: {outcome.detail}"
+            raise TimeOverError
 
     def _keep(self, asked: _Asked) -> None:
         scene, place = asked.scene, None
@@ -316,5 +309,3 @@ class _Campaign:
             self.store.add(self.tally.run, trial)
         self.tally.count(trial)
         self.watch(self.tally)
-        if self.patience is not None and self.tally.crashed:
-            raise TimeOverError

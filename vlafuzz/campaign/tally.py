@@ -1,6 +1,5 @@
 """Tally: the counts of a run in progress. Summary: its result, the JSON of ``run --json``."""
 
-import re
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -78,8 +77,6 @@ _OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_err
 
 
 TIME_OVER = "its time is over; with --resume it goes on"
-_BROKE = "policy or simulator error"
-ALIKE = 8  # scenes that end in the same error, and none in another way, after which no more are tried
 
 
 class Stopwatch:
@@ -127,8 +124,6 @@ class Tally:
         self._seen: dict[str, _Seen] = {}
         self._asked: set[str] = set()
         self._barren: list[tuple[str, str]] = []
-        self._judged = False  # whether a scene passed or failed
-        self._errors = Counter[str]()  # without the numbers in them
 
     def count(self, trial: Trial) -> None:
         outcome, digest = trial.outcome, trial.scene.digest
@@ -142,23 +137,8 @@ class Tally:
             first = min(first, before.first)
         self.verdicts[outcome.verdict] += 1
         self._seen[digest] = _Seen(first, outcome.verdict, outcome.check)
-        self._judged = self._judged or outcome.verdict >= Verdict.PASSED
         if outcome.verdict is Verdict.ERROR:
-            self._errors[re.sub(r"\d+", "", outcome.detail)] += not (outcome.unanswered or trial.duplicate)
             self.first_error = self.first_error or outcome.detail
-
-    @property
-    def crashed(self) -> str | None:
-        """Why no more is expected, in a sentence, where all scenes ended in one error, after answers."""
-        number = self._errors.total()
-        if self._judged or number < ALIKE or len(self._errors) > 1:
-            return None
-        return f"all of the first {number} scenes ended in the same error: {self.first_error}"
-
-    @property
-    def broken(self) -> bool:
-        """Whether errors stopped the run; with --resume it goes on once they are mended."""
-        return self.stopped is not None and any(reason == _BROKE for reason, _ in self._barren)
 
     def judge(self, scenes: Sequence[Scene], outcomes: Sequence[Outcome], patience: int | None) -> None:
         """Stop after ``patience`` proposals in a row without a rollout.
@@ -172,7 +152,7 @@ class Tally:
                 self._barren.clear()
             else:
                 invalid = outcome.verdict is Verdict.INVALID
-                reason = f"rejected by the {outcome.check} check" if invalid else _BROKE
+                reason = f"rejected by the {outcome.check} check" if invalid else "policy or simulator error"
                 self._barren.append((reason, outcome.detail))
             self._asked.add(scene.digest)
         if patience is not None and len(self._barren) >= patience:

@@ -9,7 +9,6 @@ from vlafuzz.common.statistics import (
     Estimate,
     SignedRank,
     holm,
-    mean_difference,
     mean_estimate,
     mean_ratio,
     pairs_needed,
@@ -55,7 +54,7 @@ class Pair:
     """One strategy against another in one measure; the n-th runs of both have the same seed and are a pair.
 
     Attributes:
-        ratio, difference: of the means, with 95 % intervals; None where undefined.
+        ratio: of the means, with its 95 % interval; None where undefined.
         p_holm: corrected over all ``tests`` that are shown together.
     """
 
@@ -63,7 +62,6 @@ class Pair:
     other: str
     measure: str
     ratio: Estimate | None
-    difference: Estimate | None
     test: SignedRank
     repeats: int
     p_holm: float = 1.0
@@ -174,7 +172,6 @@ def against(runs: Mapping[str, Sequence[Counted]], reference: str) -> list[Pair]
                 other=reference,
                 measure=measure,
                 ratio=mean_ratio(ours, theirs),
-                difference=mean_difference(ours, theirs),
                 test=signed_rank(ours, theirs),
                 repeats=len(ours),
             )
@@ -186,7 +183,10 @@ def against(runs: Mapping[str, Sequence[Counted]], reference: str) -> list[Pair]
 
 def _sentence(pair: Pair) -> str:
     measure = MEASURES[pair.measure]
-    size = f"{_size(pair)}more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
+    size, ratio = "", pair.ratio
+    if ratio and ratio.low is not None:
+        size = f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
+    size += f"more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
     if (least := pair.tests * smallest_p(pair.repeats)) > ALPHA:
         need = pairs_needed(pair.tests, ALPHA)
         few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
@@ -197,14 +197,6 @@ def _sentence(pair: Pair) -> str:
     if pair.test.effect > 0:
         return f"more {measure} than {pair.other}: {numbers}"
     return f"fewer {measure} than {pair.other}: {numbers}, which is worse"
-
-
-def _size(pair: Pair) -> str:
-    """The ratio of the means; their difference where the ratio has no bounds."""
-    ratio, difference = pair.ratio, pair.difference
-    if ratio and ratio.low is not None:
-        return f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
-    return f"mean difference {difference}, " if difference else ""
 
 
 def _shown(p: float) -> str:
