@@ -68,16 +68,14 @@ def env():
 @pytest.fixture(scope="session")
 def expert_on():
     """``expert_on(task)``: an evaluator of the expert, one a task for everybody."""
-    from tests.worlds.tabletop.sim.scenes import CATALOGUE
-    from vlafuzz.model.conditions import Conditions
+    from tests.worlds.tabletop.sim.scenes import evaluator_of
     from vlafuzz.worlds.tabletop.experts.expert import Expert
-    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     made = {}
 
     def evaluator(task):
         if task not in made:
-            made[task] = ManiSkillEvaluator(Conditions(task=task, world={"min_distance": 0.15}), Expert(), CATALOGUE)
+            made[task] = evaluator_of(Expert(), task=task)
         return made[task]
 
     yield evaluator

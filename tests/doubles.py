@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from itertools import takewhile
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Manifest, Trial
+from vlafuzz.store.store import Store
 from vlafuzz.worlds.evaluator import Evaluation
 from vlafuzz.worlds.manipulation.space import GROUPS
 
@@ -216,17 +218,8 @@ def manifest(**changes: object) -> Manifest:
 
 
 def trial(proposal: int, outcome: Outcome, *, duplicate: bool = False) -> Trial:
-    place = "grasp|light|x0y0" if outcome.verdict is Verdict.FAILED else None
-    genome = np.array([0.1, 0.9])
-    return Trial(
-        proposal=proposal,
-        scene=scene(x=proposal / 1000),
-        outcome=outcome,
-        severity=0.5,
-        genome=genome,
-        cell=place,
-        duplicate=duplicate,
-    )
+    made = ended(scene(x=proposal / 1000), outcome, proposal)
+    return replace(made, severity=0.5, genome=np.array([0.1, 0.9]), duplicate=duplicate)
 
 
 def ended(scene: Scene, outcome: Outcome | None = None, proposal: int = 0, cell: str = "grasp|light|x0y0") -> Trial:
@@ -234,6 +227,21 @@ def ended(scene: Scene, outcome: Outcome | None = None, proposal: int = 0, cell:
     outcome = outcome or failed()
     where = cell if outcome.verdict is Verdict.FAILED else None
     return Trial(proposal=proposal, scene=scene, outcome=outcome, severity=1.0, cell=where)
+
+
+def begun(store: Store, *trials: Trial, about: Manifest = NOMINAL) -> int:
+    """One run more, with these trials; its number."""
+    run = store.begin(about)
+    for each in trials:
+        store.add(run, each)
+    return run
+
+
+def stored(path: Path, *trials: Trial, about: Manifest = NOMINAL) -> Path:
+    """A store with one run more, with these trials."""
+    with Store.open(path, "write") as store:
+        begun(store, *trials, about=about)
+    return path
 
 
 def make_random_again(space: Source, seed: int, budget: int | None) -> Strategy:

@@ -9,7 +9,7 @@ import vlafuzz
 from tests.doubles import Idle
 from tests.failures.corpus.corpora import make_corpus
 from tests.failures.corpus.sides import RuleRunner
-from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.planted import DARK
 from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
 from tests.report.stores import store as stored_findings
 from vlafuzz import api
@@ -38,16 +38,6 @@ class AfraidOfTheDark(Expert):
         type(self).closed += 1
 
 
-def test_an_object_is_fuzzed_and_its_causes_are_found(tmp_path: Path):
-    policy = AfraidOfTheDark()
-    run = fuzz(policy, task="pick-up", budget=12, vary=("light",), strategy="random", store=tmp_path / "a.db")
-    assert 0 < run.findings < run.rollouts == 12
-    seen = []
-    summary = triage(run.store, policy, limit=1, watch=seen.append)
-    assert (summary.buckets["minimal"], summary.signatures) == (1, {"pick-up|grasp|light:dark": 1})
-    assert (seen[-1].done, AfraidOfTheDark.closed) == (1, 0)
-
-
 class Crashing(Idle):
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         raise RuntimeError("no weights")
@@ -60,15 +50,17 @@ def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
 
 
 def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch):
-    dark = [CONDITIONS["light"][0]]
     monkeypatch.setattr(draws, "FIRST", 60)  # random scenes for shares, here and in ``regions``: more take seconds
     monkeypatch.setattr(regions, "DRAWN", 100)
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(dark))
-    monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner(dark))
+    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator([DARK]))
+    monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner([DARK]))
     run = fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db")
     store = vlafuzz.open_store(run.store)
     found = store.causes()
     assert "pick-up|grasp|light:dark" in {cause.signature for cause in found if cause.bucket == "minimal"}
+    seen = []
+    assert triage(run.store, Idle(), limit=1, watch=seen.append).signatures["pick-up|grasp|light:dark"] > 1
+    assert (seen[0].done, seen[-1].done) == (0, 1)
     fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db", certify=False, seed=1)
     assert {cause.bucket for cause in store.causes()} == {"observed"}  # of the last run
     assert store.causes(1) == found
@@ -85,6 +77,7 @@ def test_its_source_is_part_of_the_conditions(tmp_path: Path):
 
 def test_a_store_of_an_object_needs_it_again(tmp_path: Path):
     fuzz(AfraidOfTheDark(), budget=4, vary=("light",), strategy="random", seed=2, store=tmp_path / "a.db")
+    assert AfraidOfTheDark.closed == 0  # it is the user's
     with pytest.raises(UsageError, match="'object:expert' is an object that was handed over in Python"):
         triage(tmp_path / "a.db")
 

@@ -97,9 +97,7 @@ def huge(path: Path, _: Path) -> None:
 
 @pytest.mark.parametrize("replace", [linked, pipe, listening, huge])
 @pytest.mark.parametrize(("kind", "name"), FILES)
-def test_anything_else_is_refused_at_once(
-    kind: str, name: str, replace: Callable[[Path, Path], None], received: Callable[[str], Path]
-):
+def test_anything_else_is_refused_at_once(kind: str, name: str, replace, received: Callable[[str], Path]):
     folder = received(kind)
     (path,) = folder.glob(name)
     path.unlink()

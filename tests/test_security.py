@@ -1,6 +1,8 @@
-"""Untrusted input runs no code and opens no file: replies, scenes, profiles, packs, corpora."""
+"""Untrusted input runs no code and opens no file: replies, scenes, profiles, packs, corpora.
 
-import ast
+Ruff's rules of pyproject.toml hold the code to what cannot make code from data.
+"""
+
 import base64
 import json
 import pickle
@@ -13,7 +15,6 @@ import msgpack
 import numpy as np
 import pytest
 
-import vlafuzz
 from tests.cli.typed import told
 from tests.packs import box, write_pack
 from tests.policies.clients import groot_server, served, test_openpi
@@ -24,59 +25,11 @@ from vlafuzz.common.assets import corpus_dir
 from vlafuzz.errors import CatalogueError, CorpusError, PolicyError, UsageError
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.policies.clients import msgpack_wire, openvla
-from vlafuzz.policies.clients.options import load_profile, profile_options
+from vlafuzz.policies.clients.options import profile_options
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.worlds.manipulation.operator_set import load_operators
 from vlafuzz.worlds.tabletop.objects import open_packs
 
-ROOT = Path(vlafuzz.__file__).parent
-FILES = [*ROOT.rglob("*.py"), *(ROOT.parent / "scripts").glob("*.py")]
-CODE_IN_DATA = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib"}
 AWAY = "../../../outside"
-
-
-def complaints(source: str) -> list[str]:
-    """Calls by which data could become code."""
-    problems = []
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import | ast.ImportFrom):
-            names = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
-            problems += [f"line {node.lineno}: {name}" for name in names if name.partition(".")[0] in CODE_IN_DATA]
-        if isinstance(node, ast.Call):
-            called, source = ast.unparse(node.func), ast.unparse(node)
-            unsafe = (
-                called in ("eval", "exec", "compile", "__import__", "os.system")
-                or called.endswith(("torch.load", "yaml.unsafe_load", "yaml.full_load"))
-                or (called == "yaml.load" and "SafeLoader" not in source)
-                or (called == "np.load" and "allow_pickle=True" in source)
-                or "shell=True" in source
-            )
-            problems += [f"line {node.lineno}: {source}"] if unsafe else []
-    return problems
-
-
-def test_no_code_comes_from_data():
-    by_file = {str(path): complaints(path.read_text(encoding="utf-8")) for path in FILES}
-    assert not {path: lines for path, lines in by_file.items() if lines}
-    assert len(by_file) > 200
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "import pickle",
-        "from joblib import load",
-        "eval('1')",
-        "yaml.load(text)",
-        "yaml.load(text, yaml.Loader)",
-        "yaml.unsafe_load(text)",
-        "np.load(path, allow_pickle=True)",
-        "torch.load(path)",
-        "subprocess.run(told, shell=True)",
-    ],
-)
-def test_it_would_be_noticed(source: str):
-    assert len(complaints(source)) == 1
 
 
 class Bomb:
@@ -172,8 +125,7 @@ def test_no_path_comes_from_a_reply(protocol: str, opened):
     assert not [path for path in opened if "outside" in path]
 
 
-@pytest.mark.parametrize("protocol", ["http"])
-def test_a_server_sends_nobody_elsewhere(protocol: str):
+def test_a_server_sends_nobody_elsewhere():
     with test_act.scripted((302, "")) as (name, *_):
         policy = make_policy(f"{name}?camera=0")
         policy.reset([served.start("one")])
@@ -248,15 +200,6 @@ class TestProfiles:
         with pytest.raises(UsageError, match=says):
             make_policy(f"openpi:ws://127.0.0.1:9?profile={path}")
         assert not [path for path in opened if "outside" in path]
-
-
-@pytest.mark.parametrize("read", [load_profile, load_operators])
-def test_yaml_makes_no_objects(read: Callable, tmp_path, opened):
-    path = tmp_path / "a.yaml"
-    path.write_text(f"a: !!python/object/apply:builtins.open ['{AWAY}', 'w']\n")
-    with pytest.raises(UsageError, match="YAML"):
-        read(path)
-    assert not [path for path in opened if "outside" in path]
 
 
 @pytest.mark.parametrize("name", ["lerobot:../../x", "python:a.b:c", "http://gpu:1/../../x?a=..", ".."])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import typed
-from tests.doubles import failed, manifest, trial
+from tests.doubles import begun, failed, manifest, trial
 from tests.failures.corpus.corpora import case, make_corpus
 from vlafuzz import api
 from vlafuzz.cli import load, main, named
@@ -35,9 +35,7 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
     monkeypatch.delitem(sys.modules, "sent_along", raising=False)
     Path("sent_along.py").write_text(MODULE)
     with Store.open(Path("a.db"), "write") as store:
-        run = store.begin(manifest(policy=OWN))
-        store.add(run, trial(0, failed()))
-        store.finish(run, "interrupted", 1.0)
+        store.finish(begun(store, trial(0, failed()), about=manifest(policy=OWN)), "interrupted", 1.0)
     write_corpus(replace(make_corpus(case()), runs=[manifest(policy=OWN)]), Path("corpus"))
     return tmp_path
 
@@ -51,8 +49,7 @@ COMMANDS = {
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_no_command_loads_code_because_a_file_names_it(name: str, folder: Path, capsys):
-    assert main(COMMANDS[name]) == 2
-    said = capsys.readouterr().err
+    said = typed(capsys, COMMANDS[name], code=2).err
     assert f"error: the file names '{OWN}': code" in said
     assert "--trust" in said
     assert not (folder / RAN).exists()

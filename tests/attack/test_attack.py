@@ -6,14 +6,18 @@ import pytest
 
 from tests.attack import samples, servers
 from tests.attack.counting import TARGETS, count, reaction
+from vlafuzz.policies.clients import wire
 
 COSTLY = {"store rows": 4, "meshes": 4, "triage": 4, **dict.fromkeys(servers.SERVERS, 2)}  # inputs
 
 
 @pytest.fixture(scope="module", autouse=True)
-def _ended() -> Iterator[None]:
+def _prepared() -> Iterator[None]:
+    """All samples, and no pauses between attempts to connect."""
     samples.make_all()
-    yield
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(wire, "PAUSES", (0.0, 0.0))
+        yield
     servers.stop()
 
 

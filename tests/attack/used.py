@@ -84,21 +84,9 @@ def config(rng: Rng, folder: Path) -> None:
         path.write_bytes(mutators.data(rng, yaml.safe_dump(RUN).encode()))
     else:
         path.write_text(json.dumps(content))
-    short = (
-        "--budget",
-        2,
-        "--config",
-        "batch=2",
-        "--config",
-        "repeats=1",
-        "--workers",
-        1,
-        "--executor",
-        "local",
-        "--no-certify",
-    )
+    short = "--budget 2 --config batch=2 --config repeats=1 --workers 1 --executor local --no-certify"
     with _known():
-        command("run", "--config", path, "--policy", "frozen", "--store", folder / "a.db", *short)
+        command("run", "--config", path, "--policy", "frozen", "--store", folder / "a.db", *short.split())
 
 
 USED: dict[str, tuple[Reader, int]] = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import ClosedForm, TinySpace, manifest  # fmt: skip
+from tests.doubles import ClosedForm, Raising, TinySpace, manifest
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.model.outcome import Outcome
@@ -65,17 +65,14 @@ def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summ
         return fuzz(manifest=about, space=SPACE, store=store, resume=resume, **defaults | parts)
 
 
-def cut(path: Path, after: int, **parts) -> None:
+class Cut(Raising, Moody):
+    """Raises after so many scenes."""
+
+
+def cut(path: Path, after: int, executor=LocalExecutor, **parts) -> None:
     """A run that Ctrl-C ends after so many scenes."""
-
-    class Cut(Moody):
-        def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-            if len(self.evaluated) == after:
-                raise KeyboardInterrupt
-            return super().evaluate(scenes)
-
     with pytest.raises(KeyboardInterrupt):
-        play(path, executor=LocalExecutor(Cut()), **parts)
+        play(path, executor=executor(Cut(KeyboardInterrupt(), after)), **parts)
 
 
 def contents(path: Path, run: int = 1) -> tuple[object, ...]:

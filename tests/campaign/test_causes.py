@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import Backwards, ClosedForm, Scripted, TinySpace, failed, manifest, passed, scene
-from tests.failures.triage.planted import CONDITIONS, SPACE
+from tests.doubles import Backwards, ClosedForm, Raising, Scripted, TinySpace, failed, manifest, passed, scene
+from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
 from vlafuzz.campaign import causes as keeping
@@ -23,7 +23,6 @@ from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.records import Attribution
 from vlafuzz.store.store import Store
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 VALUES = Reacher().space("reach", "own")  # whose random scenes take no time
 
 
@@ -38,17 +37,8 @@ class Faulty(ClosedForm):
         return failed() if weak(scene) or dict(scene.values)["bias"] > 0.2 else passed()
 
 
-class Cut(Faulty):
-    """Ctrl-C after so many scenes."""
-
-    def __init__(self, after: int) -> None:
-        super().__init__()
-        self._after = after
-
-    def outcome(self, scene: Scene):
-        if len(self.evaluated) > self._after:
-            raise KeyboardInterrupt
-        return super().outcome(scene)
+class Cut(Raising, Faulty):
+    """Raises after so many scenes."""
 
 
 def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int | None = None, watch=lambda _: None):
@@ -97,7 +87,7 @@ def test_how_scenes_are_evaluated_changes_no_cause(whole, tmp_path: Path):
 
 def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_whole_one(whole, tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "cut.db", LocalExecutor(Cut(after=85)))
+        run(tmp_path / "cut.db", LocalExecutor(Cut(KeyboardInterrupt(), 85)))
     with Store.open(tmp_path / "cut.db") as store:
         early = store.causes(1)
     assert early is not None
@@ -116,7 +106,7 @@ def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_
             return []
 
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "a.db", LocalExecutor(Cut(after=20)))
+        run(tmp_path / "a.db", LocalExecutor(Cut(KeyboardInterrupt(), 20)))
     with Store.open(tmp_path / "a.db") as store:
         before = store.causes(1)
     with pytest.raises(KeyboardInterrupt):

@@ -6,19 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.doubles import (
-    Always,
-    Backwards,
-    ClosedForm,
-    Gone,
-    Raising,
-    Scripted,
-    TinySpace,
-    failed,
-    manifest,
-    passed,
-    scene,
-)  # fmt: skip
+from tests.campaign.resuming import SPACE
+from tests.doubles import Always, Backwards, ClosedForm, Gone, Raising, Scripted, failed, manifest, passed, scene
 from vlafuzz.campaign.fuzz import fuzz
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
@@ -26,8 +15,6 @@ from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.proposals import InOrder, Pool, Random
 from vlafuzz.store.store import Store
-
-SPACE = TinySpace()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import manifest
-from tests.failures.triage.planted import CONDITIONS, SPACE
+from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import fuzz
@@ -17,7 +17,6 @@ from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 FAULTS = [lambda scene: DARK(scene) or TILTED(scene)]
 
 

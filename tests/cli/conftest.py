@@ -4,12 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, ended, failed, manifest
-from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.doubles import ClosedForm, ended, stored
+from tests.failures.triage.planted import TILTED, Planted
 from vlafuzz.campaign import launch
 from vlafuzz.failures import regions
 from vlafuzz.search.causes import draws
-from vlafuzz.store.store import Store
 
 
 @pytest.fixture(autouse=True)
@@ -31,9 +30,5 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
 def tilted(tmp_path: Path, monkeypatch) -> Path:
     """A store, ``a.db`` here, with three findings of a policy that fails where the camera is tilted."""
     monkeypatch.chdir(tmp_path)
-    fails = CONDITIONS["camera-orientation"][0]
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        run = opened.begin(manifest())
-        for seed in range(3):
-            opened.add(run, ended(Planted([fails]).finding(seed), failed(), seed, cell=f"{seed}"))
-    return tmp_path / "a.db"
+    failing = (ended(Planted([TILTED]).finding(seed), proposal=seed, cell=f"{seed}") for seed in range(3))
+    return stored(tmp_path / "a.db", *failing)

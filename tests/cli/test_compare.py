@@ -2,16 +2,15 @@
 
 import json
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
 
 import pytest
 
 from tests.cli.typed import complaint
 from tests.doubles import ClosedForm, Gone, Raising
-from tests.failures.triage.runners import PlantedRunner, interrupted
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.model.outcome import Outcome
@@ -55,37 +54,28 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
     return without_simulator(tmp_path, monkeypatch)
 
 
-@dataclass(frozen=True)
-class Made:
-    """A comparison: what it printed, also as JSON when it was asked again, and the folder of its store."""
-
-    printed: str
-    document: dict[str, Any]
-    folder: Path
-
-
-def made(folder: Path, *flags: str) -> Made:
-    """A comparison takes seconds, so that tests share some."""
+def made(folder: Path, *flags: str) -> SimpleNamespace:
+    """What a comparison printed, also as JSON when it was asked again: it takes seconds, so that tests share some."""
     with pytest.MonkeyPatch.context() as patched:
         without_simulator(folder, patched)
         with redirect_stdout(StringIO()) as out:
             compare(*flags)
         with redirect_stdout(StringIO()) as again:
             compare(*flags, "--json")
-    return Made(out.getvalue(), json.loads(again.getvalue()), folder)
+    return SimpleNamespace(printed=out.getvalue(), document=json.loads(again.getvalue()), folder=folder)
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> Made:
+def plain(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return made(tmp_path_factory.mktemp("plain"))
 
 
 @pytest.fixture(scope="module")
-def triaged(tmp_path_factory: pytest.TempPathFactory) -> Made:
+def triaged(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
     return made(tmp_path_factory.mktemp("triaged"), "--triage-rollouts", "200")
 
 
-def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain: Made):
+def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain):
     assert [row[:2] for row in runs(str(plain.folder / "a.db"))] == [
         ("random", 3), ("nsga2", 3), ("random", 4), ("nsga2", 4),
     ]  # fmt: skip
@@ -99,7 +89,7 @@ def test_every_run_pays_for_its_own_rollouts(capsys):
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
-def test_the_json_has_all_figures(plain: Made):
+def test_the_json_has_all_figures(plain):
     document = plain.document
     assert (document["budget"], document["repeats"]) == (12, 2)
     assert (document["seeds"], document["reference"]) == ([3, 4], "random")
@@ -108,7 +98,7 @@ def test_the_json_has_all_figures(plain: Made):
     assert standing["means"]["failures"]["value"] > 0
 
 
-def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made):
+def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged):
     document = triaged.document
     assert document["triage_rollouts"] == 200
     for standing in document["standings"]:
@@ -131,7 +121,7 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
     assert compared == [("nsga2", "failures"), ("causes", "failures")]
 
 
-def test_without_triage_failures_judge_and_it_says_so(plain: Made):
+def test_without_triage_failures_judge_and_it_says_so(plain):
     assert "Nothing was triaged (--triage-rollouts 0)" in plain.printed
     too_few = "2 repeats are too few to tell, p is never below 0.5; 6 could"
     assert f"nsga2: failures beside random: {too_few}" in " ".join(plain.printed.split())
@@ -168,9 +158,7 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         (("--policy", "pinhol"), "unknown policy 'pinhol'"),
     ],
 )
-def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
-    capsys, folder: Path, flags: tuple[str, ...], says: str
-):
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(capsys, folder: Path, flags, says: str):
     assert says in refused(capsys, *flags)
     assert list(folder.iterdir()) == []
 
@@ -202,17 +190,6 @@ def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     capsys.readouterr()
     compare("--triage-rollouts", "50", "--json")
     assert all(run["triage_rollouts"] <= 50 for run in json.loads(capsys.readouterr().out)["runs"])
-
-
-def test_triage_goes_on_after_an_interruption(capsys):
-    compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
-    whole = json.loads(capsys.readouterr().out)
-    with interrupted():
-        compare("--triage-rollouts", "200", code=130)
-    assert "hint: the same command continues" in capsys.readouterr().err
-    compare("--triage-rollouts", "200", "--json")
-    document = json.loads(capsys.readouterr().out)
-    assert document["runs"] == whole["runs"]
 
 
 def test_more_repeats_and_strategies_only_add_runs():

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.doubles import ended, manifest, scene
+from tests.doubles import ended, manifest, scene, stored
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky
 from tests.failures.corpus.test_export import CheckingRunner
-from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.failures.triage.planted import TILTED, Planted
 from tests.report.stores import MANIFEST, MadeUpFilms
-from vlafuzz.cli import main
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.diff import diff as compare_causes
 from vlafuzz.failures.corpus.diff import known
@@ -26,8 +25,6 @@ from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.renderer import Renderer
-
-TILTED = CONDITIONS["camera-orientation"][0]
 
 
 def bright(number: int) -> Case:
@@ -147,9 +144,7 @@ def test_a_page_shows_each_cause_with_the_rollouts_of_both_policies(monkeypatch,
 
 
 def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_path: Path, capsys):
-    with Store.open(tmp_path / "b.db", "write") as opened:
-        run = opened.begin(manifest(policy="pinhole"))
-        opened.add(run, ended(Planted([TILTED]).finding(0)))
+    stored(tmp_path / "b.db", ended(Planted([TILTED]).finding(0)), about=manifest(policy="pinhole"))
     printed = diff("old", "b.db", capsys=capsys)
     assert printed["counts"] == {"new": 0, "remaining": 1, "fixed": 1, "unclear": 0, "not judged": 0}
     assert "new ones unknown, as pinhole has no certified cause" in printed["verdict"]
@@ -177,18 +172,13 @@ def test_tasks_are_not_mixed(tmp_path: Path, capsys):
     assert "are of different tasks, pick-up and put-on" in " ".join(typed(capsys, "diff old other", code=2).err.split())
 
 
-def test_the_causes_of_a_store_are_its_minimal_findings(tmp_path: Path, monkeypatch, capsys):
+def test_the_causes_of_a_store_are_its_minimal_findings(tilted: Path, monkeypatch, capsys):
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda store, run, **_: CheckingRunner([TILTED]))
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        run = opened.begin(manifest())
-        for seed in range(3):
-            failing = Planted([TILTED]).finding(seed)
-            opened.add(run, ended(failing, proposal=seed))
-    assert main(["diff", "a.db", "a.db", "--policy-b", "expert"]) == 2
-    assert "neither has a certified cause" in " ".join(capsys.readouterr().err.split())
-    assert main(["triage", "a.db"]) == 0
-    found = known(Path("a.db"))
-    with Store.open(tmp_path / "a.db") as opened:
+    said = typed(capsys, "diff a.db a.db --policy-b expert", code=2).err
+    assert "neither has a certified cause" in " ".join(said.split())
+    typed(capsys, "triage a.db")
+    found = known(tilted)
+    with Store.open(tilted) as opened:
         rows = opened.triaged()
     assert {signature for signature, _ in found.causes.values()} == {"pick-up|grasp|camera-orientation:+yaw"}
     assert set(found.causes) == {row.shrunk for row in rows}

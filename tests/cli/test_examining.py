@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.cli.typed import typed
+from tests.cli.typed import told, typed
 from tests.doctor.faults import FAULTS, Changed
 from vlafuzz.cli import main
 from vlafuzz.policies.base import Policy
@@ -59,13 +59,12 @@ def broken() -> Policy:
     raise FileNotFoundError("weights.pt")
 
 
-def rows(capsys) -> dict[str, dict[str, str]]:
-    return {row["check"]: row for row in json.loads(capsys.readouterr().out)}
+def rows(capsys, policy: str, *, code: int) -> dict[str, dict[str, str]]:
+    return {row["check"]: row for row in told(capsys, f"doctor --policy {policy} --n 1 --json", code=code)}
 
 
 def test_the_doctor_finds_nothing_wrong_with_a_healthy_policy(capsys):
-    assert main(["doctor", "--policy", "pinhole", "--n", "1", "--json"]) == 0
-    checks = rows(capsys)
+    checks = rows(capsys, "pinhole", code=0)
     assert {row["verdict"] for row in checks.values()} == {"ok"}
     assert list(checks)[-3:] == ["rollouts", "nominal", "wiring"]
 
@@ -83,15 +82,13 @@ def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys):
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
         port = listening.getsockname()[1]
-    assert main(["doctor", "--policy", f"vla-eval:ws://127.0.0.1:{port}", "--json"]) == 3
-    (row,) = rows(capsys).values()
+    (row,) = rows(capsys, f"vla-eval:ws://127.0.0.1:{port}", code=3).values()
     assert (row["check"], row["verdict"]) == ("connects", "refuse")
     assert row["follows"].startswith("start it first")
 
 
 def test_code_of_the_users_that_raises_is_refused_with_what_it_raised(capsys):
-    assert main(["doctor", "--policy", f"{HERE}:broken", "--json"]) == 3
-    checks = rows(capsys)["connects"]
+    checks = rows(capsys, f"{HERE}:broken", code=3)["connects"]
     assert checks["found"] == f"{HERE}:broken: FileNotFoundError: weights.pt"
     assert checks["follows"].startswith(f"raised at {__file__}:")
     assert checks["follows"].endswith(': raise FileNotFoundError("weights.pt")')
@@ -109,8 +106,7 @@ def test_a_protocol_without_an_address_is_refused_with_its_form(capsys):
 
 
 def test_ctrl_c_leaves_what_was_found_by_then(capsys):
-    assert main(["doctor", "--policy", f"{HERE}:interrupted", "--json"]) == 130
-    assert list(rows(capsys)) == ["spec", "connects", "actions"]
+    assert list(rows(capsys, f"{HERE}:interrupted", code=130)) == ["spec", "connects", "actions"]
 
 
 @pytest.mark.parametrize(
@@ -143,9 +139,7 @@ def test_a_run_of_a_policy_that_cannot_be_tested_does_not_begin(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("name", "flags", "checkup"), [(f"{HERE}:constant", ["--unchecked"], "unchecked"), ("frozen", [], "")]
 )
-def test_a_run_that_was_not_to_look_says_so_and_policies_that_come_along_are_not_asked(
-    tmp_path: Path, capsys, name: str, flags: list[str], checkup: str
-):
+def test_a_run_that_was_not_to_look_says_so_and_our_own_policies_are_not_asked(tmp_path, capsys, name, flags, checkup):
     assert run(tmp_path, name, *flags) == 0
     assert json.loads(capsys.readouterr().out)["checkup"] == checkup
 

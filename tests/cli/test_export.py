@@ -4,18 +4,16 @@ from pathlib import Path
 import pytest
 
 from tests.cli.typed import complaint, typed
-from tests.doubles import manifest
+from tests.doubles import manifest, stored
 from tests.failures.corpus.test_export import CheckingRunner
-from tests.failures.triage.planted import CONDITIONS
+from tests.failures.triage.planted import TILTED
 from vlafuzz.cli import main
-from vlafuzz.exports.selection import Which, failures_of_store
+from vlafuzz.exports.selection import failures_of_store
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
-
-TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)
@@ -37,10 +35,9 @@ def test_minimal_failures_become_a_folder_that_reads_back(capsys):
 
 
 def test_a_task_without_a_minimal_failure_is_said_to_have_no_corpus(capsys):
-    with Store.open(Path("a.db"), "write") as opened:
-        opened.begin(manifest(task="put-on"))
-    assert main(["export", "a.db", "--minimal", "--controls", "30", "--out", "tilted"]) == 0
-    assert "no corpus of put-on: no minimal finding" in capsys.readouterr().err
+    stored(Path("a.db"), about=manifest(task="put-on"))
+    said = typed(capsys, "export a.db --minimal --controls 30 --out tilted").err
+    assert "no corpus of put-on: no minimal finding" in said
 
 
 def test_what_no_longer_holds_is_said(monkeypatch, capsys):
@@ -73,9 +70,7 @@ def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
 
 
 @pytest.mark.parametrize(("which", "scenes"), [("failed", 1), ("minimal", 2)])
-def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_counterpart(
-    store: Path, which: Which, scenes: int
-):
+def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_counterpart(store, which, scenes: int):
     with Store.open(store) as opened:
         failures = failures_of_store(opened, 1, which)
         triaged = {row.scene: row for row in opened.triaged()}
@@ -90,7 +85,6 @@ def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_cou
 
 def test_a_store_without_failures_has_no_demonstrations(capsys):
     pytest.importorskip("pyarrow")
-    with Store.open(Path("b.db"), "write") as store:
-        store.begin(manifest())
+    stored(Path("b.db"))
     assert "b.db: has no failing scene" in typed(capsys, "export b.db --format lerobot --out shown", code=2).err
     assert not Path("shown").exists()

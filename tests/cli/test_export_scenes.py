@@ -7,13 +7,12 @@ from shutil import copy
 
 import pytest
 
-from tests.cli.typed import complaint, typed
+from tests.cli.typed import IDLE, complaint, typed
 from tests.doubles import ClosedForm
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.model.scene_lines import load_scenes
 
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 pytestmark = pytest.mark.usefixtures("folder")
 
 

@@ -6,7 +6,6 @@ import pytest
 
 from tests.cli.typed import told, typed
 from tests.logs.samples import suite_csv
-from vlafuzz.cli import main
 
 
 @pytest.fixture(autouse=True)
@@ -22,16 +21,16 @@ def test_a_log_alone_is_fine_whatever_it_says(capsys):
     assert "0% (0–16.1%)" in shown
 
 
-@pytest.mark.parametrize(("log", "code"), [("old.csv", 0), ("worse.csv", 1), ("few.csv", 3)])
-def test_the_exit_code_says_whether_it_got_worse(log, code, capsys):
-    assert main(["read", log, "--against", "old.csv"]) == code
-    said = capsys.readouterr()
-    verdicts = {
-        0: "old.csv is not shown to differ from old.csv",
-        1: "worse.csv is worse than old.csv in goal, all, not shown to differ in long",
-        3: "cannot tell: too few episodes succeed in old.csv",
-    }
-    assert verdicts[code] in " ".join(said.out.split())
+@pytest.mark.parametrize(
+    ("log", "code", "verdict"),
+    [
+        ("old.csv", 0, "old.csv is not shown to differ from old.csv"),
+        ("worse.csv", 1, "worse.csv is worse than old.csv in goal, all, not shown to differ in long"),
+        ("few.csv", 3, "cannot tell: too few episodes succeed in old.csv"),
+    ],
+)
+def test_the_exit_code_says_whether_it_got_worse(log, code, verdict, capsys):
+    assert verdict in " ".join(typed(capsys, f"read {log} --against old.csv", code=code).out.split())
 
 
 def test_json_has_the_figures_and_the_verdict(capsys):

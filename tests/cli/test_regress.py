@@ -10,7 +10,6 @@ from tests.cli.typed import complaint, typed
 from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
-from vlafuzz.cli import main
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts import scene_runner as runner
@@ -39,13 +38,12 @@ def corpus(tmp_path: Path, monkeypatch) -> Path:
     return tmp_path / "dark"
 
 
-def regress(*arguments: str) -> int:
-    return main(["regress", "dark", "--policy", *arguments])
+def regress(capsys, words: str, *, code: int = 0):
+    return typed(capsys, f"regress dark --policy {words}", code=code)
 
 
 def test_the_corpus_own_policy_is_not_worse(capsys):
-    assert regress("idle", "--json") == 0
-    printed = json.loads(capsys.readouterr().out)
+    printed = json.loads(regress(capsys, "idle --json").out)
     assert (printed["alarm"], printed["p_value"], printed["needed"]) == (False, 1, 5)
     assert printed["groups"]["control"]["policy"]["count"] == 32
     assert printed["difference"]["of_failure_rates"] == 0
@@ -54,16 +52,14 @@ def test_the_corpus_own_policy_is_not_worse(capsys):
 
 
 def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsys):
-    assert regress("pinhole") == 1
-    captured = capsys.readouterr()
+    captured = regress(capsys, "pinhole", code=1)
     assert "pinhole is worse than idle as recorded: 9 worse and 0 better of 27 controls" in captured.out
     assert "biased upward, because the test stopped at the alarm" in captured.out
     assert "40 controls and 30 other scenes, at most 130 rollouts" in captured.err
     assert "32 of 40 controls pass: a loss of 35 points or more is noticed with 90% power" in captured.err
-    assert regress("pinhole", "--whole") == 1
-    captured = capsys.readouterr()
-    assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in captured.out
-    assert captured.out.count(" control ") == 20
+    whole = regress(capsys, "pinhole --whole", code=1).out
+    assert "failure rate over controls: +50.0 points (+28.6 to +65.2)" in whole
+    assert whole.count(" control ") == 20
 
 
 def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):
@@ -74,8 +70,7 @@ def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):
 
 
 def test_the_nights_share_alpha(capsys):
-    assert regress("pinhole", "--nights", "30", "--json") == 1
-    printed = json.loads(capsys.readouterr().out)
+    printed = json.loads(regress(capsys, "pinhole --nights 30 --json", code=1).out)
     assert printed["alpha"] == pytest.approx(0.05 / 30)
     assert printed["groups"]["control"]["worse"] == 15
 
@@ -92,20 +87,12 @@ def test_where_no_alarm_is_possible_nothing_is_run(words: str, capsys):
 
 
 def test_its_time_may_end_before_it_tells(capsys):
-    assert regress("expert", "--time", "0.000001s") == 3
-    printed = capsys.readouterr()
-    assert "--time is over after 0 controls: cannot tell" in printed.out
+    assert "--time is over after 0 controls: cannot tell" in regress(capsys, "expert --time 0.000001s", code=3).out
 
 
-def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them(capsys):
-    assert regress("expert") == 0
-    printed = capsys.readouterr().out
-    assert "failures are fixed: 30 of 30 failing scenes fixed" in printed
-
-
-def test_what_is_fixed_is_in_every_output(capsys):
-    assert regress("expert", "--json", "--summary", "a.md") == 0
-    printed = json.loads(capsys.readouterr().out)
+def test_one_that_solves_the_failures_is_fine_and_said_to_fix_them_in_every_output(capsys):
+    assert "failures are fixed: 30 of 30 failing scenes fixed" in regress(capsys, "expert").out
+    printed = json.loads(regress(capsys, "expert --json --summary a.md").out)
     assert (printed["fixed"]["changed"], printed["fixed"]["of"], printed["fixed"]["shown"]) == (30, 30, True)
     assert printed["changes"] in Path("a.md").read_text()
 
@@ -113,15 +100,14 @@ def test_what_is_fixed_is_in_every_output(capsys):
 def test_models_at_one_address_are_told_apart_by_their_labels(tmp_path: Path, capsys):
     runs = [manifest(policy="idle", label="v1")]
     write_corpus(replace(make_corpus(case(), controls=40), runs=runs), tmp_path / "v1")
-    assert main(["regress", "v1", "--policy", "idle", "--label", "v2"]) == 0
-    assert "v2 (idle) is not shown to be worse than v1 (idle) as recorded" in capsys.readouterr().out
-    assert main(["regress", "v1", "--policy", "idle", "--label", "v2", "--baseline", "idle"]) == 2
-    assert "error: --baseline idle cannot answer where v2 does" in capsys.readouterr().err
+    command = "regress v1 --policy idle --label v2"
+    assert "v2 (idle) is not shown to be worse than v1 (idle) as recorded" in typed(capsys, command).out
+    refused = typed(capsys, f"{command} --baseline idle", code=2).err
+    assert "error: --baseline idle cannot answer where v2 does" in refused
 
 
 def test_against_another_baseline_both_roll_out_with_the_same_seeds(capsys):
-    assert regress("idle", "--baseline", "expert", "--json") == 1
-    printed = json.loads(capsys.readouterr().out)
+    printed = json.loads(regress(capsys, "idle --baseline expert --json", code=1).out)
     assert printed["verdict"].startswith("idle is worse than expert: 8 worse and 0 better")
     assert MADE[0].calls == MADE[1].calls
     assert [made.closed for made in MADE] == [1, 1]
@@ -139,18 +125,16 @@ def test_other_conditions_than_the_corpus_are_said(monkeypatch, capsys):
         renderer = "another"
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Newer(RULES[name], run))
-    regress("idle")
-    assert "than the corpus: its spec, simulator, renderer differ" in capsys.readouterr().err
-    regress("expert")
-    assert "than the corpus: its simulator, renderer differ" in capsys.readouterr().err
+    assert "than the corpus: its spec, simulator, renderer differ" in regress(capsys, "idle").err
+    assert "than the corpus: its simulator, renderer differ" in regress(capsys, "expert").err
 
 
-def test_a_summary_names_the_broken_scenes():
-    assert regress("pinhole", "--whole", "--summary", "a.md") == 1
+def test_a_summary_names_the_broken_scenes(capsys):
+    regress(capsys, "pinhole --whole --summary a.md", code=1)
     summary = Path("a.md").read_text()
     assert summary.startswith("## ❌ pinhole is worse than idle as recorded: ")
     assert "| controls | 40 | 40 |" in summary
-    assert regress("idle", "--summary", "b.md") == 0
+    regress(capsys, "idle --summary b.md")
     assert Path("b.md").read_text().startswith("## ✅ idle is not shown to be worse")
 
 
@@ -160,11 +144,10 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(monkeypatch, ca
             return [Outcome.error("policy: connect: no answer")] * len(scenes)
 
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda _, run, name: Broken(RULES[name], run))
-    assert regress("idle", "--json") == 3
-    captured = capsys.readouterr()
-    told = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 9 or more: policy: connect"
-    assert told in captured.err
-    assert json.loads(captured.out)["stopped"] == "unjudged"
+    printed = regress(capsys, "idle --json", code=3)
+    why = "error: cannot tell: 0 of 10 controls could be judged; an alarm takes 9 or more: policy: connect"
+    assert why in printed.err
+    assert json.loads(printed.out)["stopped"] == "unjudged"
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from tests.cli.typed import complaint, told, typed
-from tests.doubles import ended, failed, manifest, passed
+from tests.doubles import begun, ended, failed, manifest, passed, stored
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
@@ -32,10 +32,7 @@ def test_it_repeats_the_first_failure_bit_by_bit(store, capsys):
 def test_it_shows_what_the_run_named_and_not_what_was_stored_first(tmp_path, capsys):
     path = tmp_path / "s.db"
     scenes = [replace(nominal("pick-up"), light=Light(intensity=value)) for value in (0.1, 0.2)]
-    with Store.open(path, "write") as opened:
-        run = opened.begin(manifest(policy="frozen"))
-        for proposal, scene in zip((1, 0), scenes, strict=True):
-            opened.add(run, ended(scene, failed(), proposal, cell="c"))
+    stored(path, ended(scenes[0], proposal=1), ended(scenes[1]), about=manifest(policy="frozen"))
     assert told(capsys, ["replay", str(path), "--json"])["scene"] == scenes[1].digest
 
 
@@ -79,8 +76,7 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
     failing, left = nominal("pick-up"), replace(nominal("pick-up"), light=Light(2.0))
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
-        run = store.begin(about)
-        store.add(run, ended(failing, failed(), 0, cell="grasp|light|0,0"))
+        begun(store, ended(failing), about=about)
         store.settle(
             Triaged(
                 scene=failing,
@@ -98,11 +94,9 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
 @pytest.mark.parametrize("given", ["", nominal("pick-up").digest])
 @pytest.mark.parametrize(("policy", "expected"), [(None, "frozen"), ("expert", "expert"), ("random", "frozen")])
 def test_a_finding_is_replayed_as_it_was_found_whatever_ran_its_scene_later(tmp_path, given, policy, expected):
-    trial = ended(nominal("pick-up"), failed(), 0, cell="grasp|light|0,0")
-    with Store.open(tmp_path / "s.db", "write") as store:
-        store.add(store.begin(manifest(policy="frozen")), trial)
-        store.add(store.begin(manifest(policy="expert")), replace(trial, outcome=passed(), cell=None))
-    wanted = find(tmp_path / "s.db", given or None, policy)
+    for name, outcome in (("frozen", failed()), ("expert", passed())):
+        path = stored(tmp_path / "s.db", ended(nominal("pick-up"), outcome), about=manifest(policy=name))
+    wanted = find(path, given or None, policy)
     assert wanted.conditions.policy == expected
 
 
@@ -130,12 +124,9 @@ def test_what_cannot_be_run_writes_nothing(tmp_path, capsys):
 
 
 def test_where_nothing_failed_one_that_passed_is_named(tmp_path, capsys):
-    store = str(tmp_path / "s.db")
-    with Store.open(tmp_path / "s.db", "write") as opened:
-        run = opened.begin(manifest())
-        opened.add(run, ended(nominal("pick-up"), passed()))
-    assert main(["replay", store]) == 2
-    assert f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in capsys.readouterr().err
+    store = str(stored(tmp_path / "s.db", ended(nominal("pick-up"), passed())))
+    said = typed(capsys, ["replay", store], code=2).err
+    assert f"give the digest of a scene that passed: {nominal('pick-up').digest[:12]}" in said
 
 
 @pytest.mark.parametrize(

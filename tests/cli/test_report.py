@@ -1,13 +1,18 @@
-from dataclasses import replace
+"""``vlafuzz report``: the page that it writes, and the failures that it lists in the terminal."""
+
+import json
+import re
+from dataclasses import asdict, replace
 from pathlib import Path
 from shutil import copy
 
 import pytest
 
-from tests.cli.typed import complaint, typed
+from tests.cli.typed import complaint, told, typed
 from tests.doubles import ended, failed, scene
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
+from vlafuzz.api import open_store
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.failures.corpus.folder import write_corpus
@@ -141,3 +146,40 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
 def test_what_is_wrong_is_said_in_a_sentence(arguments, said, capsys, place: Path):
     (place / "empty").mkdir()
     assert complaint(capsys, ["report", *arguments]).startswith(said)
+
+
+def test_each_finding_has_its_cause_evidence_and_id(capsys):
+    found = told(capsys, "report a.db --json")
+    minimal = [one for one in found if one["evidence"] == "minimal"]
+    assert minimal
+    assert found[: len(minimal)] == minimal  # the most evidence first
+    assert all(one["operators"] and one["signature"] and "rollouts" in one["detail"] for one in minimal)
+    shown = typed(capsys, "report a.db").out
+    assert f"see number 1: vlafuzz replay a.db {minimal[0]['scene'][:12]}" in shown
+
+
+def test_json_is_the_rows_of_python(capsys):
+    printed = {row["found"]: row for row in told(capsys, "report a.db --json")}
+    rows = open_store("a.db").findings()
+    assert printed == {row.found: json.loads(json.dumps(asdict(row))) for row in rows}
+    assert any(row["necessary"] and row["rate"] for row in printed.values())
+
+
+def test_a_limit_says_how_many_are_left_out_and_what_to_do_next(capsys):
+    shown = typed(capsys, "report a.db --limit 1").out
+    assert f"{len(told(capsys, 'report a.db --json')) - 1} more: --limit 0 shows all of them" in shown
+    assert "vlafuzz triage a.db" in shown
+
+
+def test_a_corpus_has_findings_too(capsys):
+    found = told(capsys, "report mini-pick-up --json")
+    assert len(found) >= 20
+    assert {one["witness"] for one in found} <= {"expert", "seeing"}
+    assert {one["run"] for one in found} == {None}
+
+
+def test_a_corpus_that_takes_hours_is_said_to(monkeypatch, capsys):
+    store(Path("b.db"))  # with all failures triaged
+    monkeypatch.setattr("vlafuzz.failures.corpus.export.pace", lambda *_: 18.0)
+    said = typed(capsys, "report b.db").out
+    assert re.search(r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said)

@@ -1,3 +1,5 @@
+"""``vlafuzz run``: what it prints and keeps, how it ends, which flags it takes, also from a file."""
+
 import json
 import re
 import sqlite3
@@ -5,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.typed import complaint, told, typed
+from tests.cli.typed import IDLE, complaint, told, typed
 from tests.doubles import ClosedForm, Gone, Raising, scene
 from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
@@ -19,7 +21,6 @@ from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.renderer import Renderer
 
 pytestmark = pytest.mark.usefixtures("folder")
-IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
 NAMES = ["failed", "passed", "invalid", "error"]
 
 
@@ -231,9 +232,7 @@ def test_a_folder_is_no_store(folder: Path, store: str, capsys):
         (["--scenes", "pool.jsonl", "--vary", "light"], "--vary light: the scenes of --scenes are run"),
     ],
 )
-def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(
-    folder: Path, capsys, arguments: list[str], says: str
-):
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_no_store(folder: Path, capsys, arguments, says: str):
     write_scenes(folder / "pool.jsonl", [scene()])
     assert says in complaint(capsys, ["run", *IDLE, "--store", "a.db", *arguments])
     assert not (folder / "a.db").exists()
@@ -256,3 +255,42 @@ def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
     assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
     note_policy(planned, {"policy": "frozen"})
     assert capsys.readouterr().err == ""
+
+
+def configured(capsys, *flags: str) -> dict:
+    return told(capsys, ["run", "--config", "run.yaml", "--json", *flags])
+
+
+def test_a_file_says_how_to_run_and_the_command_line_wins(folder: Path, capsys):
+    (folder / "run.yaml").write_text(
+        "policy: frozen\nstrategy: random\nbudget: 2\nstop-early: true\nvary: [light, target-position]\n"
+    )
+    done = configured(capsys, "--store", "a.db")
+    assert (done["policy"], done["strategy"], done["rollouts"]) == ("frozen", "random", 2)
+    assert configured(capsys, "--budget", "1", "--store", "b.db")["rollouts"] == 1
+
+
+def test_options_are_also_given_one_by_one_and_the_last_one_counts(folder: Path, capsys):
+    (folder / "run.yaml").write_text("policy: frozen\nstrategy: random\nbudget: 2\nrepeats: 1\n")
+    printed = typed(capsys, "run --config run.yaml --config repeats=2 --store a.db --json")
+    done = json.loads(printed.out)
+    assert (done["rollouts"], done["proposals"]) == (2, 1)
+    assert "note: frozen is deterministic: repeats differ only" in printed.err
+    assert "'repaets' is no flag of this command" in typed(capsys, "run --config repaets=2", code=2).err
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("bugdet: 3", "'bugdet' is no flag of this command"),
+        ("- budget", "not a list of flags"),
+        ("budget: {a: 1}", "budget: not a value of a flag"),
+        ("trust: true", "'trust' is no flag of this command"),
+        ("policy: python:tests.doubles:make_idle", "which is not run just because a file names it"),
+        ("budget: [", "YAML"),
+        ("budget: many", "--budget"),
+    ],
+)
+def test_a_wrong_file_of_flags_is_refused_in_a_sentence(folder: Path, capsys, text: str, says: str):
+    (folder / "run.yaml").write_text(f"{text}\n")
+    assert says in complaint(capsys, "run --config run.yaml")

@@ -6,15 +6,13 @@ import pytest
 
 import vlafuzz.failures.triage.pipeline  # noqa: F401 - it imports the class that is replaced here
 from tests.cli.typed import complaint, told, typed
-from tests.failures.triage.planted import CONDITIONS, Planted
+from tests.failures.triage.planted import TILTED, Planted
 from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.cli import main
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
-
-TILTED = CONDITIONS["camera-orientation"][0]
 
 
 @pytest.fixture(autouse=True)

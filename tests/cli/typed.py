@@ -5,6 +5,8 @@ from collections.abc import Sequence
 
 from vlafuzz.cli import main
 
+IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify")
+
 
 def typed(capsys, words: Sequence[str] | str, *, code: int = 0):
     """What a command prints that ends with this exit code: ``out`` and ``err``."""

@@ -17,7 +17,7 @@ from vlafuzz.common.files import replacing, write_whole, writing
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.report.page import check_place, write_page
-from vlafuzz.worlds.recording import Recording, write_picture
+from vlafuzz.worlds.recording import Recording, to_mp4, write_picture
 
 PICTURE = np.zeros((32, 32, 3), dtype=np.uint8)
 
@@ -89,6 +89,12 @@ def test_a_full_disk_is_one_sentence():
 def test_a_picture_is_a_picture(tmp_path: Path):
     write_picture(tmp_path / "seen", PICTURE)
     assert cv2.imread(str(tmp_path / "seen")).shape == PICTURE.shape
+
+
+def test_a_film_is_as_wide_as_its_pictures(tmp_path: Path, capfd):
+    (tmp_path / "f.mp4").write_bytes(to_mp4([np.zeros((224, 300, 3), np.uint8)] * 3, 6))
+    assert cv2.VideoCapture(str(tmp_path / "f.mp4")).get(cv2.CAP_PROP_FRAME_WIDTH) == 300
+    assert "WARNING" not in capfd.readouterr().err
 
 
 def test_a_cache_that_cannot_be_written_is_one_sentence(tmp_path: Path, monkeypatch):

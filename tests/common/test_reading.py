@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.cli.typed import told, typed
 from tests.packs import box, write_pack
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
-from vlafuzz.cli import main
 from vlafuzz.common.reading import inflated, npy_array, read_bytes
 from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
 from vlafuzz.model.scene import Scene
@@ -136,8 +136,7 @@ def test_lint_judges_all_lines_of_a_file_with_a_rotation_of_length_zero(tmp_path
     monkeypatch.chdir(tmp_path)
     turned = json.dumps(SCENE | {"confounders": [SCENE["targets"][0] | {"quaternion": [0, 0, 0, 0]}]})
     Path("a.jsonl").write_text(f"{turned}\n{json.dumps(SCENE)}\n")
-    assert main(["lint", "a.jsonl", "--static", "--json"]) == 1
-    (row,) = json.loads(capsys.readouterr().out)
+    (row,) = told(capsys, "lint a.jsonl --static --json", code=1)
     assert (row["scenes"], row["valid"]) == (2, 1)
     assert "not of length 1" in row["rejections"][0]["reason"]
 
@@ -190,8 +189,7 @@ class TestMeshes:
 def test_a_name_that_is_too_long_for_a_file_is_an_error_in_a_sentence(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     write_scenes(Path("a.jsonl"), [nominal()])
-    assert main([*command, "n" * 300]) == 2
-    assert "error: " in capsys.readouterr().err
+    assert "error: " in typed(capsys, [*command, "n" * 300], code=2).err
 
 
 ESCAPE = "\x1b]0;owned\x07\x9b31m\u202e"
@@ -214,8 +212,7 @@ class TestMessages:
         placed = SCENE["targets"][0] | {"object": ESCAPE, "rest": ESCAPE}
         lines = [SCENE | {"targets": [placed]}, SCENE | {ESCAPE: ESCAPE}]
         Path("a.jsonl").write_text("\n".join(map(json.dumps, lines)))
-        assert main(["lint", "a.jsonl", "--static", "--verbose"]) == 1
-        shown = capsys.readouterr()
+        shown = typed(capsys, "lint a.jsonl --static --verbose", code=1)
         assert r"\x1b]0;owned" in shown.out
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & {*shown.out, *shown.err}
 
@@ -224,8 +221,7 @@ class TestMessages:
         monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
         name = "[red]\x1b]0;owned\x07.jsonl"
         Path(name).write_text(json.dumps(SCENE) + "\n")
-        assert main(["lint", name, "--static"]) == 0
-        shown = capsys.readouterr()
+        shown = typed(capsys, ["lint", name, "--static"])
         assert "[red]" in shown.err
         assert "\x1b]0;owned" not in shown.out + shown.err
 

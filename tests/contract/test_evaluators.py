@@ -6,20 +6,13 @@ from dataclasses import replace
 import pytest
 
 from tests.doubles import ClosedForm, scene
-from tests.worlds.tabletop.sim.scenes import CATALOGUE
-from vlafuzz.model.conditions import Conditions
+from tests.worlds.tabletop.sim.scenes import evaluator_of
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement
 from vlafuzz.policies.controls import Random
 from vlafuzz.worlds.evaluator import Evaluator
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
-MAKERS: dict[str, Callable[[], Evaluator]] = {
-    "closed form": ClosedForm,
-    "maniskill": lambda: ManiSkillEvaluator(
-        Conditions(task="pick-up", world={"min_distance": 0.15}), Random(), CATALOGUE
-    ),
-}
+MAKERS: dict[str, Callable[[], Evaluator]] = {"closed form": ClosedForm, "maniskill": lambda: evaluator_of(Random())}
 FAIR, ANOTHER, FAR = scene(light=0.25), scene(light=0.25, y=0.1), scene(x=1.0)
 
 

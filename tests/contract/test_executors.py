@@ -6,6 +6,7 @@ from functools import partial
 import pytest
 
 from tests.doubles import Always, ClosedForm, Idle, Raising, passed, scene
+from tests.rollouts.test_processes import same
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -20,10 +21,6 @@ class Losing(ClosedForm):
 
     def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
         return [passed()]
-
-
-def same(evaluator: Evaluator) -> Evaluator:
-    return evaluator
 
 
 def processes(evaluator: Evaluator) -> ProcessExecutor:
@@ -80,6 +77,7 @@ class TestExecutor:
         got = run(make(ClosedForm()), [DARK, BRIGHT], [FAR], [])
         assert got == {0: [Verdict.FAILED, Verdict.PASSED], 1: [Verdict.INVALID], 2: []}
 
+    @here
     def test_where_there_is_no_batch_yet_it_asks_again_after_an_outcome(self, make):
         done: list[int] = []
 

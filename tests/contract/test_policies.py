@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import evaluate, nominal, pick_up, put
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
@@ -15,7 +14,7 @@ from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ
 from vlafuzz.worlds.tabletop.tasks import task
 
@@ -137,12 +136,10 @@ class TestPolicy:
         policy.close()
 
     def test_its_rollout_repeats_itself(self, policy: Policy):
-        evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE)
-        outcomes = evaluator.evaluate([SHOWN[0], SHOWN[1], SHOWN[0]])
+        outcomes = evaluate(policy, SHOWN[0], SHOWN[1], SHOWN[0])
         assert {outcome.verdict for outcome in outcomes} <= {Verdict.PASSED, Verdict.FAILED}
         assert outcomes[0].rollouts[0].states_hash == outcomes[2].rollouts[0].states_hash
         assert outcomes[0].rollouts[0].states_hash != outcomes[1].rollouts[0].states_hash
-        evaluator.close()
 
 
 def test_every_policy_is_listed_with_a_sentence():
@@ -172,9 +169,7 @@ def test_what_has_no_spec_is_no_policy():
         make_policy("python:tests.doubles:TinySpace")
 
 
-def test_only_the_expert_is_told_the_simulators_state():
-    assert [name for name in POLICIES if make_policy(name).spec.privileged] == ["expert"]
-
-
-def test_only_the_seeing_expert_is_told_the_true_camera_and_light():
-    assert [name for name in POLICIES if make_policy(name).spec.calibrated] == ["seeing"]
+def test_only_the_experts_are_told_the_simulators_state_or_the_true_camera_and_light():
+    specs = {name: make_policy(name).spec for name in POLICIES}
+    assert [name for name in specs if specs[name].privileged] == ["expert"]
+    assert [name for name in specs if specs[name].calibrated] == ["seeing"]

@@ -100,9 +100,7 @@ def test_several_answers_in_the_wrong_order_are_named(examine: Examine):
     assert named(examine(FAULTS["batch order mixed"]("pinhole"), 1)) == THOROUGH["batch order mixed"]
 
 
-def test_swapped_axes_are_named_and_every_rollout_is_told_without_the_rest_of_nominal_scenes_that_fail(
-    examine: Examine,
-):
+def test_swapped_axes_are_named_and_every_rollout_is_told_without_the_rest_of_nominal_scenes_that_fail(examine):
     told: list[str] = []
 
     class Told(Watch):

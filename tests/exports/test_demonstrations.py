@@ -3,12 +3,14 @@
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from tests.doubles import failed, trial
+from tests.cli.typed import typed
+from tests.doubles import ended, stored
 from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
 from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
@@ -40,12 +42,8 @@ def tiny_pictures(**action: object) -> Manifest:
 
 
 def failing(path: Path, manifest: Manifest, *scenes: Scene) -> Path:
-    with Store.open(path, "write") as store:
-        number = store.begin(manifest)
-        for proposal, scene in enumerate(scenes):
-            cell = f"grasp|light|x{proposal}y0"
-            store.add(number, replace(trial(proposal, failed()), scene=scene, cell=cell))
-    return path
+    trials = (ended(scene, proposal=at, cell=f"grasp|light|x{at}y0") for at, scene in enumerate(scenes))
+    return stored(path, *trials, about=manifest)
 
 
 def solved(manifest: Manifest, scene: Scene) -> tuple[Solution, bool]:
@@ -69,11 +67,8 @@ def test_a_solution_is_written_as_the_policy_acts(options: str, most: float):
     solution, again = solved(of_policy(f"openpi:ws://gpu:8000?{options}"), CAN)
     assert (solution.actions.shape[1], again) == (7, True)
     assert 0.5 < np.abs(solution.actions).max() <= most
-
-
-def test_the_gripper_closes_as_the_policy_closes_it():
-    solution, _ = solved(of_policy("openpi:ws://gpu:8000?gripper=close_01"), CAN)
-    assert (solution.actions[0, -1], solution.actions[-1, -1]) == (0.0, 1.0)
+    opened = 0.0 if "close_01" in options else -1.0
+    assert (solution.actions[0, -1], solution.actions[-1, -1]) == (opened, 1.0)
 
 
 def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
@@ -104,16 +99,19 @@ def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
     assert demonstrations.left_out == {"its scene is not fair": 1}
 
 
-@pytest.mark.render
-def test_actions_that_are_read_from_the_dataset_solve_their_scenes(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def exported(store: Path, out: Path, *flags: str) -> list[list[dict[str, Any]]]:
+    """The rows of frames and of episodes of the dataset that the command writes."""
     parquet = pytest.importorskip("pyarrow.parquet")
+    assert main(["export", str(store), "--format", "lerobot", "--out", str(out), "--workers", "1", *flags]) == 0
+    tables = ("data/chunk-000/file-000.parquet", "meta/episodes/chunk-000/file-000.parquet")
+    return [parquet.read_table(out / table).to_pylist() for table in tables]
+
+
+@pytest.mark.render
+def test_actions_that_are_read_from_the_dataset_solve_their_scenes(tmp_path: Path):
     manifest = tiny_pictures(hz=10, relative_to="current", gripper="close_positive")
-    path, out = failing(tmp_path / "a.db", manifest, CAN, APPLE), tmp_path / "shown"
-    command = ["export", str(path), "--format", "lerobot", "--demos", "3", "--out", str(out)]
-    assert main([*command, "--workers", "1"]) == 0
-    assert "3 demonstrations written" in capsys.readouterr().err
-    rows = parquet.read_table(out / "data/chunk-000/file-000.parquet").to_pylist()
-    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    path = failing(tmp_path / "a.db", manifest, CAN, APPLE)
+    rows, episodes = exported(path, tmp_path / "shown", "--demos", "3")
     assert [row["scene"] for row in episodes[:2]] == [CAN.digest, APPLE.digest]
     assert [row["finding"] for row in episodes] == [CAN.digest, APPLE.digest, CAN.digest]
     runner = ExpertRunner(manifest)
@@ -131,23 +129,17 @@ def test_actions_that_are_read_from_the_dataset_solve_their_scenes(tmp_path: Pat
 
 @pytest.mark.render
 def test_random_scenes_are_as_many_as_there_are_failures(tmp_path: Path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path, out = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE), tmp_path / "shown"
-    command = ["export", str(path), "--format", "lerobot", "--scenes", "random", "--out", str(out)]
-    assert main([*command, "--workers", "1"]) == 0
-    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE)
+    _, episodes = exported(path, tmp_path / "shown", "--scenes", "random")
     assert [row["finding"] for row in episodes] == ["", ""]
     assert not {row["scene"] for row in episodes} & {CAN.digest, APPLE.digest}
 
 
 @pytest.mark.render
 def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path, out = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE), tmp_path / "shown"
-    command = ["export", str(path), "--format", "lerobot", "--hold-out", "0.5", "--out", str(out)]
-    assert main([*command, "--workers", "1"]) == 0
+    path = failing(tmp_path / "a.db", tiny_pictures(), CAN, APPLE)
+    _, episodes = exported(path, tmp_path / "shown", "--hold-out", "0.5")
     (held,) = load_scenes(tmp_path / "shown-held-out.jsonl")
-    episodes = parquet.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     assert {held.digest, *(row["scene"] for row in episodes)} == {CAN.digest, APPLE.digest}
 
 
@@ -161,10 +153,10 @@ def test_what_is_held_out_is_written_beside_and_not_shown(tmp_path: Path):
         (["--format", "lerobot", "--hold-out", "0.5"], "its 1 failures have one cause"),
     ],
 )
-def test_flags_that_make_no_sense(tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]):
+def test_flags_that_make_no_sense(tmp_path: Path, flags: list[str], says: str, capsys):
     path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
-    assert main(["export", str(path), "--out", str(tmp_path / "out"), *flags]) == 2
-    assert says in " ".join(capsys.readouterr().err.split())
+    said = typed(capsys, ["export", str(path), "--out", str(tmp_path / "out"), *flags], code=2).err
+    assert says in " ".join(said.split())
 
 
 @pytest.mark.slow

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from tests.cli.typed import typed
 from tests.worlds.tabletop.sim.scenes import nominal
-from vlafuzz.cli import main
 from vlafuzz.exports.packed import Packed, packed
 
 parquet = pytest.importorskip("pyarrow.parquet")
@@ -136,11 +136,10 @@ def test_a_file_is_not_filled_beyond_its_size(tmp_path: Path, monkeypatch: pytes
 
 
 @pytest.mark.render
-def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, capsys):
     out = tmp_path / "shown"
     command = ["export", str(corpus), "--format", "lerobot", "--out", str(out), "--workers", "1"]
-    assert main(command) == 0
-    assert "2 demonstrations written" in capsys.readouterr().err
+    assert "2 demonstrations written" in typed(capsys, command).err
     frames = parquet.read_table(out / FRAMES.format(0)).to_pylist()
     moved = np.array([row["observation.state"] for row in frames if row["episode_index"] == 0])
     assert moved[-1, 2] > moved[:, 2].min() + 0.01  # it was lifted
@@ -155,21 +154,17 @@ def test_the_cases_of_a_corpus_are_demonstrated(corpus: Path, tmp_path: Path, ca
         (["--verdict", "all"], "--verdict all: only failures have witnesses"),
     ],
 )
-def test_flags_that_do_not_go_with_it(
-    corpus: Path, tmp_path: Path, flags: list[str], says: str, capsys: pytest.CaptureFixture[str]
-):
+def test_flags_that_do_not_go_with_it(corpus: Path, tmp_path: Path, flags: list[str], says: str, capsys):
     command = ["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown"), *flags]
-    assert main(command) == 2
-    assert says.replace("CORPUS", str(corpus)) in capsys.readouterr().err.replace("\n", " ")
+    said = typed(capsys, command, code=2).err
+    assert says.replace("CORPUS", str(corpus)) in said.replace("\n", " ")
 
 
-def test_a_package_that_is_missing(
-    corpus: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_a_package_that_is_missing(corpus: Path, tmp_path: Path, monkeypatch, capsys):
     monkeypatch.delitem(sys.modules, "vlafuzz.exports.lerobot", raising=False)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert main(["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown")]) == 3
-    printed = capsys.readouterr().err
+    command = ["export", str(corpus), "--format", "lerobot", "--out", str(tmp_path / "shown")]
+    printed = typed(capsys, command, code=3).err
     assert "--format lerobot needs the package 'pyarrow'" in printed
     assert "-m pip install " in printed
 

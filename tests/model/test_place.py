@@ -1,8 +1,6 @@
 """Place: two machines are told apart by what can decide an outcome, in words."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
@@ -71,9 +69,3 @@ def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():
     there, not_known = manifest(place=stored(OLD)), manifest()
     assert len({run.key() for run in (there, not_known, manifest(place=stored(NEW)))}) == 3
     assert there.comparable(manifest(place=stored(NEW)))
-
-
-def test_torch_is_loaded_only_when_a_place_is_asked_for():
-    code = "import sys, vlafuzz.worlds.provenance, vlafuzz.campaign.config; print('torch' in sys.modules)"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == "False"

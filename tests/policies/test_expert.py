@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.policies.rolled import outcomes
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Placement, Scene
@@ -64,7 +63,7 @@ class Slippery(Expert):
 
 
 def test_it_tries_again_when_the_object_slips():
-    (outcome,) = outcomes(Slippery(), pick_up(put("sponge", -0.05, 0.05)))
+    (outcome,) = evaluate(Slippery(), pick_up(put("sponge", -0.05, 0.05)))
     trace = outcome.rollouts[0].actions[:, 6]
     assert (np.diff(trace) < 0).sum() >= 2, "it closed only once"
     assert outcome.verdict is Verdict.PASSED
@@ -96,7 +95,7 @@ def test_it_solves_nearly_all_fair_random_scenes(expert_on):
 def test_it_comes_from_above_and_leaning_either_way(attempt: int):
     expert = Expert()
     expert.attempt = attempt
-    (outcome,) = outcomes(expert, nominal(), min_distance=0.0)
+    (outcome,) = evaluate(expert, nominal(), world={"min_distance": 0.0})
     assert outcome.verdict is Verdict.PASSED
     (rollout,) = outcome.rollouts
     turned = np.abs(rollout.actions[:, 3:5]).max()

@@ -5,8 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tests.policies.rolled import outcomes
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole, _named
@@ -31,7 +30,7 @@ SPOON = {"targets": (Placement("spoon", "lying", -0.05, 0.0),), "instruction": "
     ],
 )
 def test_a_camera_that_is_moved_and_glare_make_it_miss(changes, expected):
-    (outcome,) = outcomes(Pinhole(), dataclasses.replace(SCENE, **changes))
+    (outcome,) = evaluate(Pinhole(), dataclasses.replace(SCENE, **changes))
     assert outcome.verdict is expected
 
 
@@ -49,7 +48,7 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
     )
     targets = (Placement("eggplant", "lying", -0.058, -0.048, -19.0), Placement("basket", "flat", -0.05, 0.18, 158.0))
     scene = Scene("put-in", targets, "fill the basket with the eggplant", confounders=around)
-    (mixed_up,) = outcomes(Pinhole(), scene, min_distance=0.0)
+    (mixed_up,) = evaluate(Pinhole(), scene, world={"min_distance": 0.0})
     assert (mixed_up.verdict, mixed_up.detail) == (Verdict.FAILED, "")
 
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.policies.rolled import outcomes
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
@@ -27,7 +26,7 @@ CANS = (put("coke_can", 0.0, 0.2), put("sprite_can", 0.05, -0.2), put("7up_can",
 
 
 def verdict(scene, policy=SeeingExpert):
-    return outcomes(policy(), scene, min_distance=0.0)[0].verdict
+    return evaluate(policy(), scene, world={"min_distance": 0.0})[0].verdict
 
 
 @pytest.mark.parametrize("task", TASKS)

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.cli.typed import typed
 from vlafuzz import api
-from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 
@@ -59,15 +59,12 @@ class Reversed:
 
 
 @pytest.mark.parametrize(
-    "command",
-    [["run", "--unchecked", "--policy"], ["compare", "--out", "out", "--policy"], ["doctor", "--policy"], ["serve"]],
+    "command", [["run", "--unchecked", "--policy"], ["compare", "--policy"], ["doctor", "--policy"], ["serve"]]
 )
-def test_no_command_takes_a_policy_with_such_a_spec(
-    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
+def test_no_command_takes_a_policy_with_such_a_spec(command: list[str], tmp_path: Path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert main([*command, "python:tests.policies.test_spec:Reversed"]) == 2
-    assert "error: the policy's spec: gripper: expected one of" in capsys.readouterr().err
+    said = typed(capsys, [*command, "python:tests.policies.test_spec:Reversed"], code=2).err
+    assert "error: the policy's spec: gripper: expected one of" in said
 
 
 def test_nor_does_fuzz_from_python():

@@ -13,7 +13,7 @@ SCRIPT = Path(__file__).parents[2] / "scripts" / "bench_strategies.py"
 
 def bench(tmp_path: Path, *args: str) -> dict[str, Any]:
     out = tmp_path / "out.json"
-    command = [sys.executable, str(SCRIPT), args[0], "--repeats", "2", "--workers", "2", "--out", str(out), *args[1:]]
+    command = [sys.executable, str(SCRIPT), args[0], "--repeats", "2", "--workers", "1", "--out", str(out), *args[1:]]
     subprocess.run(command, check=True, capture_output=True, timeout=300)
     return json.loads(out.read_text())  # type: ignore[no-any-return]
 

@@ -1,12 +1,13 @@
 """Stores with planted failures, and films without a simulator."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
 
-from tests.doubles import ended, manifest, passed
+from tests.doubles import begun, ended, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import triage
@@ -27,11 +28,9 @@ def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: 
     """``findings`` findings of each planted policy, of which the first ``triaged`` (or all) are triaged."""
     with Store.open(path, "write") as opened:
         for seed, condition in enumerate(PLANTED.values()):
-            run = opened.begin(manifest(operators=MANIFEST.operators, seed=seed, policy=policy))
-            planted = Planted([condition])
-            for number in range(findings):
-                opened.add(run, ended(planted.finding(number), proposal=number))
-            opened.add(run, ended(SPACE.nominal(), passed(), findings))
+            failing = (ended(Planted([condition]).finding(number), proposal=number) for number in range(findings))
+            usual = ended(SPACE.nominal(), passed(), findings)
+            run = begun(opened, *failing, usual, about=replace(MANIFEST, seed=seed, policy=policy))
             opened.finish(run, "finished", 12.0)
         if triaged != 0:
             conditions = list(PLANTED.values())

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import ended, failed, passed
-from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
+from tests.doubles import begun, ended, failed, passed
+from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, TILTED, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
 from vlafuzz.failures import regions
@@ -27,7 +27,6 @@ from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)
 
 
@@ -48,9 +47,8 @@ def store(tmp_path: Path):
     """A run with a finding for each of three causes: tilted, dark, tilted again; and one of no cause."""
     tilted, dark, tilted_too = only("camera-orientation", 0), only("light", 1), only("camera-orientation", 2)
     with Store.open(tmp_path / "a.db", "write") as opened:
-        opened.begin(MANIFEST)
-        for proposal, scene in enumerate((Planted([DARK]).finding(9), tilted, dark, tilted_too)):
-            opened.add(1, ended(scene, proposal=proposal))
+        failing = enumerate((Planted([DARK]).finding(9), tilted, dark, tilted_too))
+        begun(opened, *(ended(scene, proposal=proposal) for proposal, scene in failing), about=MANIFEST)
         causes = (
             FoundCause(tilted, ("camera-orientation",), 5),
             FoundCause(dark, ("light",), 4),
@@ -199,9 +197,7 @@ def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     assert tilted.step[1].endswith("--minimal --out corpus")
 
 
-def test_a_card_says_which_share_of_random_scenes_its_range_is_and_how_many_of_their_failures_it_explains(
-    tmp_path: Path, monkeypatch
-):
+def test_a_card_says_which_share_of_random_scenes_its_range_is_and_what_it_explains(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(regions, "DRAWN", 500)  # random scenes, and as many to compare with: fewer are quicker
     rng = np.random.default_rng(0)
     scenes = [only("light", 1), *(SPACE.sample(rng) for _ in range(80))]

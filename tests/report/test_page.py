@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.doubles import scene
+from tests.doubles import scene, stored
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError
@@ -145,7 +145,6 @@ def test_nothing_unseen_reaches_a_page_nor_its_copy_button(tmp_path: Path):
 def test_unseen_signs_in_scenes_and_runs_are_refused(sign: str, tmp_path: Path):
     with pytest.raises(SceneError, match="signs that cannot be seen"):
         Scene.from_json(json.dumps(json.loads(scene().to_json()) | {"instruction": f"a{sign}b"}))
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        opened.begin(replace(MANIFEST, policy=f"a{sign}b"))
-    with Store.open(tmp_path / "a.db") as opened, pytest.raises(StoreError, match="signs that cannot be seen"):
+    path = stored(tmp_path / "a.db", about=replace(MANIFEST, policy=f"a{sign}b"))
+    with Store.open(path) as opened, pytest.raises(StoreError, match="signs that cannot be seen"):
         opened.runs()

@@ -1,12 +1,13 @@
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.doubles import ended, failed, passed
+from tests.doubles import begun, ended, failed, passed, stored
 from tests.failures.corpus.corpora import PNG, case, make_corpus
 from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import SPACE, Condition
@@ -36,6 +37,11 @@ def triaged(tmp_path_factory: pytest.TempPathFactory) -> View:
     return view(store(tmp_path_factory.mktemp("store") / "a.db"))
 
 
+def listed_runs(shown: View) -> Sequence[Mapping[str, object]]:
+    (runs,) = (table for table in shown.tables if table.title == "Runs")
+    return runs.rows
+
+
 def test_it_begins_with_the_failure_rate_and_what_is_known_of_causes(triaged: View):
     assert triaged.title == "idle on pick-up"
     (head,) = triaged.heads
@@ -47,11 +53,10 @@ def test_it_begins_with_the_failure_rate_and_what_is_known_of_causes(triaged: Vi
 
 
 def test_runs_are_listed_with_verdicts_and_stages_reached(triaged: View):
-    (runs,) = (table for table in triaged.tables if table.title == "Runs")
-    assert [row["scenes that failed"] for row in runs.rows] == ["3 of 4, 75% (30.1–95.4%)"] * 2
-    assert {(row["not fair"], row["errors"], row["stages reached"]) for row in runs.rows} == {
-        (0, 0, "grasp 1, lift 1, success 1")
-    }
+    runs = listed_runs(triaged)
+    assert [row["scenes that failed"] for row in runs] == ["3 of 4, 75% (30.1–95.4%)"] * 2
+    reached = {(row["not fair"], row["errors"], row["stages reached"]) for row in runs}
+    assert reached == {(0, 0, "grasp 1, lift 1, success 1")}
 
 
 def test_a_card_shows_what_is_left_with_its_threshold_and_evidence(triaged: View):
@@ -73,9 +78,7 @@ def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_tri
 
     bright, dark = (replace(SPACE.nominal(), light=Light(2.0**power)) for power in (-1.0, -3.0))
     with Store.open(tmp_path / "a.db", "write") as opened:
-        run = opened.begin(MANIFEST)
-        for proposal, (scene, outcome) in enumerate(((bright, failed()), (dark, passed()))):
-            opened.add(run, ended(scene, outcome, proposal))
+        begun(opened, ended(bright), ended(dark, passed(), 1), about=MANIFEST)
         triage(opened, runner)
         (found,) = opened.triaged()
         write_corpus(export(opened, runner, name="bright"), tmp_path / "bright")
@@ -95,7 +98,7 @@ def test_a_card_that_is_not_minimal_says_how_often_its_finding_fails(tmp_path: P
     def cards(name: str, fails: Condition, solvable: bool) -> list[DescribedFailure]:
         finding = SPACE.nominal()
         with Store.open(tmp_path / name, "write") as opened:
-            opened.add(opened.begin(MANIFEST), ended(finding, failed(), 0, cell="grasp|none|x0y0"))
+            begun(opened, ended(finding, cell="grasp|none|x0y0"), about=MANIFEST)
             triage(opened, lambda _: PlantedRunner([fails], solvable=lambda _: solvable))
         return [card.of for card in view(tmp_path / name).cards]
 
@@ -139,8 +142,7 @@ def test_a_store_without_failures_or_without_runs_has_a_view(tmp_path: Path):
 def test_it_names_the_phase_of_a_run(tmp_path: Path):
     path = tmp_path / "a.db"
     with Store.open(path, "write") as opened:
-        run = opened.begin(replace(MANIFEST, budget=50))
-        opened.add(run, ended(SPACE.nominal()))
+        run = begun(opened, ended(SPACE.nominal()), about=replace(MANIFEST, budget=50))
         live = view_of_store(opened)
         assert live.phase == "searching: 1 of 50 rollouts done"
         assert live.heads[0].sentence == "1 of 1 scene failed so far; no cause is known yet."
@@ -149,18 +151,16 @@ def test_it_names_the_phase_of_a_run(tmp_path: Path):
         opened.finish(run, "finished", 1.0)
         assert view_of_store(opened).phase == "certifying: 0 of 1 cause so far"
     assert view(path).phase == "finished"
-    with Store.open(path, "write") as opened:
-        opened.begin(replace(MANIFEST, budget=50))
+    stored(path, about=replace(MANIFEST, budget=50))
     assert view(path).phase == "interrupted: 0 of 50 rollouts done"  # it was killed: nobody writes
 
 
 def test_it_says_where_each_run_was_made(tmp_path: Path):
     for kind in ("NEON", "SVE"):
         place = json.dumps({"processor": "arm64", "instructions": kind, "torch": "2.13"})
-        with Store.open(tmp_path / "a.db", "write") as opened:
-            opened.begin(replace(MANIFEST, place=place))
-    (runs,) = (table for table in view(tmp_path / "a.db").tables if table.title == "Runs")
-    assert [row["made at"] for row in runs.rows] == ["arm64, NEON, torch 2.13", "arm64, SVE, torch 2.13"]
+        stored(tmp_path / "a.db", about=replace(MANIFEST, place=place))
+    runs = listed_runs(view(tmp_path / "a.db"))
+    assert [row["made at"] for row in runs] == ["arm64, NEON, torch 2.13", "arm64, SVE, torch 2.13"]
 
 
 def test_a_corpus_shows_its_cases_with_their_pictures():
@@ -284,27 +284,20 @@ def test_films_in_which_the_policy_passes_are_noted(triaged: View):
 
 
 def test_runs_of_several_models_are_told_apart(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        for label in ("step-1", "step-2"):
-            opened.add(opened.begin(replace(MANIFEST, label=label)), ended(SPACE.nominal(), passed()))
+    for label in ("step-1", "step-2"):
+        stored(tmp_path / "a.db", ended(SPACE.nominal(), passed()), about=replace(MANIFEST, label=label))
     shown = view(tmp_path / "a.db")
-    (runs,) = (table for table in shown.tables if table.title == "Runs")
-    assert [row["policy"] for row in runs.rows] == ["step-1 (idle)", "step-2 (idle)"]
+    assert [row["policy"] for row in listed_runs(shown)] == ["step-1 (idle)", "step-2 (idle)"]
     assert shown.title == "step-1, step-2 on pick-up"
     assert [head.name for head in shown.heads] == ["step-1 (idle) on pick-up", "step-2 (idle) on pick-up"]
     assert render(shown).count(" of random scenes fail") == 2
 
 
 def test_guided_scenes_have_counts_but_no_rates(tmp_path):
-    guided = replace(MANIFEST, strategy="causes")
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        for number, manifest in enumerate((MANIFEST, guided), start=1):
-            opened.begin(manifest)
-            outcome = failed() if number == 2 else passed()
-            opened.add(number, ended(nominal("pick-up"), outcome))
-        shown = view_of_store(opened)
-    (runs,) = (table for table in shown.tables if table.title == "Runs")
-    assert [row["scenes that failed"] for row in runs.rows] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
+    for about, outcome in ((MANIFEST, passed()), (replace(MANIFEST, strategy="causes"), failed())):
+        stored(tmp_path / "a.db", ended(nominal("pick-up"), outcome), about=about)
+    runs = listed_runs(view(tmp_path / "a.db"))
+    assert [row["scenes that failed"] for row in runs] == ["0 of 1, 0% (0–79.3%)", "1 of 1"]
 
 
 class Mapped(Reacher):

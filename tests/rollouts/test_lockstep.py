@@ -162,9 +162,9 @@ def row(outcome: Outcome) -> tuple[object, ...]:
 
 @pytest.fixture(scope="module")
 def alone() -> list[tuple[object, ...]]:
-    """Eight scenes of the simulator, one after the other."""
+    """Five scenes of the simulator, one after the other."""
     evaluator = make(Pinhole())
-    outcomes = evaluator.evaluate(sampled(8))
+    outcomes = evaluator.evaluate(sampled(5))
     evaluator.close()
     return list(map(row, outcomes))
 
@@ -172,9 +172,9 @@ def alone() -> list[tuple[object, ...]]:
 def together() -> list[tuple[object, ...]]:
     """The same scenes, three at a time."""
     executor = LockstepExecutor(make, Pinhole(), lanes=3)
-    results = dict(executor.run((tag, [scene]) for tag, scene in enumerate(sampled(8))))
+    results = dict(executor.run((tag, [scene]) for tag, scene in enumerate(sampled(5))))
     executor.close()
-    return [row(results[tag][0]) for tag in range(8)]
+    return [row(results[tag][0]) for tag in range(5)]
 
 
 def test_scenes_go_through_the_same_states_as_alone(alone):

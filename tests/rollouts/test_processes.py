@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -89,6 +91,17 @@ def executor() -> Iterator[Callable[..., ProcessExecutor]]:
         executor.close()
 
 
+def of_bright(executor: WorkerPool) -> Outcome:
+    """The outcome of a bright scene; the other scenes must have their usual outcomes."""
+    scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
+    got = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
+    assert len(got) == len(scenes)
+    (bright,) = got.pop(3)
+    expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
+    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
+    return bright
+
+
 TROUBLES = {
     "killed": (die, {}, "worker: was killed by SIGKILL, 2 times"),
     "gone": (leave, {}, "worker: ended with exit code 7, 2 times"),
@@ -101,14 +114,8 @@ TROUBLES = {
 @pytest.mark.parametrize("always", [False, True], ids=["once", "always"])
 def test_a_worker_in_trouble_costs_one_more_try_and_then_only_its_scene(executor, tmp_path, trouble, always):
     what, options, says = TROUBLES[trouble]
-    scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
-    chosen = executor(partial(same, Treacherous(what, tmp_path, always=always)), **options)
-    got = dict(chosen.run((number, [scene]) for number, scene in enumerate(scenes)))
-    assert len(got) == len(scenes)
-    (outcome,) = got.pop(3)
+    outcome = of_bright(executor(partial(same, Treacherous(what, tmp_path, always=always)), **options))
     assert (outcome.verdict, outcome.detail) == ((Verdict.ERROR, says) if always else (Verdict.PASSED, ""))
-    expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
-    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
     assert len(list(tmp_path.iterdir())) == 2
 
 
@@ -187,3 +194,35 @@ def test_nobody_is_left_when_it_is_closed_or_given_up(executor):
     results.close()
     assert len(pids) == 2
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+SCRIPT = """
+import os, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from vlafuzz.rollouts import forks
+
+if __name__ == "__main__":
+    environment = dict(os.environ)
+    with ProcessPoolExecutor(1, get_context("forkserver"), forks.settle_in, (environment,)) as pool:
+        print(pool.submit(os.getpid).result(), flush=True)
+        time.sleep(60)
+"""
+
+
+def is_there(process: int) -> bool:
+    stat = Path(f"/proc/{process}/stat")
+    return stat.exists() and stat.read_text().rpartition(")")[2].split()[0] != "Z"
+
+
+def test_a_worker_that_waits_for_work_ends_when_its_parent_is_killed(tmp_path: Path):
+    (tmp_path / "waits.py").write_text(SCRIPT)
+    with subprocess.Popen([sys.executable, str(tmp_path / "waits.py")], stdout=subprocess.PIPE) as parent:
+        assert parent.stdout is not None
+        worker = int(parent.stdout.readline())
+        assert is_there(worker)
+        os.kill(parent.pid, signal.SIGKILL)
+    deadline = time.monotonic() + 30
+    while is_there(worker) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not is_there(worker)

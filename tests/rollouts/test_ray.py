@@ -11,7 +11,7 @@ import pytest
 
 from tests.doubles import ClosedForm
 from tests.rollouts.models import Counter
-from tests.rollouts.test_processes import BRIGHT, DARK, OTHERS, TROUBLES, Treacherous, same
+from tests.rollouts.test_processes import BRIGHT, DARK, Treacherous, of_bright, same
 from vlafuzz.errors import PrerequisiteError, UsageError, install
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
@@ -37,24 +37,6 @@ def executor() -> Iterator[Callable[..., RayExecutor]]:
         executor.close()
 
 
-def run(executor: RayExecutor) -> list[Outcome]:
-    """The outcome of a bright scene; the other scenes must have their usual outcomes."""
-    scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
-    got = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
-    assert len(got) == len(scenes)
-    bright = got.pop(3)
-    expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
-    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
-    return bright
-
-
-def test_a_worker_in_trouble_costs_only_its_scene(executor, tmp_path):
-    what, options, says = TROUBLES["hung"]
-    (outcome,) = run(executor(Treacherous(what, tmp_path, always=True), **options))
-    assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, says)
-    assert len(list(tmp_path.iterdir())) == 2
-
-
 def kill_actor() -> None:
     """The worker is forked from a server, which the actor has started."""
     server = Path(f"/proc/{os.getppid()}/stat").read_text()
@@ -62,7 +44,7 @@ def kill_actor() -> None:
 
 
 def test_an_actor_that_is_killed_costs_one_more_try_and_then_only_its_scene(executor, tmp_path, capfd):
-    (outcome,) = run(executor(Treacherous(kill_actor, tmp_path, always=True)))
+    outcome = of_bright(executor(Treacherous(kill_actor, tmp_path, always=True)))
     assert (outcome.verdict, outcome.detail) == (Verdict.ERROR, "worker: its actor died, 2 times")
     assert len(list(tmp_path.iterdir())) == 2
     assert capfd.readouterr().out == ""

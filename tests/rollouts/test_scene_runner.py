@@ -1,5 +1,9 @@
+"""A runner rolls out policy and expert in the scenes of a store, and films them."""
+
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from tests.doubles import manifest
@@ -11,6 +15,7 @@ from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.store.records import Manifest
+from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
@@ -106,3 +111,28 @@ def test_it_names_what_changed_since_the_run():
         runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen", **(here | changes)))
         runner.close()
         assert runner.changed == expected
+
+
+@pytest.mark.render
+def test_a_film_shows_the_scene_the_failure_and_what_the_witness_does(tmp_path: Path):
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+    solved = runner.solve(nominal(), 0)
+    films = [runner.film(nominal(), actions) for actions in (solved.rollouts[0].actions, None)]
+    runner.close()
+    solution, failure = (frames_of(film, tmp_path) for film in films if film is not None)
+    assert [film.failed for film in films if film is not None] == [False, True]
+    assert np.abs(failure[0] - failure[-1]).mean() < 2  # it never moves
+    assert np.abs(solution[0] - solution[-1]).mean() > 3
+    assert np.abs(failure[0] - solution[0]).mean() < 2  # the very same scene
+    assert len(failure) > len(solution)
+
+
+def frames_of(film: Film, folder: Path) -> np.ndarray:
+    """Its frames, as numbers that can be subtracted."""
+    (folder / "film.mp4").write_bytes(film.video)
+    video = cv2.VideoCapture(str(folder / "film.mp4"))
+    assert video.get(cv2.CAP_PROP_FPS) == 5 * FILM_SPEED
+    frames = [frame for read, frame in iter(video.read, (False, None)) if read]
+    video.release()
+    assert cv2.imdecode(np.frombuffer(film.still, np.uint8), cv2.IMREAD_COLOR).shape == frames[0].shape
+    return np.array(frames, dtype=float)

@@ -1,4 +1,4 @@
-"""A policy that all workers share: one process, the same outcomes, and a restart when it dies."""
+"""Workers do what one process does, with a policy each or one that they share in a process of its own."""
 
 import os
 import signal
@@ -13,13 +13,14 @@ from pathlib import Path
 import pytest
 
 from tests.rollouts.models import Counter, Sleeper, deadly, refused, unmade
-from tests.rollouts.test_in_simulator import trials
+from vlafuzz.campaign import config, launch
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.policies import is_shared
 from vlafuzz.rollouts.shared import PolicyProcess, SharedPolicy, share
 from vlafuzz.rollouts.worker_pool import Lost
+from vlafuzz.store.store import Store
 
 MODELS = "python:tests.rollouts.models"
 
@@ -50,23 +51,42 @@ def ask(policy: SharedPolicy, name: str = "scene", instruction: str = "move") ->
     return float(policy.act([seen(name, instruction)])[0].actions[0, 0])
 
 
+def trials(store: Path, workers: int, policy: str, executor: str | None = None) -> list[tuple[object, ...]]:
+    flags = {"policy": policy, "strategy": "nsga2", "budget": 6, "batch": 3, "seed": 5}
+    summary = launch.start(
+        config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)), lambda tally: None
+    )
+    assert summary.rollouts == 6
+    with Store.open(store) as opened:
+        return sorted(
+            (
+                trial.proposal,
+                trial.scene.digest,
+                trial.outcome.verdict,
+                trial.outcome.progress,
+                *(rollout.states_hash for rollout in trial.outcome.rollouts),
+            )
+            for trial in opened.trials(summary.run)
+        )
+
+
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
     """The trials of a campaign in one process, with its own model."""
     return trials(tmp_path_factory.mktemp("alone") / "a.db", 1, f"{MODELS}:Own")
 
 
-def test_two_workers_with_one_model_do_what_one_process_does(tmp_path: Path, monkeypatch, alone):
-    monkeypatch.chdir(tmp_path)
-    assert trials(tmp_path / "b.db", 2, f"{MODELS}:Common") == alone
-    (pid,) = Path("made").read_text().split()
-    assert int(pid) != os.getpid()
+@pytest.mark.parametrize("executor", ["processes", "ray"])
+def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str):
+    assert trials(tmp_path / "a.db", 2, f"{MODELS}:Own", executor) == alone
 
 
 def test_a_model_that_takes_its_process_down_costs_one_more_try(tmp_path: Path, monkeypatch, alone):
+    """Both workers share it: it is made once, and once more."""
     monkeypatch.chdir(tmp_path)
     assert trials(tmp_path / "b.db", 2, f"{MODELS}:Mortal") == alone
-    assert len(Path("made").read_text().split()) == 2
+    made = Path("made").read_text().split()
+    assert (len(made), str(os.getpid()) in made) == (2, False)
 
 
 def test_rollouts_of_several_workers_do_not_meet(hosted):

@@ -75,11 +75,11 @@ def test_the_interval_covers_whether_predictions_are_right_or_wrong(inside: floa
 @pytest.mark.parametrize("rate", [0.5, 0.05])
 def test_before_the_end_the_interval_covers_at_all_times_at_once(rate: float):
     covered = 0
-    for seed in range(40):
+    for seed in range(20):
         draws = plain((np.random.default_rng([4, seed]).random(200) < rate).tolist())
         intervals = [failure_probability(draws[:number], over=False)[1:] for number in range(1, 201, 3)]
         covered += all(low <= rate <= high for low, high in intervals)
-    assert covered >= 35  # 1.5 % of runs at 95 %
+    assert covered >= 17  # 1.6 % of runs at 95 %
 
 
 def test_good_predictions_make_it_narrower_than_that_of_as_many_plain_rollouts():

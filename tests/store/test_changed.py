@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.common.test_reading import in_little_memory
-from tests.doubles import failed, manifest, trial
+from tests.doubles import failed, stored, trial
 from tests.report.stores import store as triaged_store
 from vlafuzz.errors import StoreError
 from vlafuzz.store.merge import merge
@@ -73,9 +73,7 @@ def test_it_is_a_sentence(original: bytes, tmp_path: Path, statement: str, says:
 
 
 def test_a_trace_that_unfolds_to_gigabytes_is_refused(tmp_path: Path):
-    path = tmp_path / "a.db"
-    with Store.open(path, "write") as store:
-        store.add(store.begin(manifest()), trial(0, failed()))
+    path = stored(tmp_path / "a.db", trial(0, failed()))
     packer = zlib.compressobj()
     first, again = (packer.compress(bytes(1 << 20)) + packer.flush(zlib.Z_FULL_FLUSH) for _ in range(2))
     bomb = first + 1500 * again  # every block stands for itself

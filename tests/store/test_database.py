@@ -18,7 +18,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, trial
+from tests.doubles import failed, stored, trial
 from vlafuzz.errors import StoreError
 from vlafuzz.store.migrations import STEPS, shape_at, shape_of
 from vlafuzz.store.store import Store
@@ -88,11 +88,7 @@ def no_room() -> None:
 
 
 def written(path: Path) -> bytearray:
-    with Store.open(path, "write") as store:
-        run = store.begin(manifest())
-        for number in range(30):
-            store.add(run, trial(number, failed()))
-    return bytearray(path.read_bytes())
+    return bytearray(stored(path, *(trial(number, failed()) for number in range(30))).read_bytes())
 
 
 # What is done to the bytes of a store, or in it.

@@ -1,9 +1,10 @@
 import sqlite3
+from itertools import starmap
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, passed, trial
+from tests.doubles import begun, failed, manifest, passed, trial
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
@@ -14,9 +15,7 @@ from vlafuzz.store.store import Store
 def store(path: Path, *runs: tuple[str, dict[int, Outcome]]) -> Path:
     with Store.open(path, "write") as opened:
         for policy, outcomes in runs:
-            number = opened.begin(manifest(policy=policy))
-            for proposal, outcome in outcomes.items():
-                opened.add(number, trial(proposal, outcome))
+            number = begun(opened, *starmap(trial, outcomes.items()), about=manifest(policy=policy))
             opened.finish(number, "finished", 2.0)
     return path
 

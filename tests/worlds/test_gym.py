@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
+from tests.cli.typed import told, typed
 from tests.worlds.carts import Cart, Carts
-from vlafuzz.cli import main
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -225,14 +225,10 @@ def test_ranges_that_say_nothing_new_are_stored_as_they_always_were():
 
 def test_a_run_names_what_the_policy_cannot_do_and_the_expert_can(tmp_path, capsys):
     store = tmp_path / "carts.db"
-    flags = ["--world", f"{CARTS}:Expert", "--policy", f"{CARTS}:sliding", "--budget", "80"]
-    assert main(["run", *flags, "--store", str(store)]) == 0
-    capsys.readouterr()
-    assert main(["report", str(store), "--trust", "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
-    assert rows[0]["operators"] == ["mark"]
-    assert rows[0]["witness"] == "expert"
-    assert main(["report", str(store), "--trust", "--out", str(tmp_path / "r.html")]) == 0
+    typed(capsys, f"run --world {CARTS}:Expert --policy {CARTS}:sliding --budget 80 --store {store}")
+    row, *_ = told(capsys, f"report {store} --trust --json")
+    assert (row["operators"], row["witness"]) == (["mark"], "expert")
+    typed(capsys, f"report {store} --trust --out {tmp_path}/r.html")
     assert "data:video/mp4" in (tmp_path / "r.html").read_text()
 
 

@@ -1,11 +1,11 @@
 """A world from outside the package: runs, causes, triage, reports, corpora and regress work on it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from tests.cli.typed import told, typed
 from tests.worlds.reacher import Reacher
 from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
@@ -13,20 +13,15 @@ from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.scene import Scene
 
 MODULE = "python:tests.worlds.reacher"
-WORLD, NARROW, POLICY = f"{MODULE}:Reacher", f"{MODULE}:Narrow", f"{MODULE}:downhill"
+WORLD, POLICY = f"{MODULE}:Reacher", f"{MODULE}:downhill"
+NARROW = f"{MODULE}:Narrow"  # whose actions are two numbers, not seven
 TASK = f"{WORLD}/reach"
 
 
-@pytest.fixture(scope="module", params=["", "narrow"])
-def named(request: pytest.FixtureRequest) -> tuple[str, str]:
-    """A world and a policy of it: with actions of seven numbers, and of two."""
-    return (NARROW, f"{MODULE}:narrow") if request.param else (WORLD, POLICY)
-
-
 @pytest.fixture(scope="module")
-def store(named: tuple[str, str], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def store(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("own") / "reacher.db"
-    flags = ["--world", named[0], "--policy", named[1], "--budget", "90", "--store", str(path)]
+    flags = ["--world", NARROW, "--policy", f"{MODULE}:narrow", "--budget", "90", "--store", str(path)]
     assert main(["run", *flags]) == 0
     return path
 
@@ -56,34 +51,36 @@ def test_only_what_varies_is_drawn_and_jittered():
 
 
 def test_causes_of_what_the_policy_is_known_to_get_wrong_are_certified(store: Path, capsys):
-    assert main(["triage", str(store), "--limit", "4", "--trust", "--json"]) == 0
-    capsys.readouterr()
-    assert main(["report", str(store), "--trust", "--json"]) == 0
-    rows = [row for row in json.loads(capsys.readouterr().out) if row["evidence"] == "minimal"]
+    typed(capsys, ["triage", str(store), "--limit", "4", "--trust"])
+    rows = [row for row in told(capsys, ["report", str(store), "--trust", "--json"]) if row["evidence"] == "minimal"]
     assert rows
     assert {name for row in rows for name in row["operators"]} <= {"bias", "glove", "strength"}
     assert {row["witness"] for row in rows} == {"expert"}
 
 
-def test_a_report_a_corpus_and_regress_work(store: Path, named: tuple[str, str], tmp_path: Path, capsys):
+def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys):
     assert main(["report", str(store), "--out", str(tmp_path / "r.html"), "--trust", "--no-videos"]) == 0
     export = ["export", str(store), "--minimal", "--out", str(tmp_path / "corpus"), "--controls", "20"]
     assert main([*export, "--trust"]) == 0
-    code = main(["regress", str(tmp_path / "corpus"), "--policy", named[1], "--trust"])
+    code = main(["regress", str(tmp_path / "corpus"), "--policy", f"{MODULE}:narrow", "--trust"])
     assert code in (0, 3)  # 3: where too few controls pass for an alarm
     assert "0 worse" in capsys.readouterr().out or code == 3
 
 
 def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path, capsys):
-    assert main(["report", str(store)]) == 2
-    assert "the file names" in capsys.readouterr().err
+    assert "the file names" in typed(capsys, ["report", str(store)], code=2).err
 
 
-def test_an_unknown_task_or_operator_is_named(capsys):
-    assert main(["run", "--world", f"{WORLD}:fly", "--policy", POLICY, "--budget", "2"]) == 2
-    assert "no task 'fly'" in capsys.readouterr().err
-    assert main(["run", "--world", WORLD, "--policy", POLICY, "--vary", "mass", "--budget", "2"]) == 2
-    assert "unknown operator 'mass'" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("flags", "says"),
+    [
+        (f"--world {WORLD}:fly", "no task 'fly'"),
+        (f"--world {WORLD} --vary mass", "unknown operator 'mass'"),
+        (f"--world {NARROW}", "policy 'downhill' acts by 7 numbers"),
+    ],
+)
+def test_what_the_world_does_not_have_or_take_is_named(flags: str, says: str, capsys):
+    assert says in typed(capsys, f"run {flags} --policy {POLICY} --budget 2", code=2).err
 
 
 def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
@@ -96,12 +93,7 @@ def test_settings_of_a_world_are_part_of_the_conditions_of_its_runs():
     assert conditions.key() != Conditions(task="reach", **space().conditions).key()
 
 
-def test_a_policy_whose_actions_have_another_width_is_refused(capsys):
-    assert main(["run", "--world", NARROW, "--policy", POLICY, "--budget", "2"]) == 2
-    assert "policy 'downhill' acts by 7 numbers" in capsys.readouterr().err
-
-
 def test_a_policy_that_sees_is_not_called_blind_or_deaf_where_only_values_vary(capsys):
-    assert main(["doctor", "--world", WORLD, "--policy", f"{MODULE}:watching", "--n", "1", "--json"]) in (0, 3)
-    rows = {row["check"]: row["verdict"] for row in json.loads(capsys.readouterr().out)}
+    checks = told(capsys, f"doctor --world {WORLD} --policy {MODULE}:watching --n 1 --json", code=3)
+    rows = {row["check"]: row["verdict"] for row in checks}
     assert (rows["sight"], rows["hearing"]) == ("ok", "ok")

@@ -2,8 +2,8 @@
 
 import pytest
 
+from tests.cli.typed import typed
 from tests.worlds import carts
-from vlafuzz.cli import main
 from vlafuzz.model.check import Check
 from vlafuzz.worlds.soundness import examine
 
@@ -51,12 +51,10 @@ def test_nothing_is_said_of_a_sound_world(name: str):
 
 
 def test_doctor_checks_a_world_also_in_another_process(capsys):
-    assert main(["doctor", "--world", f"{MODULE}:ReadBack"]) == 0
-    out = " ".join(capsys.readouterr().out.split())
-    assert "another process has the same rollout" in out
-    assert main(["doctor", "--world", f"{MODULE}:Solved:reach"]) == 3
+    out = typed(capsys, f"doctor --world {MODULE}:ReadBack").out
+    assert "another process has the same rollout" in " ".join(out.split())
+    typed(capsys, f"doctor --world {MODULE}:Solved:reach", code=3)
 
 
 def test_a_world_that_comes_with_vlafuzz_is_not_checked_that_way(capsys):
-    assert main(["doctor", "--world", "tabletop"]) == 2
-    assert "this world comes with vlafuzz" in capsys.readouterr().err
+    assert "this world comes with vlafuzz" in typed(capsys, "doctor --world tabletop", code=2).err

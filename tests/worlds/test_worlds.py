@@ -2,7 +2,7 @@
 
 import pytest
 
-from vlafuzz.cli import main
+from tests.cli.typed import typed
 from vlafuzz.errors import UsageError
 from vlafuzz.worlds import known_worlds, task_of, world_of
 
@@ -54,7 +54,6 @@ def test_the_first_robot_of_a_world_is_its_default_one():
 
 def test_without_the_packages_of_a_world_one_sentence_says_what_to_install(monkeypatch, capsys):
     monkeypatch.setattr("vlafuzz.worlds.libero.packages._NEEDED", ("no_such_package",))
-    assert main(["run", "--world", "libero:libero_goal/9", "--policy", "libero-expert", "--budget", "1"]) == 3
-    err = capsys.readouterr().err
-    assert "not installed: no_such_package" in err
-    assert "scripts/setup-libero" in err
+    said = typed(capsys, "run --world libero:libero_goal/9 --policy libero-expert --budget 1", code=3).err
+    assert "not installed: no_such_package" in said
+    assert "scripts/setup-libero" in said

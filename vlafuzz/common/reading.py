@@ -106,7 +106,7 @@ def read_yaml(path: Path, problem: Problem, hint: str | None = None) -> Any:
     text = read_text(path, problem, hint, most=MOST_YAML)
     try:
         _check_expanded(text)
-        return yaml.load(text, _SafeLoader)
+        return yaml.load(text, _SafeLoader)  # noqa: S506 - it is safe, and in C where there is one
     except yaml.YAMLError as error:
         reason = str(error).replace('"<unicode string>", ', "")
         raise problem(f"{path}: not YAML: {reason}", hint) from None

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest, passed
+from tests.doubles import begun, ended, failed, manifest, passed
 from tests.failures.corpus.corpora import PNG
-from tests.failures.triage.planted import SPACE
-from tests.failures.triage.runners import PlantedRunner
-from tests.failures.triage.test_pipeline import DARK, TILTED, scenes
+from tests.failures.triage.planted import DARK, SPACE, TILTED
+from tests.failures.triage.runners import PlantedRunner, scenes
 from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
@@ -19,13 +18,7 @@ from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
-
-
-def failing(proposal: int, scene: Scene) -> Trial:
-    severity, cell = SPACE.severity(scene), str(proposal)
-    return Trial(proposal=proposal, scene=scene, outcome=failed(), severity=severity, cell=cell)
 
 
 class CheckingRunner(PlantedRunner):
@@ -64,9 +57,9 @@ def store(tmp_path: Path):
     """A store with two runs, and four findings in which the light or the camera matters, triaged."""
     with Store.open(tmp_path / "a.db", "write") as opened:
         for seed, condition in enumerate((DARK, TILTED)):
-            run = opened.begin(manifest(seed=seed))
-            for proposal, scene in enumerate(scenes([condition], 2)):
-                opened.add(run, failing(proposal, scene))
+            failing = enumerate(scenes([condition], 2))
+            trials = (ended(scene, proposal=proposal, cell=str(proposal)) for proposal, scene in failing)
+            begun(opened, *trials, about=manifest(seed=seed))
         triage(opened, runner)
         assert [row.bucket for row in opened.triaged()] == ["minimal"] * 4
         yield opened
@@ -160,9 +153,7 @@ def test_a_store_without_minimal_findings_is_told(tmp_path: Path):
 
 
 def test_findings_of_several_policies_do_not_go_into_one_corpus(store: Store):
-    run = store.begin(manifest(policy="other", seed=0))
-    scene = scenes([DARK], 3)[-1]
-    store.add(run, failing(0, scene))
+    run = begun(store, ended(scenes([DARK], 3)[-1]), about=manifest(policy="other"))
     triage(store, runner)
     with pytest.raises(UsageError, match=r"has findings of .* and task"):
         export(store, runner, name="a")

@@ -29,9 +29,7 @@ def plain(corpus: Corpus) -> dict[str, object]:
 
 @pytest.mark.parametrize("controls", [0, 3])
 @pytest.mark.parametrize("thumbnail", [PNG, None])
-def test_it_reads_back_as_it_was_and_its_scenes_are_a_file_of_scenes(
-    tmp_path: Path, thumbnail: bytes | None, controls: int
-) -> None:
+def test_it_reads_back_as_it_was_and_its_scenes_are_a_file_of_scenes(tmp_path: Path, thumbnail, controls: int) -> None:
     cases = (
         case(number, thumbnail=thumbnail, run=number % 2, reference=reference)
         for number, reference in enumerate([None, scene(light=1 / 4, x=0.0002), scene(light=1 / 4)])

@@ -1,6 +1,5 @@
 """The shipped corpora are complete, their scenes fair and solved by witnesses, and the failures hold here."""
 
-from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
@@ -15,7 +14,6 @@ from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-RecordProperty = Callable[[str, object], None]
 SAMPLE, HOLD = 3, 2  # cases of each corpus that are run again; scripts/check_corpora.py runs all of them
 FOLDERS = [corpus_dir() / f"mini-{task}" for task in TASKS]
 
@@ -52,9 +50,7 @@ def test_their_scenes_are_fair(shipped: tuple[Path, Corpus]):
 
 
 @pytest.mark.render
-def test_witnesses_solve_the_scenes_and_the_policy_fails_in_them_here_too(
-    shipped: tuple[Path, Corpus], record_property: RecordProperty
-):
+def test_witnesses_solve_the_scenes_and_the_policy_fails_in_them_here_too(shipped, record_property):
     """Of the failures about 98 % hold on another processor or renderer, so one of three may not."""
     folder, corpus = shipped
     cases = sorted(corpus.cases, key=lambda case: len(case.operators))[:SAMPLE]

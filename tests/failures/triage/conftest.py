@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.failures.triage.triaging import fill
+from tests.failures.triage.runners import fill
 from vlafuzz.store.store import Store
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests.search.worlds import Remembering
 from vlafuzz.failures.triage.certify import Shrunk, certify
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
 from vlafuzz.failures.triage.reference import Reference
@@ -21,8 +22,8 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STAGES = ("grasp", "lift", "success")
 CATALOGUE = load_catalogue()
-SPACE = SearchSpace(load_operators().only(OPERATORS.keys() - EXTRAS), CATALOGUE, "pick-up")
-WITH_EXTRAS = SearchSpace(load_operators().only(OPERATORS), CATALOGUE, "pick-up")
+SPACE = Remembering(load_operators().only(OPERATORS.keys() - EXTRAS), CATALOGUE, "pick-up")
+WITH_EXTRAS = Remembering(load_operators().only(OPERATORS), CATALOGUE, "pick-up")
 
 Condition = Callable[[Scene], bool]
 
@@ -50,6 +51,7 @@ CONDITIONS: dict[str, tuple[Condition, ...]] = {
     ),
     "wording": (lambda scene: scene.instruction != SPACE.nominal(like=scene).instruction,),
 }
+DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 EXTRA_CONDITIONS: dict[str, Condition] = {
     "backdrop": lambda scene: scene.backdrop.table == "checker",
     "initial-pose": lambda scene: scene.initial_pose.j2 > 1,

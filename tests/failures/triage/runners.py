@@ -1,4 +1,4 @@
-"""A desk without a simulator: a planted policy, and an expert that solves all but some scenes."""
+"""A desk without a simulator: a planted policy, an expert that solves all but some scenes, and stores of findings."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -7,13 +7,15 @@ from unittest import mock
 
 import numpy as np
 
-from tests.doubles import ClosedForm, failed, passed
+from tests.doubles import ClosedForm, begun, ended, failed, passed
 from tests.failures.triage.planted import SPACE, STAGES, Condition, Planted
+from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.failures.triage.triager import Triager, Unjudged
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import crew as crew  # which takes the real runner by its name, before tests replace that
 from vlafuzz.store.records import Finding, Triaged
+from vlafuzz.store.store import Store
 
 
 class PlantedRunner:
@@ -61,12 +63,12 @@ class PlantedRunner:
 @contextmanager
 def interrupted(number: int = 2) -> Iterator[None]:
     """Ctrl-C when triage begins its n-th finding."""
-    begun, triage = count(1), Triager.triage
+    begun, own = count(1), Triager.triage
 
     def counted(self: Triager, finding: Finding) -> Triaged | Unjudged:
         if next(begun) == number:
             raise KeyboardInterrupt
-        return triage(self, finding)
+        return own(self, finding)
 
     with mock.patch.object(Triager, "triage", counted):
         yield
@@ -81,3 +83,19 @@ class PlantedEvaluator(ClosedForm):
 
     def outcome(self, scene: Scene) -> Outcome:
         return self._policy.evaluate([scene], [0])[0]
+
+
+def scenes(conditions: Sequence[Condition], number: int) -> list[Scene]:
+    return [Planted(conditions).finding(seed) for seed in range(number)]
+
+
+def fill(store: Store, failing: Sequence[Scene], cells: Sequence[str] = ()) -> Store:
+    """A run in which these scenes fail, each in a cell of its own unless cells are given."""
+    named = cells or [f"cell {proposal}" for proposal in range(len(failing))]
+    begun(store, *(ended(scene, None, *of) for scene, of in zip(failing, enumerate(named), strict=True)))
+    return store
+
+
+def triaged(store: Store, runner: PlantedRunner, **options: int) -> list[Triaged]:
+    triage(store, lambda run: runner, **options)
+    return store.triaged()

@@ -1,31 +1,27 @@
-"""Certification gives up what cannot be shown, and goes back where shrinking went too far."""
+"""What certification shows and gives up, where it goes back, and which causes of a run are certified."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.failures.triage.planted import CONDITIONS, SPACE, STAGES, Planted
+from tests.doubles import failed, manifest, passed
+from tests.failures.triage.planted import DARK, SPACE, STAGES, TILTED, Planted
+from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
+from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
 from vlafuzz.model.evidence import Rate
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Judged
+from vlafuzz.store.records import Attribution, FoundCause, Judged, Triaged, Trial
+from vlafuzz.store.store import Store
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 FAILED, PASSED = Judged(Verdict.FAILED, "grasp", 1), Judged(Verdict.PASSED, None, 1)
-
-
-def oracle_of(fails: Sequence[bool]) -> Oracle:
-    """Rollouts end in this order, again and again."""
-
-    def roll(scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
-        return [FAILED if fails[number % len(fails)] else PASSED for number in numbers]
-
-    return Oracle(roll, STAGES, None, budget=1000, lead=1)
 
 
 class Lucky(Planted):
@@ -88,3 +84,108 @@ def test_a_policy_that_fails_two_times_in_five_anyway_can_be_certified():
     usual, same = SPACE.reset(scene, ["light"]), SPACE.reset(scene, ["camera-position"])
     answers = [one.answer for one in oracle.contrasts(scene, [usual, same])]
     assert answers == [Answer.PASSES, Answer.FAILS]
+
+
+SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))
+
+
+def dark(seed: int) -> Scene:
+    finding = Planted([DARK]).finding(seed)
+    return SPACE.reset(finding, [name for name in SPACE.severities(finding) if name not in ("light", "target-type")])
+
+
+@pytest.fixture
+def store(tmp_path: Path):
+    """``store(*scenes)``: with a run of 60 rollouts that has found a cause for each scene."""
+    with Store.open(tmp_path / "a.db", "write") as opened:
+
+        def fill(*scenes: Scene) -> Store:
+            run = opened.begin(manifest(budget=60))
+            for number, scene in enumerate(scenes):
+                opened.add(run, Trial(proposal=number, scene=scene, outcome=failed(), severity=1.0, cell="a"))
+            names = ["camera-orientation" if scene == SLIGHT else "light" for scene in scenes]
+            causes = [FoundCause(scene, (name,), 1) for scene, name in zip(scenes, names, strict=True)]
+            opened.keep_causes(run, Attribution(tuple(causes)))
+            return opened
+
+        yield fill
+
+
+def certified(store: Store, runner: PlantedRunner) -> list[Triaged]:
+    certify_causes(store, lambda run: runner, 1)
+    return store.triaged()
+
+
+class Edgy(PlantedRunner):
+    """Fails if tilted; by less than 4 degrees in two of five rollouts only, and always in one scene."""
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        outcomes = super().evaluate(scenes, numbers)
+        lucky = [
+            scene != SLIGHT and scene.camera.yaw < 4 and number % 5 in (0, 2, 4)
+            for scene, number in zip(scenes, numbers, strict=True)
+        ]
+        return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
+
+
+def test_a_cause_at_the_edge_is_certified_farther_out_in_its_own_direction(store):
+    runner = Edgy([TILTED])
+    (found,) = certified(store(SLIGHT), runner)
+    assert (found.bucket, found.signature) == ("minimal", "pick-up|grasp|camera-orientation:+yaw")
+    assert (found.scene, found.deviating) == (SLIGHT, ("camera-orientation",))
+    assert found.shrunk.camera.yaw > 3.5
+    assert found.certified.failures == found.certified.rollouts
+    assert found.rate.failures / found.rate.rollouts < 0.5
+    assert found.detail.startswith("farther out than it was found, where ")
+    assert found.policy_rollouts == runner.policy_rollouts
+
+
+def test_a_failure_at_the_edge_that_shows_no_cause_stays_where_it_is(store):
+    opened = store(SLIGHT)
+    opened.keep_causes(1, Attribution(()))
+    triage(opened, lambda run: Edgy([TILTED]))
+    (found,) = opened.triaged()
+    assert (found.bucket, found.shrunk) == ("flaky", None)
+
+
+def test_the_next_commonest_cause_takes_the_place_of_one_that_does_not_hold(store):
+    first, second = dark(0), dark(1)
+    rows = certified(store(SLIGHT, first, second), PlantedRunner([DARK]))
+    assert [(row.scene, row.bucket) for row in rows] == [(SLIGHT, "flaky"), (first, "minimal")]
+
+
+def test_no_cause_takes_the_place_of_another_once_the_rollouts_of_the_run_are_spent(store):
+    rows = certified(store(SLIGHT, *map(dark, range(4))), PlantedRunner([TILTED], rate=0.4))
+    assert 0 < len(rows) < 5
+    assert "minimal" not in [row.bucket for row in rows]
+    assert 60 - PER_CAUSE / 2 <= sum(row.policy_rollouts for row in rows) < 60 + PER_CAUSE
+
+
+def test_a_cause_that_is_the_targets_type_alone_is_certified_against_the_nominal_target(store):
+    usual = SPACE.nominal().targets[0].object
+    finding = next(shown for shown in map(dark, range(9)) if shown.targets[0].object != usual)
+    scene = SPACE.nominal(like=finding)
+    opened = store(scene)
+    opened.keep_causes(1, Attribution((FoundCause(scene, ("target-type",), 1),)))
+    (found,) = certified(opened, PlantedRunner([lambda shown: shown.targets[0].object != usual]))
+    assert (found.bucket, found.operators, found.shrunk) == ("minimal", ("target-type",), scene)
+    assert found.counterparts == {"target-type": SPACE.nominal()}
+    assert found.signature == f"pick-up|grasp|target-type:{scene.targets[0].object.replace('_', ' ')}"
+    assert found.counterpart_rates["target-type"].failures == 0
+
+
+@pytest.mark.parametrize("needs_type", [True, False])
+def test_a_cause_that_the_targets_type_is_part_of_is_tried_with_the_nominal_targets(store, needs_type: bool):
+    usual = SPACE.nominal().targets[0].object
+    scene = next(shown for shown in map(dark, range(9)) if shown.targets[0].object != usual)
+
+    def other(shown: Scene) -> bool:
+        return not needs_type or shown.targets[0].object != usual
+
+    opened = store(scene)
+    opened.keep_causes(1, Attribution((FoundCause(scene, ("target-type", "light"), 1),)))
+    (found,) = certified(opened, PlantedRunner([DARK, other]))
+    rate = found.counterpart_rates["target-type"]
+    assert (found.bucket, found.operators, set(found.counterparts)) == ("minimal", ("light",), {"light"})
+    assert rate.rollouts >= 4
+    assert rate.failures == (0 if needs_type else rate.rollouts)

@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import pytest
 
-from tests.failures.triage.planted import CONDITIONS, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
+from tests.failures.triage.planted import DARK, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Slide
 
-NO_NOISE = "blur 0 px, jpeg 100"
 CHECKERED = "table checker, wall red", "table planks, wall sage"
-LIGHT = CONDITIONS["light"][0]
 # The threshold of each planted condition, where it is one of a single number.
 FAILS_FROM = {
     "initial-pose": "initial-pose: fails from j2 1.5° (",
@@ -31,7 +29,7 @@ FAILS_FROM = {
 @pytest.mark.parametrize("beside", [(), ("light",)], ids=["alone", "with light"])
 @pytest.mark.parametrize("name", EXTRA_CONDITIONS)
 def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(name, beside):
-    judge = Planted([EXTRA_CONDITIONS[name], *[LIGHT for _ in beside]], space=WITH_EXTRAS)
+    judge = Planted([EXTRA_CONDITIONS[name], *[DARK for _ in beside]], space=WITH_EXTRAS)
     finding = judge.finding(1)
     oracle = judge.oracle()
     shrunk = judge.shrunk(finding, oracle)

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.failures.triage.planted import SPACE
-from tests.failures.triage.runners import PlantedRunner
-from tests.failures.triage.triaging import DARK, TILTED, fill, scenes
+from tests.failures.triage.planted import DARK, SPACE, TILTED
+from tests.failures.triage.runners import PlantedRunner, fill, scenes
 from vlafuzz.failures.triage.jobs import known_to
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.scene import Scene

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from tests.doubles import failed, passed, rollout
-from tests.failures.triage.planted import SPACE
-from tests.failures.triage.runners import PlantedRunner
-from tests.failures.triage.triaging import DARK, TILTED, fill, scenes, triaged
+from tests.failures.triage.planted import DARK, SPACE, TILTED
+from tests.failures.triage.runners import PlantedRunner, fill, scenes, triaged
 from vlafuzz.failures.triage import triager
 from vlafuzz.failures.triage.pipeline import summarise, triage
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -149,9 +148,7 @@ def alike() -> list[Scene]:
 
 
 @pytest.mark.parametrize(("rate", "findings", "right"), [(0.95, 6, 4), (0.98, 3, 3), (0.5, 4, 2)])
-def test_a_cause_of_a_stochastic_policy_is_certified_also_where_it_takes_effect_every_other_time(
-    store, rate, findings, right
-):
+def test_a_cause_is_certified_also_where_it_takes_effect_every_other_time(store, rate, findings, right):
     found = triaged(store(scenes([DARK], findings)), PlantedRunner([DARK], rate=rate))
     certified = [each for each in found if each.bucket == "minimal"]
     assert len(certified) >= right

@@ -1,4 +1,4 @@
-"""Thresholds of simulated policies: only their failure rates are known, by the scene."""
+"""Thresholds of simulated policies, of which only failure rates are known, and what they say of planted causes."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,12 +8,17 @@ from statistics import median
 import numpy as np
 import pytest
 
-from tests.failures.triage.planted import EDGES, SPACE
-from vlafuzz.failures.triage.oracle import Jitter
-from vlafuzz.failures.triage.path import Path, free_genes
+from tests.failures.triage.planted import DARK, EDGES, SPACE, STAGES, Condition, Planted
+from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.oracle import Jitter, Oracle
+from vlafuzz.failures.triage.path import Path, directed, free_genes
 from vlafuzz.failures.triage.thresholds import Located, locate
-from vlafuzz.model.evidence import Rate
+from vlafuzz.model.evidence import Causes, Rate
+from vlafuzz.model.outcome import Verdict
+from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene import Camera, Scene
+from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.jitter import jittered
 
 NOMINAL = SPACE.nominal()
@@ -169,3 +174,61 @@ def test_there_is_no_threshold_where_the_start_fails():
     assert always.spent <= 6
     assert locate(yaw(2.7), Simulated(lambda scene: None), None, FAILS) is None
     assert locate(yaw(2.7), Simulated(beyond(2.14)), None, FAILS) is not None
+
+
+def causes(*conditions: Condition, seed: int = 0) -> tuple[Causes, Planted]:
+    judge = Planted(conditions)
+    oracle = judge.oracle()
+    return attribute(judge.shrunk(judge.finding(seed), oracle), oracle, SPACE), judge
+
+
+@pytest.mark.parametrize("edge", EDGES, ids=lambda edge: edge[1])
+def test_a_threshold_is_the_first_value_that_fails(edge):
+    operator, path, first, step, condition = edge
+    judge = Planted([condition])
+    oracle = judge.oracle()
+    shrunk = judge.shrunk(judge.finding(0), oracle)
+    (threshold,) = attribute(shrunk, oracle, SPACE).thresholds
+    assert threshold.operator == operator
+    ((where, value),) = threshold.at
+    assert (where, value) == (path, pytest.approx(first, abs=1.01 * step))
+    ends = [dict(end)[path] for end in (threshold.low, threshold.high)]
+    assert min(ends) <= first <= max(ends)
+    assert threshold.ranges == ((threshold.at, ()),)
+    assert threshold.direction == directed(SPACE, shrunk.scene, [operator])[0].partition(":")[2]
+
+
+def test_a_threshold_says_where_the_policy_passes_beyond_it():
+    found, _ = causes(lambda s: 2.1 < s.camera.yaw < 3.45 or s.camera.yaw > 4.05, seed=3)
+    (threshold,) = found.thresholds
+    assert describe(threshold).startswith("camera-orientation: fails from yaw 2.2° (")
+    assert describe(threshold).endswith(") to 3.4° and from 4.1° on")
+
+
+def test_there_is_no_threshold_beside_what_is_not_fair():
+    planted = Planted([DARK])
+    scene = planted.finding(0)
+
+    def judge(scenes, numbers):
+        return [planted.judged(shown) if planted.fails(shown) else Judged(Verdict.INVALID) for shown in scenes]
+
+    oracle = Oracle(judge, STAGES, None, budget=200, lead=1)
+    shrunk = Shrunk(scene=scene, lost="grasp", operators=("light",), rate=Rate.of_counts(5, 5), firm=True)
+    assert attribute(shrunk, oracle, SPACE).thresholds == ()
+
+
+def test_several_values_of_an_operator_have_a_share_of_the_way():
+    found, _ = causes(lambda s: s.camera.yaw + s.camera.roll > 3 and s.camera.yaw > 1 and s.camera.roll > 1)
+    (threshold,) = found.thresholds
+    assert [path for path, _ in threshold.at] == ["camera.roll", "camera.yaw"]
+    at = dict(threshold.at)
+    assert at["camera.roll"] + at["camera.yaw"] == pytest.approx(3.1, abs=0.21)
+    assert 0 < threshold.share < 1
+
+
+def test_of_two_that_are_necessary_neither_is_enough_and_both_have_thresholds():
+    found, _ = causes(lambda s: s.camera.yaw > 2.5, lambda s: s.light.intensity < 0.4)
+    assert found.necessary == ("light", "camera-orientation")
+    assert found.sufficient == ()
+    ((_, intensity),), ((_, yaw),) = (threshold.at for threshold in found.thresholds)
+    assert (intensity, yaw) == (pytest.approx(0.4, abs=0.03), pytest.approx(2.6, abs=0.11))

@@ -1,4 +1,4 @@
-"""Which findings of a store are triaged, in which order, by how many, and what is left for the next time."""
+"""Which findings of a store are triaged, in which order, by how many, and what an interruption leaves for later."""
 
 import os
 from collections.abc import Sequence
@@ -6,17 +6,18 @@ from pathlib import Path
 
 import pytest
 
-from tests.failures.triage.runners import PlantedRunner
-from tests.failures.triage.triaging import TILTED, fill, scenes, triaged
+from tests.failures.triage.planted import DARK, TILTED
+from tests.failures.triage.runners import PlantedRunner, fill, scenes, triaged
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SimulatorError
+from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
 from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.registry import Place
-from vlafuzz.store.records import Attribution, FoundCause
+from vlafuzz.store.records import Attribution, FoundCause, Triaged
 from vlafuzz.store.store import Store
 
 
@@ -124,3 +125,64 @@ def test_workers_that_die_are_one_sentence_and_nothing_is_lost(store):
         triage(opened, dying, place=Place(2))
     assert triage(opened, tilted) == {}
     assert len(opened.triaged()) == 2
+
+
+class Interrupted(PlantedRunner):
+    """Ctrl-C after so many batches."""
+
+    batches: int
+
+    def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
+        self.batches -= 1
+        if self.batches < 0:
+            raise KeyboardInterrupt
+        return super().evaluate(scenes, numbers)
+
+
+def said(triaged: Triaged) -> dict[str, object]:
+    return {name: value for name, value in vars(triaged).items() if name not in ("seconds", "witness")}
+
+
+@pytest.fixture
+def one(store) -> Store:
+    """With one finding."""
+    return store(scenes([TILTED, DARK], 1))
+
+
+def interrupted(store: Store, batches: int = 10) -> Interrupted:
+    runner = Interrupted([TILTED, DARK])
+    runner.batches = batches
+    with pytest.raises(KeyboardInterrupt):
+        triage(store, lambda run: runner)
+    assert store.triaged() == []
+    return runner
+
+
+@pytest.mark.parametrize("batches", [(10,), (3, 4, 5)])
+def test_the_next_triage_goes_on_where_the_last_ones_were_interrupted(one, tmp_path, batches):
+    with Store.open(tmp_path / "whole.db", "write") as other:
+        whole = PlantedRunner([TILTED, DARK])
+        triage(fill(other, scenes([TILTED, DARK], 1)), lambda run: whole)
+        (expected,) = other.triaged()
+    runners = [interrupted(one, number) for number in batches]
+    assert min(runner.policy_rollouts for runner in runners) > 0
+    triage(one, lambda run: runners.append(PlantedRunner([TILTED, DARK])) or runners[-1])
+    (found,) = one.triaged()
+    assert said(found) == said(expected)
+    assert sum(runner.policy_rollouts for runner in runners) == whole.policy_rollouts == found.policy_rollouts
+
+
+def test_another_machine_or_version_begins_anew(one, monkeypatch):
+    interrupted(one)
+    monkeypatch.setattr(pipeline, "commit", lambda: "another")
+    runner = PlantedRunner([TILTED, DARK])
+    triage(one, lambda run: runner)
+    assert one.triaged()[0].policy_rollouts == runner.policy_rollouts
+
+
+def test_nothing_is_kept_once_all_findings_are_done(one):
+    made = f"{pipeline.platform.node()} {pipeline.commit()}"
+    interrupted(one)
+    assert one.repeats(1, made)
+    triage(one, lambda run: PlantedRunner([TILTED, DARK]))
+    assert one.repeats(1, made) == {}

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from _pytest.mark import ParameterSet
 
+from tests.cli.typed import typed
 from tests.policies.clients import broken
 from tests.policies.clients.broken import ANSWERS, FAULTS, STEPS, Breaking, Server, bench
 from vlafuzz.campaign import launch
@@ -51,13 +52,10 @@ def stored() -> list[tuple[str, Verdict]]:
     return [(one.scene.digest, one.outcome.verdict) for one in trials if one.outcome.verdict != Verdict.ERROR]
 
 
-def breaks_and_goes_on(
-    policy: str, judged: int, mend: Callable[[], None], capsys: pytest.CaptureFixture[str], *more: str
-) -> None:
+def breaks_and_goes_on(policy: str, judged: int, mend: Callable[[], None], capsys, *more: str) -> None:
     """The run ends with exit code 3 after so many passed scenes; what its hint says goes on with it."""
     command = [*RUN, "--policy", policy, "--budget", str(SCENES), *more]
-    assert main(command) == 3
-    said = capsys.readouterr().err
+    said = typed(capsys, command, code=3).err
     assert "error: " in said
     assert "Traceback" not in said
     before = stored()
@@ -80,11 +78,9 @@ def test_a_server_that_breaks(what: str, at: int, server: Server, capsys: pytest
 
 @pytest.mark.parametrize("at", [FIRST])
 @pytest.mark.parametrize("what", ["resets", "hangs", "500", "HTML", "half", "redirect"])
-def test_a_server_that_breaks_in_the_handshake_makes_no_trial(
-    what: str, server: Server, capsys: pytest.CaptureFixture[str]
-):
-    assert main([*RUN, "--policy", f"openpi:ws://127.0.0.1:{server.port}?camera=0&timeout=0.2"]) == 3
-    assert capsys.readouterr().err.startswith("error: ")
+def test_a_server_that_breaks_in_the_handshake_makes_no_trial(what: str, server: Server, capsys):
+    policy = f"openpi:ws://127.0.0.1:{server.port}?camera=0&timeout=0.2"
+    assert typed(capsys, [*RUN, "--policy", policy], code=3).err.startswith("error: ")
     assert not Path("a.db").exists()
 
 

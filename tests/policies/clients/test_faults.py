@@ -7,12 +7,10 @@ import pytest
 from tests.policies.clients import served
 from tests.policies.clients.faults import Drifting, Faults, groot, openpi, relayed
 from tests.search.worlds import sampled
-from tests.worlds.tabletop.sim.scenes import CATALOGUE
-from vlafuzz.model.conditions import Conditions
+from tests.worlds.tabletop.sim.scenes import evaluator_of
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 PROTOCOLS = ("vla-eval", "openpi", "groot")  # that of /act is broken in test_fault_matrix
 TIMEOUT = 1.2  # seconds for an answer, enough on a busy machine
@@ -33,14 +31,10 @@ def faulty(protocol: str, faults: Faults):
         yield stack.enter_context(relayed(name, faults))
 
 
-def evaluator(policy) -> ManiSkillEvaluator:
-    return ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), policy, CATALOGUE)
-
-
 @pytest.fixture(scope="module")
 def undisturbed() -> list[Outcome]:
     """The outcomes of the scenes in process."""
-    simulator = evaluator(Drifting())
+    simulator = evaluator_of(Drifting())
     yield simulator.evaluate(sampled(4))
     simulator.close()
 
@@ -54,7 +48,7 @@ def summary(outcome: Outcome) -> tuple[Verdict, list[str]]:
 def test_what_is_lost_on_the_way_is_begun_again_and_every_time_is_logged(protocol, undisturbed, caplog):
     faults = Faults([*[None] * 3, "drop", *[None] * 6, "cut", None, "stall"], seconds=STALL)
     with faulty(protocol, faults) as name:
-        simulator = evaluator(make_policy(f"{name}&timeout={TIMEOUT}"))
+        simulator = evaluator_of(make_policy(f"{name}&timeout={TIMEOUT}"))
         faults.begin()
         outcomes = simulator.evaluate(sampled(4)[:2])
         simulator.close()
@@ -69,7 +63,7 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
     plan = [*[None] * 5, "drop", None, None, "garbage", *[None] * 3, "cut", None, "error"]
     faults = Faults(plan, seconds=STALL)
     with faulty(protocol, faults) as name:
-        executor = LockstepExecutor(evaluator, make_policy(f"{name}&timeout={TIMEOUT}"), lanes=3)
+        executor = LockstepExecutor(evaluator_of, make_policy(f"{name}&timeout={TIMEOUT}"), lanes=3)
         faults.begin()
         ((_, outcomes),) = executor.run([(0, sampled(4))])
         executor.close()

@@ -152,7 +152,6 @@ class TestWrongAnswers:
             ([{"x": [1.0]}, {}], "bad_action", r"a reply without the action 'x', but \['x'\]"),
             ([parts(np.zeros((2, 4, 7))), {}], "bad_action", r"\(2, 4, 1\), expected"),
             ([parts(np.zeros((1, 0, 7))), {}], "bad_action", r"actions of shape \(0, 7\)"),
-            ([parts(STILL[None] * np.nan), {}], "bad_action", "not finite"),
             ([parts(STILL[None]) | {"y": npy(np.zeros((1, 3, 1)))}, {}], "bad_action", "dimensions"),
             (forged("|O", bytes(8)), "protocol", "an array of object"),
             (forged("<f4", bytes(5)), "protocol", "buffer"),

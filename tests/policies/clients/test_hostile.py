@@ -65,7 +65,12 @@ def test_a_server_that_resets_right_after_the_handshake_is_none(protocol: str):
 
 @pytest.mark.parametrize(
     ("name", "called"),
-    [("openpi:ws://127.0.0.1:9", "openpi"), ("http://127.0.0.1:9/act", "/act"), ("groot:tcp://127.0.0.1:9", "GR00T")],
+    [
+        ("vla-eval:ws://127.0.0.1:9", "vla-eval"),
+        ("openpi:ws://127.0.0.1:9", "openpi"),
+        ("http://127.0.0.1:9/act", "/act"),
+        ("groot:tcp://127.0.0.1:9", "GR00T"),
+    ],
 )
 def test_where_no_server_is_a_hint_says_how_to_start_one(name: str, called: str):
     with pytest.raises(PrerequisiteError, match=f"no {called} server: .*: Connection refused") as caught:

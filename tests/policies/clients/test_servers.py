@@ -5,11 +5,10 @@ import sys
 import pytest
 
 from vlafuzz.errors import PrerequisiteError, UsageError, install
-from vlafuzz.policies.clients.conventions import LAYOUTS
 from vlafuzz.policies.clients.options import VlaEvalOptions
 from vlafuzz.policies.clients.servers import parse
 from vlafuzz.policies.clients.vla_eval import VlaEval
-from vlafuzz.rollouts.policies import check_policy_name, known_policies, make_policy
+from vlafuzz.rollouts.policies import check_policy_name, make_policy
 
 
 def options(query: str) -> VlaEvalOptions:
@@ -106,10 +105,6 @@ def test_to_check_a_name_connects_nowhere(monkeypatch):
     check_policy_name("vla-eval:ws://127.0.0.1:9?camera=128")
 
 
-def test_it_is_listed_with_its_form():
-    assert known_policies()["vla-eval:ws://host:port"].startswith("A model behind a vla-eval server")
-
-
 @pytest.mark.parametrize("missing", ["msgpack", "websockets"])
 def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
     for name in [name for name in sys.modules if name.split(".")[0] == missing]:
@@ -118,8 +113,3 @@ def test_without_its_packages_it_says_what_to_install(monkeypatch, missing):
     with pytest.raises(PrerequisiteError, match=f"needs the package '{missing}") as caught:
         make_policy("vla-eval:ws://127.0.0.1:9")
     assert caught.value.hint == install("remote")
-
-
-def test_every_layout_can_be_asked_for():
-    annotation = VlaEvalOptions.model_fields["state"].annotation
-    assert all(name in str(annotation) for name in LAYOUTS)

@@ -28,7 +28,7 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses
-from vlafuzz.policies.controls import Frozen, Random
+from vlafuzz.policies.controls import Frozen
 from vlafuzz.policies.serving import says_of, serving
 from vlafuzz.rollouts.policies import make_policy
 
@@ -45,7 +45,6 @@ CONVENTIONS = ActionSpec(
 )
 CAMERAS = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
 SERVED = {
-    "its seed alone": Random,
     "conventions, and two actions of a chunk": lambda: Attentive(action=CONVENTIONS, execute=2),
     "pictures": lambda: Attentive(*CAMERAS),
 }

@@ -41,9 +41,7 @@ class Device:
 
 
 @pytest.mark.parametrize(("driver", "chosen"), [(True, "cuda"), (False, "cpu")])
-def test_a_gpu_without_a_vulkan_driver_leaves_rendering_to_the_processor(
-    monkeypatch: pytest.MonkeyPatch, driver: bool, chosen: str
-):
+def test_a_gpu_without_a_vulkan_driver_leaves_rendering_to_the_processor(monkeypatch, driver: bool, chosen: str):
     """As in a container that has CUDA, but none of the driver's graphics."""
     import sapien
 

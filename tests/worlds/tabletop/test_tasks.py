@@ -8,21 +8,9 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import UsageError
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.tasks import (
-    ARM,
-    HAND,
-    MOVE_NEAR,
-    PICK_UP,
-    PUT_IN,
-    PUT_ON,
-    TABLE,
-    TASKS,
-    State,
-    StateMonitor,
-    load_wordings,
-    task,
-)
+from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, TASKS, State, StateMonitor, load_wordings, task
 
+PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN = TASKS.values()
 CATALOGUE = load_catalogue()
 CAN, CUBE, PLATE, BASKET, SPONGE = (CATALOGUE[n] for n in ("coke_can", "green_cube", "plate", "basket", "sponge"))
 REST = {model.name: model.stable_poses[0].height for model in (CAN, CUBE, PLATE, BASKET, SPONGE)}

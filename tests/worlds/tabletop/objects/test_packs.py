@@ -9,12 +9,15 @@ import numpy as np
 import pytest
 import trimesh
 
+from tests.doubles import manifest
 from tests.packs import box, can, write_pack
+from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, UsageError
 from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs
+from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.packs import find_pack, packs_of, spoken
 from vlafuzz.worlds.tabletop.sim.world import place
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -240,3 +243,13 @@ def test_scenes_are_made_of_the_packs_objects_as_far_as_they_go(tmp_path):
     assert slots["targets.1"] == ("basket",)  # the pack has none
     scene = space.sample(np.random.default_rng(1))
     assert check_static(scene, space.catalogue, 0.15) is None
+
+
+def test_robots_that_lie_beside_a_stores_packs_are_found_again(tmp_path, monkeypatch):
+    monkeypatch.setenv(assets.FOLDERS, "")
+    (tmp_path / "robots").mkdir()
+    packs = open_packs(str(write_pack(tmp_path / "mine", can=can())))
+    assert assets.find("robots") is None
+    found = stored_catalogue(manifest(packs=packs_json(packs)))
+    assert [pack.digest for pack in found.packs] == [pack.digest for pack in packs]
+    assert assets.find("robots") == tmp_path / "robots"

@@ -6,14 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, put
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
-from vlafuzz.worlds.recording import Recording
+from tests.worlds.tabletop.sim.scenes import STILL, nominal, put
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
 NOMINAL = nominal()
 ANOTHER = replace(NOMINAL, targets=(put("sponge", 0.0, 0.1, 40.0),), instruction="pick up sponge")
@@ -62,13 +57,3 @@ def lets_go_at(moment: Callable[[Observation], bool], times: int = 1) -> Meddled
 
 def is_lifted(observation: Observation) -> bool:
     return bool(observation.privileged.state.positions[0, 2] > 0.0615 + 0.025)
-
-
-def evaluate(
-    policy: Policy, *scenes: Scene, checked: bool = True, recording: Recording | None = None, **conditions: object
-) -> list[Outcome]:
-    under = Conditions(**{"task": scenes[0].task, "world": {"min_distance": 0.15}} | conditions)
-    evaluator = ManiSkillEvaluator(under, policy, CATALOGUE, checked=checked, recording=recording)
-    outcomes = evaluator.evaluate(scenes)
-    evaluator.close()
-    return outcomes

@@ -1,15 +1,20 @@
 """Scenes, environments and trajectories that the simulator's tests share."""
 
 from collections.abc import Iterable
+from contextlib import closing
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Camera, Light, Placement, Scene
-from vlafuzz.policies.base import CameraRequest
+from vlafuzz.policies.base import CameraRequest, Policy
+from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.tasks import State, load_wordings, say
 
 CATALOGUE = load_catalogue()
@@ -67,6 +72,18 @@ def pushes() -> list[np.ndarray]:
 
 def make_env(task: str = "pick-up", **more: Any) -> TabletopEnv:
     return TabletopEnv(task, CATALOGUE, **more)
+
+
+def evaluator_of(policy: Policy, recording: Recording | None = None, **conditions: Any) -> ManiSkillEvaluator:
+    """Of a policy, as a rule in the task pick-up."""
+    under = Conditions(**{"task": "pick-up", "world": {"min_distance": 0.15}} | conditions)
+    return ManiSkillEvaluator(under, policy, CATALOGUE, recording=recording)
+
+
+def evaluate(policy: Policy, *scenes: Scene, recording: Recording | None = None, **conditions: Any) -> list[Outcome]:
+    """The outcomes of a policy in scenes of one task."""
+    with closing(evaluator_of(policy, recording, **{"task": scenes[0].task} | conditions)) as evaluator:
+        return evaluator.evaluate(scenes)
 
 
 def play(env: TabletopEnv, actions: Iterable[Any], still: int = 0, relative_to: str = "target") -> State:

@@ -14,12 +14,9 @@ from vlafuzz.policies.base import CameraRequest
 # No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.
 CHILD = """
 import json
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, nominal, states_hash
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from tests.worlds.tabletop.sim.scenes import evaluate, make_env, nominal, states_hash
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-evaluator = ManiSkillEvaluator(Conditions(task="pick-up", world={"min_distance": 0.15}), Expert(), CATALOGUE)
-outcome = evaluator.evaluate([nominal()])[0]
+(outcome,) = evaluate(Expert(), nominal())
 hashes = [rollout.states_hash for rollout in outcome.rollouts]
 print(json.dumps([states_hash(make_env()), outcome.verdict.name, *hashes]))
 """

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled, evaluate
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, nominal, put
+from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, evaluate, nominal, put
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import CameraBump, ControlStall, GripSlip, LightSwitch, PictureLoss, Scene, Slide
 from vlafuzz.policies.base import ActionChunk
@@ -89,9 +89,7 @@ def repeating(actions: np.ndarray) -> Meddled:
     ],
     ids=["slide", "slip", "stall"],
 )
-def test_the_expert_notices_and_solves_the_scene_which_repeating_its_actions_without_the_event_does_not(
-    expert_on, event
-):
+def test_the_expert_notices_and_solves_the_scene_which_repeating_its_usual_actions_does_not(expert_on, event):
     usual, scene = nominal(), replace(nominal(), **event)
     (before,) = expert_on("pick-up").evaluate([usual])
     solved, again = expert_on("pick-up").evaluate([scene, scene])

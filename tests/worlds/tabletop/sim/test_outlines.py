@@ -47,14 +47,6 @@ def test_colours_scale_with_the_light_and_saturate(env):
     assert glare.max() == 1.0
 
 
-def test_a_turned_camera_shifts_everything_the_other_way(env):
-    level, turned = (
-        see(env, put("orange", 0.0, 0.1), camera=Camera(yaw=yaw)).things[0].pixels.mean(axis=0) for yaw in (0.0, 5.0)
-    )
-    shift = np.tan(np.radians(5)) / (2 * np.tan(np.radians(30)))
-    assert turned[0] - level[0] == pytest.approx(shift, abs=0.02)
-
-
 def test_an_object_cut_by_the_border_is_not_whole(env):
     seen = see(env, put("blue_plastic_bottle", 0.15, 0.3))
     assert not seen.things or seen.things[0].whole < 0.9

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, make_env, play
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, play
 from vlafuzz.common import assets
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.conditions import Conditions
@@ -37,10 +37,7 @@ def nominal(robot: str, task: str = "pick-up"):
 
 def solved(*scenes: Scene) -> list[Outcome]:
     """What comes of the expert's rollouts, which succeed."""
-    conditions = Conditions(task=scenes[0].task, world={"min_distance": 0.1}, stop_early=True)
-    evaluator = ManiSkillEvaluator(conditions, Expert(), CATALOGUE)
-    outcomes = evaluator.evaluate(scenes)
-    evaluator.close()
+    outcomes = evaluate(Expert(), *scenes, world={"min_distance": 0.1}, stop_early=True)
     assert [outcome.verdict for outcome in outcomes] == [Verdict.PASSED] * len(scenes), outcomes[0].detail
     return outcomes
 

@@ -22,7 +22,7 @@ from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-quickly = settings(max_examples=6, derandomize=True, deadline=None, database=None)
+quickly = settings(max_examples=3, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)
 # Of states that worlds other than the tabletop have.
 ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation"}
