@@ -1,7 +1,6 @@
 """``vlafuzz report``: the page that it writes, and the failures that it lists in the terminal."""
 
 import json
-import re
 from dataclasses import asdict, replace
 from pathlib import Path
 from shutil import copy
@@ -176,10 +175,3 @@ def test_a_corpus_has_findings_too(capsys):
     assert len(found) >= 20
     assert {one["witness"] for one in found} <= {"expert", "seeing"}
     assert {one["run"] for one in found} == {None}
-
-
-def test_a_corpus_that_takes_hours_is_said_to(monkeypatch, capsys):
-    store(Path("b.db"))  # with all failures triaged
-    monkeypatch.setattr("vlafuzz.failures.corpus.export.pace", lambda *_: 18.0)
-    said = typed(capsys, "report b.db").out
-    assert re.search(r"for vlafuzz regress \(about \d+ min; fewer --controls take less\): vlafuzz export", said)
