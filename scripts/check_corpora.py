@@ -32,7 +32,7 @@ ARITHMETICS = {
     "native": {},
     "AVX2": {"ATEN_CPU_CAPABILITY": "avx2", "ONEDNN_MAX_CPU_ISA": "AVX2"},
     "SSE4.1": {"ATEN_CPU_CAPABILITY": "default", "ONEDNN_MAX_CPU_ISA": "SSE41"},
-    "128-bit lavapipe": {"LP_NATIVE_VECTOR_WIDTH": "128"},
+    "128-bit lavapipe": {"LP_NATIVE_VECTOR_WIDTH": "128", "GALLIUM_OVERRIDE_CPU_CAPS": "avx"},
 }
 BOUNDS = {"majority of five": 0.99, "single": 0.97, "counterpart": 0.97, "witness": 1.0}
 FIRST = 5_000_000  # number of the first jitter: no other part of vlafuzz uses these

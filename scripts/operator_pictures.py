@@ -99,7 +99,7 @@ class Studio:
 
     def rolled_out(self, scene: Scene) -> list[Picture]:
         """The expert's rollout, ``HZ`` frames a second."""
-        recording = Recording(SIDE, captions=False, hz=HZ)
+        recording = Recording(SIDE, hz=HZ)
         expert = self.world.solvers()["expert"]
         evaluator = self.world.evaluator(self.conditions, expert, self.space, recording=recording, checked=True)
         with closing(evaluator):

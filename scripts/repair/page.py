@@ -125,7 +125,7 @@ def strips(folder: Path, tasks: Sequence[str], policy: str) -> Iterator[Picture]
 
 def _frames(weights: Path, task: str, scene: Scene) -> tuple[bool, NDArray[np.uint8]]:
     """Whether the policy fails, and a few frames side by side."""
-    recording = Recording(160, captions=False)
+    recording = Recording(160)
     failed = judged.roll(weights, task, scene, recording)
     chosen = np.linspace(0, len(recording.frames) - 1, FRAMES).round().astype(int)
     return failed, np.concatenate([recording.frames[index] for index in chosen], axis=1)

@@ -7,7 +7,8 @@ import pytest
 from tests.doubles import manifest
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.provenance import elsewhere, here, in_words
-from vlafuzz.worlds.tabletop.renderer import in_use, probe_once
+from vlafuzz.worlds.tabletop.renderer import probe_once
+from vlafuzz.worlds.tabletop.world import WORLD
 
 BLIND = PolicySpec("blind")
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
@@ -46,23 +47,23 @@ def test_what_only_one_of_two_policies_depends_on_is_no_difference():
 def test_this_place_has_what_torch_uses(monkeypatch: pytest.MonkeyPatch):
     import torch
 
-    plain = here("pinhole", BLIND, in_use)
+    plain = here("pinhole", BLIND, WORLD.renderer)
     assert torch.backends.cpu.get_cpu_capability() in in_words(plain)
     assert torch.__version__ in in_words(plain)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "SSE41")
-    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND, in_use), plain)
+    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND, WORLD.renderer), plain)
 
 
 def test_threads_count_for_the_users_own_code_only():
-    assert json.loads(here("pinhole", BLIND, in_use))["threads"] is None
-    assert json.loads(here("python:my:make", BLIND, in_use))["threads"] >= 1
-    assert json.loads(here("python:my:make", BLIND, in_use, workers=True))["threads"] == 1
+    assert json.loads(here("pinhole", BLIND, WORLD.renderer))["threads"] is None
+    assert json.loads(here("python:my:make", BLIND, WORLD.renderer))["threads"] >= 1
+    assert json.loads(here("python:my:make", BLIND, WORLD.renderer, workers=True))["threads"] == 1
 
 
 @pytest.mark.render
 def test_only_for_a_policy_that_sees_the_renderer_counts():
-    assert json.loads(here("pinhole", BLIND, in_use))["renderer"] == ""
-    assert json.loads(here("mini", SEEING, in_use))["renderer"].startswith(probe_once().name)
+    assert json.loads(here("pinhole", BLIND, WORLD.renderer))["renderer"] == ""
+    assert json.loads(here("mini", SEEING, WORLD.renderer))["renderer"].startswith(probe_once().name)
 
 
 def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():

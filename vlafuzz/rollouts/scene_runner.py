@@ -164,7 +164,7 @@ class SimulatorSceneRunner:
         played = actions is not None
         of: Policy = self._player if played else self._policy
         if played not in self._filmed:
-            recording = Recording(224, captions=False, hz=FRAMES)
+            recording = Recording(224, hz=FRAMES)
             self._filmed[played] = self._evaluator(of, checked=False, recording=recording), recording
         evaluator, recording = self._filmed[played]
         if actions is not None:

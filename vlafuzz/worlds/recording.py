@@ -1,4 +1,4 @@
-"""Images of rollouts: recordings with captions or without, and their encoding."""
+"""Images of rollouts, and their encoding."""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines
 from vlafuzz.worlds.episode import Episode
 
-_CAPTION = 44  # height of the strip under a frame, pixels
 _DRAWN = 256  # sides of a picture of outlines, pixels
 _INK, _RED = (235, 235, 235), (220, 40, 40)
 GREYS = 16  # levels that are told apart
@@ -23,16 +22,16 @@ _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to bla
 class Recording:
     """Collects frames and observations of one rollout.
 
-    Without frames no renderer is needed. Captions show the instruction and the progress.
+    Without frames no renderer is needed.
 
     Args:
         size: height of a frame in pixels; 0 for no frames.
         hz: frames a second of the rollout, if it has more control steps; None for one a step.
     """
 
-    def __init__(self, size: int = 480, *, captions: bool = True, hz: int | None = None) -> None:
+    def __init__(self, size: int = 480, *, hz: int | None = None) -> None:
         self.camera = CameraRequest("recording", size, size) if size else None
-        self._captions, self._hz, self._stride = captions, hz, 1
+        self._hz, self._stride = hz, 1
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
 
@@ -44,14 +43,7 @@ class Recording:
         self._stride = max(1, round(episode.hz / self._hz)) if self._hz else 1
         if self.camera is None or len(episode.actions) % self._stride:
             return
-        frame = episode.picture(self.camera.name)
-        if self._captions:
-            monitor = episode.monitor
-            stages = " > ".join(monitor.reached) or "-"
-            seconds = len(monitor.trace) / episode.hz
-            status = f"{seconds:4.1f} s   reached: {stages}   progress {monitor.progress:.2f}"
-            frame = _captioned(frame, episode.scene.instruction, status)
-        self.frames.append(frame.copy())
+        self.frames.append(episode.picture(self.camera.name).copy())
 
     def stuck(self, trace: NDArray[np.float32]) -> int:
         """The frame after which a rollout makes no progress any more; ``trace``: its progress after each step."""
@@ -143,10 +135,3 @@ def to_png(picture: Picture) -> bytes:
 def to_jpeg(picture: Picture) -> bytes:
     """Encode a JPEG of a few kilobytes."""
     return _encoded(picture, extension=".jpg", quality=85)
-
-
-def _captioned(picture: Picture, *lines: str) -> Picture:
-    strip = np.zeros((_CAPTION, picture.shape[1], 3), dtype=np.uint8)
-    for row, line in enumerate(lines):
-        cv2.putText(strip, line, (6, 17 + 19 * row), cv2.FONT_HERSHEY_SIMPLEX, 0.42, _INK, 1, cv2.LINE_AA)
-    return np.concatenate([picture, strip])

@@ -16,8 +16,8 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.provenance import here
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.renderer import in_use
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
+from vlafuzz.worlds.tabletop.world import WORLD
 
 PICK_UP = str(corpus_dir() / "mini-pick-up")
 
@@ -41,7 +41,7 @@ def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Pat
 
 
 def test_it_is_said_that_a_corpus_was_made_elsewhere(tmp_path: Path, capsys, monkeypatch):
-    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec, in_use))
+    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec, WORLD.renderer))
     cases = [replace(case(), counterparts={}, nominal_passes=False)]
     space = SearchSpace(load_operators(), load_catalogue(), own.task)
     controls = [Control(draw(space, 0, number), passed=True) for number in range(8)]

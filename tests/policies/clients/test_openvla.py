@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from tests.policies.clients.served import black, check_failure, failure, seen, start
-from vlafuzz.policies.clients.openvla import decode, encode, request
+from vlafuzz.policies.clients.openvla import decode, encode
 from vlafuzz.rollouts.policies import make_policy
 
 GOLDEN = Path(__file__).parent / "golden"  # by json-numpy 2.1.1: scripts/make_frames.py
@@ -82,10 +82,7 @@ MESSAGE = {"image": PICTURE, "instruction": "pick up apple", "unnorm_key": "brid
 
 class TestJson:
     def test_a_request_equals_that_of_json_numpy(self):
-        assert request(MESSAGE).decode() == (GOLDEN / "act_request.txt").read_text()
-
-    def test_so_does_one_that_is_encoded_twice(self):
-        assert request(MESSAGE, twice=True).decode() == (GOLDEN / "act_request_encoded.txt").read_text()
+        assert encode(MESSAGE).decode() == (GOLDEN / "act_request.txt").read_text()
 
     @pytest.mark.parametrize("name", ["act_reply", "act_reply_chunk", "act_reply_encoded"])
     def test_replies_of_json_numpy_are_read(self, name):
@@ -117,11 +114,6 @@ class TestConversation:
         assert (path, list(message)) == ("/act", ["image", "instruction", "unnorm_key"])
         assert (message["image"].shape, message["image"].dtype) == ((32, 48, 3), np.uint8)
         assert (message["instruction"], message["unnorm_key"]) == ("pick up apple", "bridge_orig")
-
-    def test_it_may_be_encoded_twice(self):
-        _, requests = answered((200, json.dumps(STILL)), options="?camera=0&encoded=1")
-        assert list(json.loads(requests[0][1])) == ["encoded"]
-        assert decode(json.loads(requests[0][1])["encoded"]) == {"instruction": "pick up apple"}
 
     def test_a_connection_that_the_server_has_closed_in_between_is_opened_anew(self):
         reply = (200, json.dumps(STILL))

@@ -1,12 +1,11 @@
 """Models behind ``POST /act``, as OpenVLA and OpenVLA-OFT are served.
 
-The wire format is JSON, with arrays as json-numpy 2.1.1 writes them. Some clients encode the JSON as a string once
-more, which servers accept, too.
+The wire format is JSON, with arrays as json-numpy 2.1.1 writes them; servers may encode it as a string once more.
 """
 
 import base64
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -23,15 +22,12 @@ from vlafuzz.policies.clients.wire import HttpConnection
 class ActOptions(ProfiledOptions):
     """The user's options for the model. The default keys are OpenVLA's; OFT needs image_key=full_image.
 
-    Attributes:
-        unnorm_key: the data set whose statistics scale the actions; None for the model's default.
-        encoded: encode the JSON as a string once more.
+    ``unnorm_key``: the data set whose statistics scale the actions; None for the model's default.
     """
 
     protocol: ClassVar[str] = "http"
 
     unnorm_key: str | None = None
-    encoded: bool = False
 
 
 class OpenVla(Sessions):
@@ -46,7 +42,7 @@ class OpenVla(Sessions):
     def _send(self, session: Session, seen: Observation) -> None:
         options: ActOptions = self._options
         message = self._model.message(seen) | ({"unnorm_key": options.unnorm_key} if options.unnorm_key else {})
-        session.connection.post(request(message, twice=options.encoded))
+        session.connection.post(encode(message))
 
     def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
         return self._actions(*session.connection.reply(wait))
@@ -74,11 +70,6 @@ def encode(value: object) -> bytes:
         return {"__numpy__": data, "dtype": array.dtype.str, "shape": list(array.shape)}
 
     return json.dumps(value, default=written).encode()
-
-
-def request(message: Mapping[str, Any], *, twice: bool = False) -> bytes:
-    """The request with an observation; ``twice``: as a string under the key ``encoded``."""
-    return encode({"encoded": encode(message).decode()} if twice else message)
 
 
 def decode(body: bytes | str) -> Any:

@@ -22,7 +22,6 @@ HINT = (
 )
 # SAPIEN's default pack would first compute a reflectance table, for 6 s on a CPU.
 SHADER_PACK = "trivial"
-CPU_CAPS = "GALLIUM_OVERRIDE_CPU_CAPS"  # limits the instructions that lavapipe uses
 _CHILD = "from vlafuzz.worlds.tabletop.renderer import _draw; _draw()"
 
 
@@ -60,10 +59,8 @@ def probe(timeout: float = 120.0) -> Renderer:
     answers = [line for line in child.stdout.splitlines() if line.startswith("{")]
     if answers:
         return Renderer(**json.loads(answers[-1]))
-    if child.returncode < 0:
-        return Renderer(problem=f"the driver crashed with signal {-child.returncode}")
-    last = (child.stderr.strip() or "no output").splitlines()[-1]
-    return Renderer(problem=f"exit code {child.returncode}: {last}")
+    crashed = f"the driver crashed with signal {-child.returncode}"
+    return Renderer(problem=crashed if child.returncode < 0 else (child.stderr.splitlines() or ["no output"])[-1])
 
 
 @cache
@@ -77,19 +74,6 @@ def begin_probe() -> Future[Renderer]:
 def probe_once() -> Renderer:
     """The result of the first probe of this process."""
     return begin_probe().result()
-
-
-def keep_to_avx() -> None:
-    """Limit lavapipe 25.0 to AVX before it is loaded: with 128-bit vectors it crashes on AVX-512 processors."""
-    if os.environ.get("LP_NATIVE_VECTOR_WIDTH") == "128":
-        os.environ.setdefault(CPU_CAPS, "avx")
-
-
-def in_use() -> str:
-    """Device and driver of the first probe, with the limit that is set for it."""
-    keep_to_avx()
-    name, caps = probe_once().name, os.environ.get(CPU_CAPS)
-    return f"{name}, {CPU_CAPS}={caps}" if caps and "llvmpipe" in name else name
 
 
 def check_renderer() -> None:

@@ -32,7 +32,7 @@ from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, in_use, probe_once
+from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.tasks import task as task_named
@@ -57,7 +57,7 @@ class Tabletop(TableWorld):
         return "/".join(f"{package} {installed.get(package)}" for package in ("vlafuzz", "mani_skill", "sapien"))
 
     def renderer(self) -> str:
-        return in_use()
+        return probe_once().name
 
     def has(self, task: str) -> bool:
         return task in TASKS

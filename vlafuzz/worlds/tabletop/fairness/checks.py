@@ -139,7 +139,9 @@ def _cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, m
         return _cannot_put_in(a, model_a, b, model_b)
     if not model_b.supports:
         return f"nothing can be put on {model_b.spoken}"
-    if a.quaternion is None and model_a.stable_pose(a.rest).rolls and not _is_dished(model_b):
+    tops = [float(part[:, 2].max()) for part in model_b.parts]
+    dished = max(tops) - min(tops) >= DISH
+    if a.quaternion is None and model_a.stable_pose(a.rest).rolls and not dished:
         return f"{model_a.spoken}, {a.rest}, rolls off {model_b.spoken}"
     sides = extents(footprint(a, model_a).polygon)
     short, long = float(sides.min()), float(sides.max())
@@ -148,11 +150,6 @@ def _cannot_place(onto: str, a: Placement, model_a: ObjectModel, b: Placement, m
         size = f"{long:.3f} x {short:.3f} m"
         return f"{model_a.spoken}, {size}, is too large for {model_b.spoken}, {width:.3f} m across"
     return None
-
-
-def _is_dished(model: ObjectModel) -> bool:
-    tops = [float(part[:, 2].max()) for part in model.parts]
-    return max(tops) - min(tops) >= DISH
 
 
 def _cannot_put_in(a: Placement, model_a: ObjectModel, b: Placement, model_b: ObjectModel) -> str | None:
