@@ -1,7 +1,5 @@
 """Checks of this machine: what is installed, and what follows from it."""
 
-from __future__ import annotations
-
 import platform
 from collections.abc import Iterator
 

@@ -1,13 +1,11 @@
 """Demonstrations: the expert solves scenes as the policy of a run would have to, and is shown as that would see it."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +24,7 @@ from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import SceneEvaluator
 
 UNFAIR = "its scene is not fair"
 BROKEN = "the simulator broke"

@@ -5,8 +5,6 @@ instructions in ``meta/tasks.parquet``, statistics of all frames in ``meta/stats
 ``meta/info.json``.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path

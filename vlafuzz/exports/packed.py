@@ -1,7 +1,5 @@
 """Packed: a demonstration with compressed pictures, and what their statistics need."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Which scenes are exported; and which are demonstrated: of failures, but for causes held out, or random ones."""
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

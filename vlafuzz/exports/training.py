@@ -1,7 +1,5 @@
 """Training data: demonstrations of the expert where a policy fails, as a LeRobot dataset."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Crews: scene runners for work on several things at a time, in this process, in others, or on ray."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor

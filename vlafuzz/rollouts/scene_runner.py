@@ -1,11 +1,9 @@
 """Scene runners: policy, expert and simulator under the conditions of a run, for work after it."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -23,13 +21,9 @@ from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film
+from vlafuzz.worlds.evaluator import FILM_SPEED, FRAMES, Film, SceneEvaluator
 from vlafuzz.worlds.provenance import elsewhere
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.evaluator import SceneEvaluator
-    from vlafuzz.worlds.recording import Recording
-
+from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4, to_png
 
 _ROUNDED = 1e-5  # of progress, which is kept as 32-bit floats
 
@@ -148,8 +142,6 @@ class SimulatorSceneRunner:
         return evaluate_safely(self._players, [scene])[0]
 
     def picture(self, scene: Scene) -> bytes | None:
-        from vlafuzz.worlds.recording import Recording, to_png
-
         try:
             if self._stills is None:
                 self._stills = self._evaluator(self._player, checked=False, recording=Recording(256))
@@ -159,8 +151,6 @@ class SimulatorSceneRunner:
 
     def film(self, scene: Scene, actions: Actions | None = None) -> Film | str:
         """What the policy does in a fair scene, or the robot that executes actions; else why there is none."""
-        from vlafuzz.worlds.recording import Recording, to_jpeg, to_mp4
-
         played = actions is not None
         of: Policy = self._player if played else self._policy
         if played not in self._filmed:

@@ -1,8 +1,6 @@
 """Where conditions become spaces and evaluators of a world."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vlafuzz.common.plugins import source_digest
 from vlafuzz.errors import UsageError
@@ -12,9 +10,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import provenance, world_of
 from vlafuzz.worlds.evaluator import SceneEvaluator
-
-if TYPE_CHECKING:
-    from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Recording
 
 
 def make_evaluator(

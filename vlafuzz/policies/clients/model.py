@@ -1,7 +1,5 @@
 """A model in its own terms: what is sent to it and what comes back, and how both are written down to train it with."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
