@@ -46,9 +46,9 @@ from vlafuzz.policies.harness import Harness
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.worlds.tabletop.sim.arm import MetricArm
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.robots import MetricArm
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World, place
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS, State

@@ -12,13 +12,12 @@ from strategies.faults import Density, World, space_of, world
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Policy
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import Evaluator
 from vlafuzz.worlds.manipulation.operator_set import visible_json
-from vlafuzz.worlds.tabletop.objects import Catalogue
 from vlafuzz.worlds.tabletop.space import load_operators
 from vlafuzz.worlds.tabletop.tasks import LIFTED, State
 
@@ -73,11 +72,6 @@ class Faulty:
     def __init__(self, policy: Policy) -> None:
         self.spec, self._policy = replace(policy.spec, privileged=True), policy
         self._rollouts: dict[str, _Rollout] = {}
-
-    def know(self, catalogue: Catalogue) -> None:
-        """See ``Knowing``."""
-        if isinstance(self._policy, Knowing):
-            self._policy.know(catalogue)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         self._rollouts.clear()

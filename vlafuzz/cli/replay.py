@@ -49,8 +49,6 @@ def command(
         world_of(wanted.scene.task).check_pictures()
     recording = Recording(SIZE if video else 0)
     replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
-    if lost := replayed.outcome.lost_stage:
-        recording.mark(replayed.outcome.rollouts[0].trace, f"fails: {lost} not reached")
     if video:
         recording.write_video(video, replayed.hz)
     if seen:

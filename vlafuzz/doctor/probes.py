@@ -11,7 +11,7 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Knowing, Observation, Outlines, Policy, PolicySpec
+from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Outlines, Policy, PolicySpec
 from vlafuzz.policies.clients.wire import with_retries
 from vlafuzz.policies.harness import WIDTH, blamed_on, check_chunks, finish
 
@@ -31,10 +31,6 @@ class Lent:
     @property
     def spec(self) -> PolicySpec:
         return self._policy.spec
-
-    def know(self, catalogue: Any) -> None:
-        if isinstance(self._policy, Knowing):
-            self._policy.know(catalogue)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         self._policy.reset(episodes)

@@ -143,7 +143,8 @@ class PolicySpec:
 class EpisodeStart:
     """The start of a rollout. ``episode`` identifies it in all its observations.
 
-    ``robot`` is that of the scene; empty where a client does not say, for the first one of its world.
+    ``robot`` is that of the scene; empty where a client does not say, for the first one of its world. ``catalogue``: of
+    the objects whose outlines are seen, for policies that ask for silhouettes.
     """
 
     episode: str
@@ -151,6 +152,7 @@ class EpisodeStart:
     task: str
     seed: int
     robot: str = ""
+    catalogue: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,14 +235,6 @@ class Policy(Protocol):
 
     def close(self) -> None:
         """Release everything; no more rollouts follow."""
-
-
-@runtime_checkable
-class Knowing(Protocol):
-    """A policy that knows the shapes, colours and names of the objects in a world's catalogue."""
-
-    def know(self, catalogue: Any) -> None:
-        """Use this catalogue for all scenes from now on."""
 
 
 @runtime_checkable

@@ -6,12 +6,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import cast
 
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import ActionChunk, Knowing, Observation, Policy
+from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release
 from vlafuzz.rollouts.executor import Batches, broken, checked
@@ -101,10 +101,6 @@ class _LanePolicy(StandIn):
     def __init__(self, number: int, policy: Policy, batching: BatchingPolicy) -> None:
         super().__init__(policy.spec)
         self.number, self._policy, self._batching = number, policy, batching
-
-    def know(self, catalogue: Any) -> None:
-        if isinstance(self._policy, Knowing):
-            self._policy.know(catalogue)
 
     def flush(self) -> None:
         """Tell the policy at once which rollouts are over, not only with the next request."""

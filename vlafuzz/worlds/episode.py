@@ -1,5 +1,6 @@
 """Episode: one rollout of a policy in a scene, whatever the world; and what disturbs one: late commands, noise."""
 
+import hashlib
 from abc import ABC, abstractmethod
 from collections import deque
 from zlib import crc32
@@ -68,7 +69,10 @@ class Episode(ABC):
     Attributes:
         actions: so far, ``(7,)`` each, metric.
         monitor: of its stages.
+        states_hash: of all states so far, bit by bit; a subclass makes and updates it.
     """
+
+    states_hash: hashlib.blake2b
 
     def __init__(
         self, scene: Scene, seed: int, conditions: Conditions, monitor: Monitor, *, hz: int, horizon: int
@@ -118,14 +122,10 @@ class Episode(ABC):
             progress=1.0 if self.success else min(monitor.progress, 0.99),
             trace=monitor.trace,
             actions=np.array(self.actions, dtype=np.float32),
-            states_hash=self._states_hash(),
+            states_hash=self.states_hash.hexdigest(),
             seconds=seconds,
         )
 
     @abstractmethod
     def _execute(self, action: Array) -> None:
         """Simulate a control step, and show its end to the monitor."""
-
-    @abstractmethod
-    def _states_hash(self) -> str:
-        """A digest of all states so far."""

@@ -14,7 +14,6 @@ from vlafuzz.policies.base import CameraRequest, Observation, Outlines
 from vlafuzz.worlds.episode import Episode
 
 _DRAWN = 256  # sides of a picture of outlines, pixels
-_INK, _RED = (235, 235, 235), (220, 40, 40)
 GREYS = 16  # levels that are told apart
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
@@ -52,17 +51,6 @@ class Recording:
     def frame_after(self, steps: int) -> int:
         """The last frame that was kept in so many control steps."""
         return max(0, min(steps // self._stride, len(self.frames) - 1))
-
-    def mark(self, trace: NDArray[np.float32], says: str) -> None:
-        """Frame in red, with a word, all after the last progress; ``trace``: progress after each step."""
-        for index in range(self.stuck(trace), len(self.frames)):
-            frame = self.frames[index].copy()
-            height, width = frame.shape[:2]
-            cv2.rectangle(frame, (1, 1), (width - 2, height - 2), _RED, 3)
-            (long, high), _ = cv2.getTextSize(says, cv2.FONT_HERSHEY_SIMPLEX, 0.6, 2)
-            cv2.rectangle(frame, (1, 1), (long + 18, high + 18), _RED, cv2.FILLED)
-            cv2.putText(frame, says, (10, high + 10), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _INK, 2, cv2.LINE_AA)
-            self.frames[index] = frame
 
     def write_video(self, path: Path, hz: int) -> None:
         """Write an MP4 in real time; a UsageError if that does not work."""

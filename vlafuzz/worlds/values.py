@@ -106,7 +106,7 @@ class ValuesEpisode(Episode):
         cameras: Collection[str] = (),
     ) -> None:
         self._world, self._state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
-        self._hash = hashlib.blake2b(digest_size=16)
+        self.states_hash = hashlib.blake2b(digest_size=16)
         monitor = Monitor(task.stages)
         super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=world.horizon)
 
@@ -132,11 +132,8 @@ class ValuesEpisode(Episode):
 
     def _execute(self, action: Array) -> None:
         self._state = self._world.step(self._state, action)
-        self._hash.update(self._world.fingerprint(self._state))
+        self.states_hash.update(self._world.fingerprint(self._state))
         self.monitor.observe(self._state)
-
-    def _states_hash(self) -> str:
-        return self._hash.hexdigest()
 
 
 class ValuesEvaluator(SceneEvaluator):

@@ -3,6 +3,7 @@
 A fault lasts until it is mended.
 """
 
+import hashlib
 import json
 import os
 import signal
@@ -39,6 +40,8 @@ ANSWERS: dict[str, Any] = {
 class Judging(Episode):
     """Passes if all actions are the right ones, and else fails: no fault may come to that."""
 
+    states_hash = hashlib.blake2b(digest_size=16)
+
     def observe(self) -> Observation:
         return Observation(self.start.episode, len(self.actions), self.scene.instruction)
 
@@ -49,9 +52,6 @@ class Judging(Episode):
         over = len(self.actions) == STEPS
         passes = over and np.allclose(self.actions, np.repeat(RIGHT, STEPS, 0))
         vars(self.monitor).update(success_once=passes, success_now=passes, reached=STAGES if passes else ())
-
-    def _states_hash(self) -> str:
-        return "5" * 32
 
 
 class Bench(SceneEvaluator):

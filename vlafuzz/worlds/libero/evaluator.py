@@ -47,7 +47,7 @@ class LiberoEpisode(Episode):
         self._substeps = HZ // spec.action.hz
         self._setting, self._events = setting, Events(scene, spec.action.hz, task_named(scene.task).stage_names)
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
-        self._hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
+        self.states_hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
         task, hz = self._env.task, spec.action.hz
         monitor = Monitor(find_stages(task))
         super().__init__(scene, seed, conditions, monitor, hz=hz, horizon=task.horizon // self._substeps)
@@ -90,11 +90,8 @@ class LiberoEpisode(Episode):
             for slot, shift in slides.items():
                 self._setting.slide(slot, shift / self._substeps)
             self._env.step(own)
-        self._hash.update(self._env.state().tobytes())
+        self.states_hash.update(self._env.state().tobytes())
         self.monitor.observe(self._moment)
-
-    def _states_hash(self) -> str:
-        return self._hash.hexdigest()
 
 
 def _shown(env: LiberoEnv, camera: CameraRequest) -> Picture:

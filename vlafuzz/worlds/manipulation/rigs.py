@@ -1,7 +1,8 @@
 """Rigs: robots at their tables, with the nominal camera and lights; ``rigs.yaml`` holds their numbers."""
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from pydantic import TypeAdapter
@@ -110,6 +111,7 @@ class Rig(Robot):
         larger area in which imported scenes may place objects; None if it is the workspace.
         operators: name of the operator set that is used by default.
         initial_states: that a task has of its own; 0 where the operators say how it begins.
+        gains: of the joints, arm first, where the simulator has none: stiffness, damping and force limit.
     """
 
     base: tuple[float, float, float]
@@ -128,6 +130,7 @@ class Rig(Robot):
     surface: Workspace | None = None
     operators: str = "tabletop"
     initial_states: int = 0
+    gains: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     @property
     def arm_joints(self) -> int:

@@ -100,7 +100,7 @@ def states_hash(env: TabletopEnv, scene: Scene = CROWD) -> str:
     """Of the trajectory that ``pushes`` makes in a scene."""
     env.begin(scene)
     play(env, pushes())
-    return env.world.states_hash
+    return env.world.states_hash.hexdigest()
 
 
 def turn(start: State, end: State) -> np.ndarray:

@@ -20,7 +20,6 @@ from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
 
@@ -52,21 +51,10 @@ class Scripted(ABC):
     def __init__(self, spec: PolicySpec) -> None:
         self.spec = spec
         self._acting: dict[str, Acting] = {}
-        self._catalogue: Catalogue | None = None
 
     @abstractmethod
     def begin(self, start: EpisodeStart) -> Acting:
         """Begin a rollout; returns what gives its actions."""
-
-    @property
-    def catalogue(self) -> Catalogue:
-        if self._catalogue is None:
-            self._catalogue = load_catalogue()
-        return self._catalogue
-
-    def know(self, catalogue: Catalogue) -> None:
-        """Use this catalogue from now on, see ``Knowing``."""
-        self._catalogue = catalogue
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for start in episodes:

@@ -14,6 +14,7 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.experts.expert import Acting, Scripted
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose, rotation_matrix
 
 # Share of the offset between the hand's true and apparent position that is corrected. Set once, so that
@@ -48,8 +49,9 @@ class Pinhole(Scripted):
 
     def begin(self, start: EpisodeStart) -> Acting:
         # Of objects with the same spoken name, those of packs come first
-        names = self.catalogue.names()
-        models = [self.catalogue[name] for name in dict.fromkeys([*self.catalogue.preferred(names), *names])]
+        catalogue = start.catalogue or load_catalogue()
+        names = catalogue.names()
+        models = [catalogue[name] for name in dict.fromkeys([*catalogue.preferred(names), *names])]
         return _Episode(start.task, models, rig(start.robot or PANDA.robot)).act
 
 

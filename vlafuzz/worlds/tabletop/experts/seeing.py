@@ -21,6 +21,7 @@ from vlafuzz.worlds.tabletop.experts.expert import Acting, Calibration, Scripted
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, camera_values, raised, standing
 from vlafuzz.worlds.tabletop.experts.planning import Thing
+from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose
 
 HAND = 255  # label; outlines are counted from 1, 0 is the background
@@ -190,7 +191,8 @@ class SeeingExpert(Scripted):
         self.attempt = 0
 
     def begin(self, start: EpisodeStart) -> Acting:
-        models = [self.catalogue[name] for name in self.catalogue]
+        catalogue = start.catalogue or load_catalogue()
+        models = [catalogue[name] for name in catalogue]
         return _Episode(models, rig(start.robot or PANDA.robot), controller(start, self.attempt)).act
 
 

@@ -11,7 +11,7 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
-from vlafuzz.policies.base import Knowing, Observation, Outlines, Policy, PolicySpec, Silhouette
+from vlafuzz.policies.base import Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.events import afterwards
@@ -38,8 +38,11 @@ class TabletopEpisode(Episode):
         self._env, self._spec = env, spec
         self._state = env.begin(scene, seed)
         env.check(scene)
+        self.states_hash = env.world.states_hash
         horizon = env.rig.seconds * env.control_hz
         super().__init__(scene, seed, conditions, env.monitor, hz=env.control_hz, horizon=horizon)
+        if spec.silhouettes:
+            self.start = replace(self.start, catalogue=env.catalogue)
 
     def observe(self) -> Observation:
         env, spec, scene, state = self._env, self._spec, self.scene, self._state
@@ -59,9 +62,6 @@ class TabletopEpisode(Episode):
 
     def _execute(self, action: Array) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)
-
-    def _states_hash(self) -> str:
-        return self._env.world.states_hash
 
 
 def proprioception(state: State, opening: float) -> NDArray[np.float32]:
@@ -86,8 +86,6 @@ class ManiSkillEvaluator(SceneEvaluator):
         super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
         self._visible = stored_visible(conditions)
         self._env: TabletopEnv | None = None
-        if isinstance(policy, Knowing):
-            policy.know(catalogue)
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._task.name:

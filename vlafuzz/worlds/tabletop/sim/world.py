@@ -24,8 +24,8 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
-from vlafuzz.worlds.tabletop.sim.arm import MetricArm
 from vlafuzz.worlds.tabletop.sim.rendering import add_table, render_system, use_shaders
+from vlafuzz.worlds.tabletop.sim.robots import MetricArm
 from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
@@ -72,7 +72,7 @@ class World:
             self._labels[link] = HAND if any(part in link.name for part in _HAND) else ARM
         self._touched = False
         self._before = None
-        self._hash = hashlib.blake2b(digest_size=16)
+        self.states_hash = hashlib.blake2b(digest_size=16)
         return self._read()
 
     def step(self, action: Array, relative_to: str = "target", slides: Mapping[int, Array] | None = None) -> State:
@@ -105,7 +105,7 @@ class World:
         velocities = [v for body in self._bodies for v in (body.linear_velocity, body.angular_velocity)]
         qpos, qvel = self._robot.qpos, self._robot.qvel
         exact = (*places, *quaternions, *velocities, qpos, qvel)
-        self._hash.update(b"".join(array.tobytes() for array in exact))
+        self.states_hash.update(b"".join(array.tobytes() for array in exact))
         tcp = self._tcp.entity_pose
         if self._tool is not None:
             tcp = tcp * self._tool
@@ -125,11 +125,6 @@ class World:
             earlier=earlier,
             seconds=self._substeps / self._hz,
         )
-
-    @property
-    def states_hash(self) -> str:
-        """Hash of all states so far, bit by bit."""
-        return self._hash.hexdigest()
 
     @property
     def poses(self) -> tuple[sapien.Pose, ...]:
