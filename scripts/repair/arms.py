@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from vlafuzz.common.assets import corpus_dir
-from vlafuzz.exports.selection import WantedScene, around, at_random, failures_of_corpus, failures_of_store
+from vlafuzz.exports.selection import FailingScene, WantedScene, around, at_random, failures_of_store
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.store.store import Store
 
@@ -34,7 +34,9 @@ def wanted(store: Path, task: str, kind: Kind) -> Iterator[WantedScene]:
     """
     if kind == "minimal":
         folder = corpus_dir() / f"mini-{task}"
-        return around(folder, failures_of_corpus(read_corpus(folder), "minimal"))
+        corpus = read_corpus(folder)
+        scenes = [(scene, case) for case in corpus.cases for scene in (case.scene, *case.counterparts.values())]
+        return around(folder, [FailingScene(scene, corpus.runs[case.run], case.signature) for scene, case in scenes])
     with Store.open(store) as opened:
-        failures = failures_of_store(opened, None, "failed")
+        failures = failures_of_store(opened, None)
     return at_random(store, failures) if kind == "random" else around(store, failures)

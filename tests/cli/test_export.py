@@ -69,18 +69,12 @@ def test_bad_flags_are_one_sentence_with_a_hint(flags, says: str, capsys):
     assert sorted(Path().iterdir()) == before
 
 
-@pytest.mark.parametrize(("which", "scenes"), [("failed", 1), ("minimal", 2)])
-def test_what_is_shown_of_a_finding_is_its_scene_or_the_minimal_one_with_its_counterpart(store, which, scenes: int):
+def test_the_cause_of_a_triaged_failure_is_its_signature(store: Path):
     with Store.open(store) as opened:
-        failures = failures_of_store(opened, 1, which)
-        triaged = {row.scene: row for row in opened.triaged()}
-    assert len(failures) == len(triaged) == 3
-    for failure in failures:
-        row = triaged[failure.scene]
-        minimal = (row.shrunk, *row.counterparts.values())
-        assert failure.scenes == (minimal if which == "minimal" else (failure.scene,))
-        assert len(failure.scenes) == scenes
-        assert failure.cause == row.signature
+        failures = failures_of_store(opened, 1)
+        triaged = {row.scene: row.signature for row in opened.triaged()}
+    assert {failure.scene: failure.cause for failure in failures} == triaged
+    assert len(failures) == 3
 
 
 def test_a_store_without_failures_has_no_demonstrations(capsys):

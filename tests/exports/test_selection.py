@@ -17,7 +17,7 @@ def failure(number: int, cause: str) -> FailingScene:
     """One of eight scenes that are far from each other."""
     light, x, y = (1 / 16, 16.0)[number % 2], (-0.2, 0.12)[number // 2 % 2], (-0.2, 0.2)[number // 4]
     failing = scene(light=light, x=x, y=y)
-    return FailingScene(failing, run("make_frozen"), (failing,), cause)
+    return FailingScene(failing, run("make_frozen"), cause)
 
 
 def test_failures_of_one_cause_are_on_one_side():

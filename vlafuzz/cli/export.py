@@ -17,7 +17,7 @@ from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzErr
 from vlafuzz.model.scene_lines import is_document, write_scenes
 
 Wanted = Literal["failed", "passed", "all"]
-Shown = Literal["failed", "minimal", "random"]
+Shown = Literal["failed", "random"]
 Format = Literal["vlafuzz", "lerobot", "store"]
 
 
@@ -58,11 +58,7 @@ def export(
     ] = "vlafuzz",
     scenes: Annotated[
         Shown | None,
-        option(
-            "What lerobot's episodes show: failing scenes, minimal ones with the passing scenes beside, or as many "
-            "random ones to compare with.",
-            "failed",
-        ),
+        option("What lerobot's episodes show: failing scenes, or as many random ones to compare with.", "failed"),
     ] = None,
     demos: Annotated[int | None, option("Episodes of lerobot in all.", "one a scene")] = None,
     hold_out: Annotated[

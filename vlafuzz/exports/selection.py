@@ -1,7 +1,7 @@
 """Which scenes are exported; and which are demonstrated: of failures, but for causes held out, or random ones."""
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
@@ -18,7 +18,7 @@ from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
-Which = Literal["failed", "minimal", "random"]
+Which = Literal["failed", "random"]
 Chosen = Literal["failed", "passed", "all"]
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``failures.corpus.controls``
@@ -50,16 +50,14 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
 
 @dataclass(frozen=True, eq=False)
 class FailingScene:
-    """A failing scene, and those that are demonstrated for it.
+    """A failing scene of a run.
 
     Attributes:
-        scenes: the failing scene alone; or the minimal one with its passing counterparts.
         cause: what failures of one cause have in common: a signature, or the cell where none of it is triaged.
     """
 
     scene: Scene
     run: Manifest
-    scenes: tuple[Scene, ...]
     cause: str
 
 
@@ -72,43 +70,27 @@ class WantedScene(NamedTuple):
     finding: str
 
 
-def failures_of_store(store: Store, run: int | None, which: Which) -> list[FailingScene]:
-    """The findings of a store; for ``minimal`` those that triage has made minimal.
+def failures_of_store(store: Store, run: int | None) -> list[FailingScene]:
+    """The findings of a store.
 
     Raises:
         StoreError: there is none.
     """
     manifests = {begun.id: begun.manifest for begun in store.runs()}
-    triaged = {row.key: row for row in store.triaged()}
     findings = {finding: f"{finding.scene.task}|{finding.cell}" for finding in store.findings(run)}
-    signatures = {key: row.signature for key, row in triaged.items() if row.signature}
+    signatures = {row.key: row.signature for row in store.triaged() if row.signature}
     by_cell = {cell: signatures[finding.key] for finding, cell in findings.items() if finding.key in signatures}
     failures: dict[Scene, FailingScene] = {}
     for finding, cell in findings.items():
-        row, cause = triaged.get(finding.key), signatures.get(finding.key) or by_cell.get(cell, cell)
-        scenes: tuple[Scene, ...] = (finding.scene,)
-        if which == "minimal":
-            if row is None or row.bucket != "minimal" or row.shrunk is None:
-                continue
-            scenes = (row.shrunk, *row.counterparts.values())
-        failures.setdefault(finding.scene, FailingScene(finding.scene, manifests[finding.run], scenes, cause))
-    if not failures and which == "minimal":
-        raise StoreError(f"{store.path}: has no minimal finding", hint="`vlafuzz triage` makes them")
+        cause = signatures.get(finding.key) or by_cell.get(cell, cell)
+        failures.setdefault(finding.scene, FailingScene(finding.scene, manifests[finding.run], cause))
     if not failures:
         raise StoreError(f"{store.path}: has no failing scene", hint="`vlafuzz run` looks for some")
     return list(failures.values())
 
 
-def failures_of_corpus(corpus: Corpus, which: Which) -> list[FailingScene]:
-    return [
-        FailingScene(
-            case.scene,
-            corpus.runs[case.run],
-            (case.scene, *(case.counterparts.values() if which == "minimal" else ())),
-            case.signature,
-        )
-        for case in corpus.cases
-    ]
+def failures_of_corpus(corpus: Corpus) -> list[FailingScene]:
+    return [FailingScene(case.scene, corpus.runs[case.run], case.signature) for case in corpus.cases]
 
 
 def split(
@@ -142,13 +124,12 @@ def split(
     return [failure for failure in failures if failure.scene not in held], out
 
 
-def around(source: Path, failures: Iterable[FailingScene]) -> Iterator[WantedScene]:
+def around(source: Path, failures: Sequence[FailingScene]) -> Iterator[WantedScene]:
     """Every scene as it is, then each again and again, slightly jittered, with another first attempt."""
-    scenes = [(scene, failure) for failure in failures for scene in failure.scenes]
     for number in count():
-        for scene, failure in scenes:
-            shown = space_of(source, failure.run).jittered(scene, DEMONSTRATE + number) if number else scene
-            yield WantedScene(shown, failure.run, number, failure.scene.digest)
+        for scene, run in ((failure.scene, failure.run) for failure in failures):
+            shown = space_of(source, run).jittered(scene, DEMONSTRATE + number) if number else scene
+            yield WantedScene(shown, run, number, scene.digest)
 
 
 def at_random(source: Path, failures: Sequence[FailingScene]) -> Iterator[WantedScene]:

@@ -57,8 +57,7 @@ def write_demonstrations(
         source: store, folder of a corpus, or the name of a shipped corpus.
         out: a new folder; the scenes that are held out go to a file beside it.
         run: only failures that this run of a store found.
-        which: the failing scenes; the ``minimal`` ones with their passing counterparts; or as many ``random`` ones of
-            the same runs.
+        which: the failing scenes, or as many ``random`` ones of the same runs.
         number: of demonstrations in all; None for one a scene. From the second of a scene on, it is
             slightly jittered, and the expert begins with another grasp.
         hold_out: share of the failures that is left out, with all others of the same cause. workers: processes.
@@ -79,15 +78,14 @@ def write_demonstrations(
     check_new(out)
     if hold_out and beside.exists():
         raise UsageError(f"{beside}: exists already", hint="give --out another name")
-    failures, held_out = split(source, _failures(source, run, which), hold_out)
+    failures, held_out = split(source, _failures(source, run), hold_out)
     interface, robot, hz = _alike(source, failures)
-    scenes = sum(len(failure.scenes) for failure in failures)
-    total = number or scenes
+    total = number or len(failures)
     shown = Demonstrations(workers, watch)
     held = f", {len(held_out)} more held out" if held_out else ""
     watch.note(f"{plural(total, 'demonstration')} for {plural(len(failures), 'failure')}{held}")
     wanted = at_random(source, failures) if which == "random" else around(source, failures)
-    most = total if number is None and which != "random" else TRIES * max(total, scenes)
+    most = total if number is None and which != "random" else TRIES * max(total, len(failures))
     solved = shown.solved(wanted, total, most)
     names = {STATE: interface.state_names, ACTION: interface.action_names}
     with whole(out) as folder:
@@ -101,13 +99,13 @@ def write_demonstrations(
     return Written(written, shown.left_out, len(held_out), beside)
 
 
-def _failures(source: Path, run: int | None, which: Which) -> list[FailingScene]:
+def _failures(source: Path, run: int | None) -> list[FailingScene]:
     if not is_corpus(source):
         with Store.open(source) as store:
-            return failures_of_store(store, run, which)
+            return failures_of_store(store, run)
     if run is not None:
         raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
-    return failures_of_corpus(read_corpus(source), which)
+    return failures_of_corpus(read_corpus(source))
 
 
 def _alike(source: Path, failures: Sequence[FailingScene]) -> tuple[Interface, str, int]:
