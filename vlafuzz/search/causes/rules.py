@@ -83,11 +83,11 @@ class Rule:
         """Whether it takes all units of another rule, and more."""
         return bool((self.kept >= other.kept).all() and (self.kept > other.kept).any())
 
-    def learn_failure(self, deviations: Numbers, levels: Levels | None) -> None:
+    def learn_failure(self, deviations: Numbers, levels: Levels | None = None) -> None:
         """A scene with its units alone fails: its range reaches as far.
 
         Args:
-            levels: of the scene; None where it may have failed by chance, and cannot stand for the rule.
+            levels: of the scene, if it was repeated: one that may have failed by chance cannot stand for the rule.
         """
         nearer = True
         for index in np.flatnonzero(self.kept).tolist():

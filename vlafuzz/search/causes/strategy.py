@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
-from vlafuzz.search.causes.attribution import BY_CHANCE, LONGER, QUIET, Attribution
+from vlafuzz.search.causes.attribution import LONGER, Attribution
 from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
@@ -40,6 +40,7 @@ RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is wor
 # Likelihood ratio that tests of an answer have to show, times the square of the odds that one is refuted, as many of
 # those are chances to be wrong; for a single unit, of which many are tried; and its least logarithm.
 CONFIRMED, CONFIRMED_ALONE, LEAST_CONFIRMED = 20.0, 50.0, 2.3
+CONFIRMING = 4.0  # tests that an attribution takes beside one for each bit: with 10, as many causes are found
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
 SURVIVES = 0.5  # prior that a predecessor's cause is one of this policy, too
 NEARBY = 20  # known scenes beside which a new one is looked for
@@ -244,12 +245,12 @@ class Causes:
         coin = np.random.default_rng([self._seed, self._rolled_out, 2]).random()
         prefers_severe = self._draws.severe and coin < self._background.by_chance  # failures of random scenes tell less
         while self._alone is not None and not self._alone and len(self._active) < self._at_once():
-            if self._promising:
-                levels = self._promising.popleft()
-            elif self._pending and not prefers_severe:
-                levels = self._pending.popleft()
-            else:
+            waiting = self._promising or (deque[Levels]() if prefers_severe else self._pending)
+            if not waiting:
                 return
+            best = int(np.argmax([self._promise(each) for each in waiting]))
+            levels = waiting[best]
+            del waiting[best]
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
             if rule is None or chance < POSSIBLE:
@@ -261,25 +262,45 @@ class Causes:
 
     def _attribute(self, levels: Levels, answer: Mask | None = None) -> None:
         """Look for the cause of a failure; with ``answer`` whether a predecessor's cause is one here."""
-        deviations = self._units.deviations(levels[None])[0]
-        severity = self._units.severity(deviations)
-        units, by_chance = int(np.count_nonzero(severity)), self._background.by_chance
-        if units <= TOGETHER:
-            by_chance = self._background.by_chance_of(ALONE if units == 1 else SEVERE)
-        if answer is not None:
-            by_chance = 1 - SURVIVES
-        if not units or by_chance > BY_CHANCE:
+        units = self._count(levels)
+        if not units:
             self._given_up.append(levels)
             return
-        suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
-        if self._known and answer is None and units > 1:
-            scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
-            alike = self._units.alike(self._units.deviations(scenes), deviations)
-            suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
+        suspects = self._suspects(levels, inherited=answer is not None)
         odds = (self._refuted + 1) / (len(self._rules) + 1)
         confirmed = max(LEAST_CONFIRMED, math.log((CONFIRMED_ALONE if units == 1 else CONFIRMED) * odds**2))
         about = levels, suspects, self._background
         self._active.append(Attribution(*about, confirmed=confirmed, quiet=odds < 1, answer=answer))
+
+    def _count(self, levels: Levels) -> int:
+        """In how many units a scene differs from the reference."""
+        return int(np.count_nonzero(self._units.severity(self._units.deviations(levels[None])[0])))
+
+    def _suspects(self, levels: Levels, *, inherited: bool = False) -> Suspects:
+        """What may be why a scene fails, by the scenes so far; ``inherited``: by a predecessor's cause alone."""
+        deviations = self._units.deviations(levels[None])[0]
+        severity = self._units.severity(deviations)
+        units, by_chance = self._count(levels), self._background.by_chance
+        if units <= TOGETHER:
+            by_chance = self._background.by_chance_of(ALONE if units == 1 else SEVERE)
+        if inherited:
+            by_chance = 1 - SURVIVES
+        suspects = Suspects(severity, self._rates / self._rates.sum(), self._background.chances, by_chance)
+        if self._known and not inherited and units > 1:
+            scenes, failed, otherwise = map(np.array, zip(*self._known, strict=True))
+            alike = self._units.alike(self._units.deviations(scenes), deviations)
+            suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
+        return suspects
+
+    def _promise(self, levels: Levels) -> float:
+        """How much attributing a failure promises: what takes no or few tests first, what a rule may explain last."""
+        _, chance = self._rules.likeliest(self._units.deviations(levels[None])[0], self._units)
+        if chance >= KNOWN or self._count(levels) < 2:
+            return math.inf
+        if chance >= POSSIBLE:
+            return -chance
+        suspects = self._suspects(levels)
+        return (1 - suspects.by_chance) / (suspects.entropy + CONFIRMING)
 
     def _next_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         while self._tests:
@@ -385,7 +406,7 @@ class Causes:
         chance = odds / (1 + odds)
         deviations = self._units.deviations(levels[None])[0]
         if chance >= KNOWN:
-            rule.learn_failure(deviations, levels if background < QUIET else None)
+            rule.learn_failure(deviations)
             rule.hits += test.failure
         elif chance <= POSSIBLE:
             rule.learn_pass(deviations)

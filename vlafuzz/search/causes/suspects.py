@@ -76,6 +76,12 @@ class Suspects:
         return float(self._by_chance.sum())
 
     @property
+    def entropy(self) -> float:
+        """How uncertain it is which set is to blame, in bits, if one is."""
+        chances = self.chances[self.chances > 0] / self.chances.sum()
+        return float(-(chances @ np.log2(chances)))
+
+    @property
     def rates(self) -> Numbers:
         """``(3,)`` the probability of each of ``RATES``, if a unit is to blame."""
         rates = np.bincount(self._rows[:, 1], self._row, len(RATES))
