@@ -1,16 +1,17 @@
 """``vlafuzz compare``, also again: what it shows, writes and refuses, and how it goes on."""
 
 import json
-from contextlib import redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from tests.cli.typed import complaint
 from tests.doubles import ClosedForm, Gone, Raising
-from tests.failures.triage.runners import PlantedRunner
+from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
 from vlafuzz.model.outcome import Outcome
@@ -21,7 +22,7 @@ from vlafuzz.store.store import Store
 IDLE = ("--policy", "python:tests.doubles:make_idle")
 _SMALL = "--strategies random,nsga2 --budget 12 --repeats 2 --seed 3 --triage-rollouts 0"
 SMALL = (*IDLE, *_SMALL.split())
-HERE = ("--store", "a.db")
+HERE = ("--store", "a.db", "--out", "out")
 
 
 def dark(scene: Scene) -> bool:
@@ -54,28 +55,39 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
     return without_simulator(tmp_path, monkeypatch)
 
 
-def made(folder: Path, *flags: str) -> SimpleNamespace:
-    """What a comparison printed, also as JSON when it was asked again: it takes seconds, so that tests share some."""
+@dataclass(frozen=True)
+class Made:
+    """A comparison: what it printed, and the folders of its store and of its results."""
+
+    printed: str
+    said: str
+    folder: Path
+
+    @property
+    def document(self) -> dict[str, Any]:
+        return json.loads((self.folder / "out/compare.json").read_text())
+
+
+def made(folder: Path, *flags: str) -> Made:
+    """A comparison takes seconds, so that tests share some."""
     with pytest.MonkeyPatch.context() as patched:
         without_simulator(folder, patched)
-        with redirect_stdout(StringIO()) as out:
+        with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
             compare(*flags)
-        with redirect_stdout(StringIO()) as again:
-            compare(*flags, "--json")
-    return SimpleNamespace(printed=out.getvalue(), document=json.loads(again.getvalue()), folder=folder)
+    return Made(out.getvalue(), err.getvalue(), folder)
 
 
 @pytest.fixture(scope="module")
-def plain(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+def plain(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return made(tmp_path_factory.mktemp("plain"))
 
 
 @pytest.fixture(scope="module")
-def triaged(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+def triaged(tmp_path_factory: pytest.TempPathFactory) -> Made:
     return made(tmp_path_factory.mktemp("triaged"), "--triage-rollouts", "200")
 
 
-def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain):
+def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain: Made):
     assert [row[:2] for row in runs(str(plain.folder / "a.db"))] == [
         ("random", 3), ("nsga2", 3), ("random", 4), ("nsga2", 4),
     ]  # fmt: skip
@@ -89,7 +101,9 @@ def test_every_run_pays_for_its_own_rollouts(capsys):
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
-def test_the_json_has_all_figures(plain):
+def test_the_json_has_all_figures_and_is_in_the_folder(plain: Made):
+    assert sorted(path.name for path in (plain.folder / "out").iterdir()) == ["compare.html", "compare.json"]
+    assert "written: out/compare.json" in plain.said
     document = plain.document
     assert (document["budget"], document["repeats"]) == (12, 2)
     assert (document["seeds"], document["reference"]) == ([3, 4], "random")
@@ -98,7 +112,7 @@ def test_the_json_has_all_figures(plain):
     assert standing["means"]["failures"]["value"] > 0
 
 
-def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged):
+def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made):
     document = triaged.document
     assert document["triage_rollouts"] == 200
     for standing in document["standings"]:
@@ -108,6 +122,15 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged):
     assert all(0 < run["triage_rollouts"] <= 200 for run in document["runs"])
     assert "12 rollouts and 200 of triage, 2 repeats" in " ".join(triaged.printed.split())
     assert "nsga2: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
+
+
+def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(triaged: Made):
+    page = (triaged.folder / "out/compare.html").read_text()
+    assert "vlafuzz report a.db --out report.html --trust" in page
+    for standing in triaged.document["standings"]:
+        for count in standing["causes"].values():
+            assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page
+    assert page.count("<article") == len({name for each in triaged.document["standings"] for name in each["causes"]})
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
@@ -121,7 +144,7 @@ def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
     assert compared == [("nsga2", "failures"), ("causes", "failures")]
 
 
-def test_without_triage_failures_judge_and_it_says_so(plain):
+def test_without_triage_failures_judge_and_it_says_so(plain: Made):
     assert "Nothing was triaged (--triage-rollouts 0)" in plain.printed
     too_few = "2 repeats are too few to tell, p is never below 0.5; 6 could"
     assert f"nsga2: failures beside random: {too_few}" in " ".join(plain.printed.split())
@@ -158,9 +181,17 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         (("--policy", "pinhol"), "unknown policy 'pinhol'"),
     ],
 )
-def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(capsys, folder: Path, flags, says: str):
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
+    capsys, folder: Path, flags: tuple[str, ...], says: str
+):
     assert says in refused(capsys, *flags)
     assert list(folder.iterdir()) == []
+
+
+def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
+    assert main(["compare", *SMALL, "--store", "mine"]) == 0
+    assert (folder / "mine").is_file()
+    assert (folder / "mine-compare" / "compare.json").is_file()
 
 
 def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
@@ -168,9 +199,10 @@ def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
     assert "ended in an error, first: ConnectionError: refused" in refused(capsys, code=3)
 
 
-def test_done_twice_nothing_is_run_again(capsys, monkeypatch):
+def test_done_twice_nothing_is_run_again(capsys, monkeypatch, folder: Path):
     compare("--json")
     first = capsys.readouterr().out
+    assert json.loads(first) == json.loads((folder / "out/compare.json").read_text())
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--json")
@@ -190,6 +222,17 @@ def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     capsys.readouterr()
     compare("--triage-rollouts", "50", "--json")
     assert all(run["triage_rollouts"] <= 50 for run in json.loads(capsys.readouterr().out)["runs"])
+
+
+def test_triage_goes_on_after_an_interruption(capsys):
+    compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
+    whole = json.loads(capsys.readouterr().out)
+    with interrupted():
+        compare("--triage-rollouts", "200", code=130)
+    assert "hint: the same command continues" in capsys.readouterr().err
+    compare("--triage-rollouts", "200", "--json")
+    document = json.loads(capsys.readouterr().out)
+    assert document["runs"] == whole["runs"]
 
 
 def test_more_repeats_and_strategies_only_add_runs():
@@ -224,10 +267,11 @@ def test_a_run_that_others_answered_is_refused(capsys):
     assert "run 2 reused" in message
 
 
-def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys):
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys, folder: Path):
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
     assert "8 scenes in a row had no answer" in refused(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]
+    assert not (folder / "out" / "compare.json").exists()
     monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
     compare()
     assert {status for *_, status in runs()} == {"finished"}

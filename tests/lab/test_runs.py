@@ -1,5 +1,6 @@
 """Which runs of a store a comparison takes, and how it does the others."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.lab import runs
-from vlafuzz.lab.runs import Job, complete, stored
+from vlafuzz.lab.runs import Job, complete, note_places, stored
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -70,6 +71,17 @@ def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypa
     do(store, Job("random", 1), watch=told)
     assert [(run.status, store.extent(run.id)[0]) for run in store.runs()] == [("running", 0), ("finished", 3)]
     assert told.notes[0].startswith("random, seed 1: begins anew, since run 1 ended early at another place: ")
+
+
+def test_runs_of_several_places_are_noted_as_such(store: Store):
+    told = Told()
+    places = ("", "", json.dumps({"processor": "arm64", "instructions": "DEFAULT", "torch": "2.13"}))
+    for place in places:
+        store.begin(manifest(place=place))
+    note_places(store.runs()[:2], told)
+    note_places(store.runs(), told)
+    (note,) = told.notes
+    assert "(run 1, 2: not known; run 3: arm64, DEFAULT, torch 2.13)" in note
 
 
 @pytest.mark.usefixtures("executors")

@@ -283,6 +283,15 @@ def _say(plan: Plan, watch: Watch) -> None:
         watch.note(stands_alone(name))
 
 
+def speed_of(plan: Plan) -> Speed | None:
+    """The speed of a plan's policy: the usual one, or measured, which takes seconds; None if the policy breaks."""
+    if is_built_in(plan.manifest.policy):
+        return usual_speed(plan)
+    with closing(Exam(plan.manifest, plan.policy)) as exam:
+        seen = list(exam.looks())
+        return None if any(check.verdict == "refuse" for check in seen) else exam.speed(at_a_time(plan))
+
+
 def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
     """Run the checks; returns what they find wrong with the policy, and how fast it is."""
     name, warnings = plan.manifest.policy, list[str]()

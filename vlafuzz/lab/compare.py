@@ -3,19 +3,22 @@
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.campaign.forecast import usual_speed
+from vlafuzz.common.files import writing
 from vlafuzz.common.statistics import Estimate, Share
-from vlafuzz.common.text import plural
+from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run, work
 from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
-from vlafuzz.lab.runs import Job, complete
+from vlafuzz.lab.runs import Job, SpeedOf, complete
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place
@@ -25,12 +28,22 @@ from vlafuzz.store.store import Store
 Known = dict[tuple[str, str], Triaged]  # results of triage by the finding's key
 
 
-def compare(run: RunConfig, strategies: Sequence[str], repeats: int, limit: int, watch: Watch = SILENT) -> Comparison:
+def compare(
+    run: RunConfig,
+    strategies: Sequence[str],
+    repeats: int,
+    limit: int,
+    folder: Path,
+    watch: Watch = SILENT,
+    speed_of: SpeedOf = usual_speed,
+) -> Comparison:
     """Compare strategies at equal budget; the first is the reference.
 
     Args:
         run: the same for all runs, but for strategy and seed; it names the store.
         limit: policy rollouts to triage the failures of each run; 0 for no triage.
+        folder: for the results; made before the runs.
+        speed_of: see ``complete``.
     """
     assert run.store
     first = config.plan(run)
@@ -42,12 +55,14 @@ def compare(run: RunConfig, strategies: Sequence[str], repeats: int, limit: int,
 
     # One of every strategy before the second of any: an interrupted comparison is balanced.
     jobs = [Job(name, run.seed + number) for number in range(repeats) for name in strategies]
+    with writing(folder, "give --out another folder"):
+        folder.mkdir(parents=True, exist_ok=True)
     with Store.open(run.store, "write") as store:
-        runs = complete(store, jobs, plan, first.manifest, watch)
+        runs = complete(store, jobs, plan, first.manifest, watch, speed_of, limit)
         trials = {done.id: _own_trials(store, done) for done in runs}
         if limit:
             _certify(store, runs, limit, first.triage_place, watch)
-        known = known_results(store)
+        known = known_results(store) if limit else None
         counted = [_count(store, done, trials[done.id], known, limit) for done in runs]
     return compare_runs(counted, strategies, first.manifest, store=str(run.store), limit=limit)
 
@@ -69,7 +84,7 @@ def _own_trials(store: Store, run: Run) -> list[Trial]:
     return trials
 
 
-def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known, limit: int) -> Counted:
+def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known | None, limit: int) -> Counted:
     """Count a stored run, with what its triage has come to."""
     verdicts = [trial.outcome.verdict for trial in trials]
     failed = verdicts.count(Verdict.FAILED)
@@ -79,7 +94,7 @@ def _count(store: Store, run: Run, trials: Sequence[Trial], known: Known, limit:
     elif run.manifest.strategy == "random" and (judged := failed + verdicts.count(Verdict.PASSED)):
         share = Share.of_counts(failed, judged)
         probability = Estimate(share.share, share.low, share.high)
-    made = certified(findings_in_order(store, run.id), known, limit) if limit else None
+    made = None if known is None else certified(findings_in_order(store, run.id), known, limit)
     return Counted(
         run=run.id,
         strategy=run.manifest.strategy,
@@ -123,6 +138,9 @@ def _certify(store: Store, runs: Sequence[Run], limit: int, place: Place, watch:
     if not left:
         return
     most = len(left) * limit
+    seconds, budgets = sum(run.seconds or 0.0 for run in runs), sum(run.manifest.budget for run in runs)
+    took = f"about {duration(most * seconds / budgets)} at the speed of the runs"
+    watch.note(f"triage of {plural(len(left), 'run')}, {most} rollouts: {took}")
 
     def progress(index: int, spent: int) -> None:
         name = Job(left[index].manifest.strategy, left[index].manifest.seed)
