@@ -111,7 +111,7 @@ def test_nothing_outside_worlds_names_a_world_or_a_simulator():
 
 @pytest.mark.parametrize(
     "source",
-    ["from vlafuzz.worlds.tabletop import space", "import_module(f'{here}.libero.world')", "# where SAPIEN is slow"],
+    ["from vlafuzz.worlds.tabletop import lint", "import_module(f'{here}.libero.world')", "# where SAPIEN is slow"],
 )
 def test_a_world_that_is_named_is_noticed(source: str):
     assert len(named(source)) == 1

@@ -17,12 +17,13 @@ import yaml
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT, VLA_EVAL, suite_csv
+from vlafuzz.common.watch import SILENT
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name
+from vlafuzz.worlds.lint import lint
 from vlafuzz.worlds.manipulation.jitter import jittered
-from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
@@ -90,17 +91,18 @@ def policy_name(rng: Rng, folder: Path) -> None:
     check_policy_name(mutators.text(rng, str(rng.choice(NAMES))))
 
 
-def _judge(path: Path) -> None:
-    for _, scene in read_scenes(path):
-        if isinstance(scene, Scene):
-            check_static(scene, CATALOGUE, 0.15)
+def _lint(path: Path) -> None:
+    verdicts = lint(path, (), SILENT, settle=False)
+    json.dumps(verdicts.counts, allow_nan=False)
 
 
 def scene_lines(rng: Rng, folder: Path) -> None:
     kept = samples.scenes()
     lines = [kept[int(rng.integers(len(kept)))].to_json() for _ in range(3)]
     (folder / "a.jsonl").write_bytes(mutators.data(rng, "\n".join(lines).encode()))
-    _judge(folder / "a.jsonl")
+    _lint(folder / "a.jsonl")
+    if rng.random() < 0.05:
+        command("lint", "--static", "-v", folder / "a.jsonl")
 
 
 def scene_values(rng: Rng, folder: Path) -> None:
@@ -108,7 +110,7 @@ def scene_values(rng: Rng, folder: Path) -> None:
     kept = samples.scenes()
     changed = mutators.tree(rng, json.loads(kept[int(rng.integers(len(kept)))].to_json()), times=1)
     (folder / "a.jsonl").write_text(json.dumps(changed) + "\n")
-    _judge(folder / "a.jsonl")
+    _lint(folder / "a.jsonl")
     ((_, scene),) = read_scenes(folder / "a.jsonl")
     if isinstance(scene, Scene):
         command("export", folder / "a.jsonl", "--out", folder / "out.jsonl")

@@ -32,7 +32,7 @@ def test_the_version_is_the_installed_one(capsys):
 
 def test_help_lists_all_commands(capsys):
     shown = typed(capsys, ["--help"]).out
-    for name in ("run", "replay", "export", "list", "doctor"):
+    for name in ("run", "replay", "lint", "export", "list", "doctor"):
         assert re.search(rf"^│ {name} ", shown, re.MULTILINE)
 
 

@@ -10,6 +10,8 @@ import pytest
 from tests.cli.typed import told, typed
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
+from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 
 
@@ -33,6 +35,14 @@ def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
     message = typed(capsys, ["list", "objects", "--pack", str(tmp_path)], code=2).err
     assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in message
     assert "hint: a pack has info_*.json and models/NAME/collision.obj" in message
+
+
+def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):
+    file = tmp_path / "scenes.jsonl"
+    stick = Placement("mine:opened_red_stick", "upright", 0.0, 0.0)
+    write_scenes(file, [Scene("pick-up", (stick,), "pick up red stick")])
+    assert "unknown object 'mine:opened_red_stick'" in typed(capsys, ["lint", "--static", "-v", str(file)], code=1).out
+    assert main(["lint", str(file), "--pack", str(folder)]) == 0
 
 
 def run(folder: Path, policy: str = "expert", *more: str) -> Path:

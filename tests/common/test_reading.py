@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tests.cli.typed import typed
+from tests.cli.typed import told, typed
 from tests.packs import box, write_pack
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.common.reading import inflated, npy_array, read_bytes
@@ -19,7 +19,6 @@ from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 from vlafuzz.policies.clients.options import load_profile
-from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
@@ -133,11 +132,13 @@ def test_lines_end_at_line_breaks_alone_and_may_follow_a_byte_order_mark(tmp_pat
         load_scenes(tmp_path / "a.jsonl")
 
 
-def test_a_rotation_of_length_zero_is_not_fair():
-    turned = Scene.from_json(json.dumps(SCENE | {"confounders": [SCENE["targets"][0] | {"quaternion": [0, 0, 0, 0]}]}))
-    rejection = check_static(turned, CATALOGUE, 0.15)
-    assert rejection is not None
-    assert "not of length 1" in rejection.reason
+def test_lint_judges_all_lines_of_a_file_with_a_rotation_of_length_zero(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    turned = json.dumps(SCENE | {"confounders": [SCENE["targets"][0] | {"quaternion": [0, 0, 0, 0]}]})
+    Path("a.jsonl").write_text(f"{turned}\n{json.dumps(SCENE)}\n")
+    (row,) = told(capsys, "lint a.jsonl --static --json", code=1)
+    assert (row["scenes"], row["valid"]) == (2, 1)
+    assert "not of length 1" in row["rejections"][0]["reason"]
 
 
 def test_numbers_of_thousands_of_digits_number_no_scene(tmp_path: Path):
@@ -176,11 +177,11 @@ class TestMeshes:
 @pytest.mark.parametrize(
     "command",
     [
-        ["run", "--scenes"], ["run", "--operators"], ["run", "--pack"], ["run", "--store"],
+        ["run", "--scenes"], ["run", "--operators"], ["run", "--pack"], ["run", "--store"], ["lint"],
         ["triage"], ["replay"], ["report", "--out", "x.html"], ["regress"],
         ["export", "--format", "store", "--out", "x.db"],
         ["export", "--out", "x.jsonl"], ["report"],
-        ["list", "objects", "--pack"],
+        ["lint", "a.jsonl", "--pack"],
         ["run", "--policy", "openpi:ws://127.0.0.1:9?profile=x.yaml", "--store"],
     ],
     ids=" ".join,
@@ -211,9 +212,18 @@ class TestMessages:
         placed = SCENE["targets"][0] | {"object": ESCAPE, "rest": ESCAPE}
         lines = [SCENE | {"targets": [placed]}, SCENE | {ESCAPE: ESCAPE}]
         Path("a.jsonl").write_text("\n".join(map(json.dumps, lines)))
-        shown = typed(capsys, ["run", "--policy", "frozen", "--scenes", "a.jsonl"], code=2)
-        assert r"\x1b]0;owned" in shown.err
+        shown = typed(capsys, "lint a.jsonl --static --verbose", code=1)
+        assert r"\x1b]0;owned" in shown.out
         assert not {"\x1b", "\x07", "\x9b", "\u202e"} & {*shown.out, *shown.err}
+
+    def test_nor_can_the_name_of_a_file_in_the_line_of_progress(self, tmp_path, monkeypatch, capsys):
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("FORCE_COLOR", "1")  # as on a terminal
+        name = "[red]\x1b]0;owned\x07.jsonl"
+        Path(name).write_text(json.dumps(SCENE) + "\n")
+        shown = typed(capsys, ["lint", name, "--static"])
+        assert "[red]" in shown.err
+        assert "\x1b]0;owned" not in shown.out + shown.err
 
 
 def test_what_is_compressed_is_inflated_up_to_a_limit_only():

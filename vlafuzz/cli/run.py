@@ -6,7 +6,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -204,11 +203,8 @@ def _end(runs: Sequence[Done], left: str, *, fail_on_finding: bool) -> None:
             hint = "give it more --time"
             if summary.proposals:
                 checks = ", ".join(f"{check} {count}" for check, count in summary.invalid.items())
-                from vlafuzz.store.store import Store
-
-                with Store.open(Path(summary.store)) as store:
-                    first = next(trial.outcome.detail for trial in store.trials(summary.run))
-                hint = f"no scene is fair ({checks}), first: {first}"
+                export = command_line("export", summary.store, "--verdict", "all", "--out", "F.jsonl")
+                hint = f"no scene is fair ({checks}): `{export}` writes them, `vlafuzz lint -v F.jsonl` says why"
             raise UsageError(f"{of}{summary.unjudged}", hint=hint)
         if summary.short:
             then = f"then `{again}` goes on" if summary.stopped else "the same command tries them again"

@@ -53,7 +53,8 @@ class Outcome:
         progress: of the worst rollout, in [0, 1]; 0 without rollouts.
         lost_stage: the first stage that the worst rollout did not reach; None unless FAILED. detail: the reason for
         INVALID or ERROR in a sentence; else empty.
-        check: that rejected the scene: ``semantic``, ``geometry``, ``unseen``, ``settling`` or ``solved``; else empty.
+        check: the validity check that rejected the scene (``semantic``, ``geometry``, ``settling``, ``solved``); else
+            empty.
         unanswered: whether an ERROR is due to a policy that was unreachable or too slow at every attempt.
     """
 
@@ -92,9 +93,19 @@ class Outcome:
         return Outcome(verdict=Verdict.FAILED, rollouts=rollouts, progress=worst.progress, lost_stage=lost)
 
 
+# These checks name what can be wrong with a scene.
+FAIRNESS = {
+    "semantic": "with an unknown object, rest pose or task",
+    "geometry": "with objects off the table, in each other, or too close",
+    "unseen": "with a target that cannot be seen in the first picture",
+    "settling": "in which something falls, rolls or shifts in the first second",
+    "solved": "that are solved before the robot moves",
+}
+
+
 @dataclass(frozen=True)
 class Rejection:
-    """Why a scene is not fair: the failed check, see ``Outcome.check``, and the reason with values."""
+    """Why a scene is not fair: the failed check, one of ``FAIRNESS``, and the reason with values."""
 
     check: str
     reason: str

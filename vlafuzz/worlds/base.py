@@ -13,6 +13,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.check import Check
 from vlafuzz.model.conditions import Conditions, Setting
 from vlafuzz.model.evidence import Solver
+from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
@@ -70,6 +71,9 @@ class SceneMap:
     along: str
     mirrored: bool = False
     below: str = ""
+
+
+Judge = Callable[[Scene], Rejection | None]  # why a scene is not fair; None if it is
 
 
 class World(ABC):
@@ -199,6 +203,10 @@ class World(ABC):
     ) -> tuple[str, list[dict[str, str]], list[str]]:
         """The operators of a file: a title, a row for each, the tasks with ranges of their own; errors as of a run."""
         raise UsageError("the operators of this world are not listed", hint="its page or its class says what varies")
+
+    def judge(self, packs: Sequence[Any], *, settle: bool) -> Judge:
+        """A judge of scenes, for which no policy is needed; ``settle``: with physics, which takes longer."""
+        raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of another program's file; a SceneError if it is no such file."""

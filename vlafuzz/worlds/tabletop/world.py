@@ -12,15 +12,16 @@ from vlafuzz.errors import UsageError
 from vlafuzz.model.check import Check
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Solver
+from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space
 from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
-from vlafuzz.worlds.base import Demonstrator, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Judge, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.manipulation.operator_set import stored_operators
+from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
@@ -28,6 +29,7 @@ from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
+from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
@@ -131,6 +133,19 @@ class Tabletop(TableWorld):
     def listed_objects(self, packs: Sequence[Pack]) -> list[dict[str, Any]]:
         catalogue = load_catalogue(packs=packs)
         return [_listed(catalogue[name]) for name in catalogue.preferred(catalogue.names())]
+
+    def judge(self, packs: Sequence[Pack], *, settle: bool) -> Judge:
+        catalogue, usual = load_catalogue(packs=packs), load_operators()
+
+        def rejection(scene: Scene) -> Rejection | None:
+            found = check_static(scene, catalogue, usual.min_distance, usual.visible)
+            if found or not settle:
+                return found
+            from vlafuzz.worlds.tabletop.sim.world import settled
+
+            return settled(scene, catalogue)
+
+        return rejection
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of a file of VLATest."""
