@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
 from vlafuzz.campaign.like import causes_like
-from vlafuzz.campaign.options import LEAST, OF_WORLDS
+from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
@@ -73,7 +73,7 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
         check_policy_name(named.policy)
     if space is None:
         whole = world.space(task.name, named.robot, config.operators, config.vary, config.packs)
-        space = whole.narrowed(config.severity)
+        space = whole.narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     if config.like:
         if named.strategy != STRATEGY:
@@ -169,11 +169,6 @@ def _read_scene_file(config: RunConfig) -> list[Scene]:
 
 
 def _check_numbers(config: RunConfig) -> None:
-    if not LEAST <= config.severity <= 1:
-        hint = (
-            "1 leaves the ranges as they are, 0.3 scales them to 30 %; --strategy severity finds where one half fails"
-        )
-        raise UsageError(f"--severity: expected a number from {LEAST:g} to 1, got {config.severity:g}", hint)
     if config.scenes and config.severity != 1:
         problem = f"--severity {config.severity}: the scenes of --scenes are run as they are"
         raise UsageError(problem, hint="leave one of the two out")

@@ -10,16 +10,21 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.campaign.options import AUTO, LEAST
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, Bar, print_json, print_rows
 from vlafuzz.common.plugins import command as command_line
 from vlafuzz.errors import PrerequisiteError, UsageError
 
 if TYPE_CHECKING:
-    from vlafuzz.campaign.config import Plan
+    from vlafuzz.campaign.config import Plan, RunConfig
     from vlafuzz.campaign.forecast import Speed
     from vlafuzz.cli.one_run import Done
     from vlafuzz.common.deadline import Deadline
+
+# Share of the budget that is spent to find the severity at which one half fails, and the fewest rollouts for it. With
+# 60 rollouts, the 95 % interval of that severity is 0.17 to 0.28 wide in simulation.
+PROBING, FEWEST = 0.25, 20
 
 
 @with_run_options()
@@ -83,12 +88,40 @@ def command(
         asked = partial(run_plan, certify=certify, json=json)
         runs, left = _run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=typed()))
+        wanted = RunConfig(**flags, command=typed())
+        runs = []
+        if wanted.severity == AUTO and not resume:
+            wanted, probe = _with_severity(wanted, partial(run_plan, json=json), until)
+            runs.append(probe)
+        plan = resume_run(flags) if resume else plan_of(wanted)
         plan, speed = _checked(plan, flags, unchecked=unchecked)
-        runs = [run_plan(plan, speed, until, certify=certify, json=json)]
+        runs.append(run_plan(plan, speed, until, certify=certify, json=json))
         if json:
-            print_json(runs[0].document)
+            print_json(runs[-1].document)
     _end(runs, left, fail_on_finding=fail_on_finding)
+
+
+def _with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Deadline) -> tuple[RunConfig, Done]:
+    """The configuration with the severity at which about one half fails, and the run that found it out.
+
+    What that run leaves of the budget is for the run that follows.
+    """
+    from vlafuzz.campaign.config import BUDGET
+    from vlafuzz.campaign.config import plan as plan_of
+    from vlafuzz.report.tables import half_of_run
+    from vlafuzz.search.severity import NAME
+    from vlafuzz.store.store import Store
+
+    budget = config.budget or BUDGET
+    probing = replace(config, severity=1.0, strategy=NAME, like=None, budget=max(FEWEST, int(budget * PROBING)))
+    plan = plan_of(probing)
+    done = run_plan(plan, None, until.after(0.5), certify=False)
+    with Store.open(plan.store) as store:
+        half = half_of_run(store, done.summary.run)
+    severity = min(max(round(half.value, 2), LEAST), 1.0)
+    Bar.note(f"severity {severity:g}: about one half fails there")
+    left = max(budget - done.summary.rollouts, config.repeats)
+    return replace(config, store=plan.store, severity=severity, budget=left), done
 
 
 def _begin_early(policy: str | None, workers: int | None, executor: str | None) -> None:
@@ -169,7 +202,10 @@ def _run_tasks(
         if before and before.status not in UNFINISHED:
             Bar.note(f"run {before.id} of it is over")
             continue
-        plan = resume_run(asked) if before else plan_of(replace(config, task=task))
+        ready = replace(config, task=task)
+        if config.severity == AUTO and not before:
+            ready, _ = _with_severity(ready, run_plan, until.after(1 / (len(tasks) - number)))
+        plan = resume_run(asked) if before else plan_of(ready)
         foreseen, remaining = 0, len(tasks) - number
         if first is None:
             first, foreseen = _checked(plan, flags, unchecked=unchecked), remaining

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
@@ -14,12 +15,14 @@ import typer
 from vlafuzz.cli.flags import ExecutorFlag, JsonFlag, TimeFlag, TrustFlag, WorkersFlag, option
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows
 from vlafuzz.common.plugins import command as command_line
-from vlafuzz.common.text import plural
+from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
+    from vlafuzz.failures.triage.jobs import Allowance
     from vlafuzz.failures.triage.pipeline import Progress, TriageSummary
     from vlafuzz.failures.triage.triager import Unjudged
+    from vlafuzz.store.store import Store
 
 AGAIN = "the next triage tries them again"
 
@@ -66,6 +69,7 @@ def command(
         interruptible(f"interrupted: all finished failures are stored\nhint: continue with `{again}`") as bar,
         Store.open(store, "write") as opened,
     ):
+        _forecast(opened, limit, place.workers, allowance)
         unjudged = triage(
             opened,
             partial(runner_of_run, store, note=Bar.note),
@@ -124,6 +128,21 @@ def shown_on(bar: Bar, kind: str) -> Callable[[Progress], None]:
         bar.progress(f"{kind}{took}", now.done, now.findings)
 
     return watch
+
+
+def _forecast(store: Store, limit: int | None, workers: int, allowance: Allowance) -> None:
+    """Say how long triage will take, unless nobody will have to wait."""
+    from vlafuzz.campaign.forecast import NOBODY_WAITS
+    from vlafuzz.failures.triage.pipeline import expected, pace
+
+    done = {triaged.key for triaged in store.triaged()}
+    left = len([finding for finding in store.findings() if finding.key not in done][:limit])
+    rollouts = min(expected(store, left), allowance.rollouts or sys.maxsize)
+    seconds, within = rollouts * pace(store, workers), allowance.deadline.left
+    if seconds > min(NOBODY_WAITS, within):
+        basis = f"about {plural(rollouts, 'rollout')}, which take as long as those of the run"
+        end = f"; --time ends it after {duration(within)}" if seconds > within else ""
+        Bar.note(f"about {duration(seconds)}: {plural(left, 'failure')}, {basis}{end}")
 
 
 def _print(summary: TriageSummary) -> None:
