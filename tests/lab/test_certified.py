@@ -1,21 +1,18 @@
 """Triage of runs within a limit of rollouts, with a policy whose faults are planted."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from tests.doubles import failed, manifest
-from tests.failures.triage.planted import CONDITIONS, Planted
-from tests.failures.triage.runners import PlantedRunner, interrupted
-from tests.failures.triage.test_certify_causes import SLIGHT, Edgy
+from tests.failures.triage.planted import DARK, TILTED, Planted
+from tests.failures.triage.runners import PlantedRunner, fill, interrupted
+from tests.failures.triage.test_certify import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare import Certified, certified, certify, known_results
 from vlafuzz.model.scene import Scene
-from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 
-DARK, TILTED = CONDITIONS["light"][0], CONDITIONS["camera-orientation"][0]
 SCENES = [Planted([fault]).finding(seed) for seed in range(2) for fault in (DARK, TILTED)]
 
 
@@ -31,16 +28,8 @@ def runner(run: Run) -> PlantedRunner:
 def store(tmp_path: Path):
     """All scenes failed in run 1, and the first two of them in run 2, too."""
     with Store.open(tmp_path / "a.db", "write") as opened:
-        fill(opened, SCENES, SCENES[:2])
-        yield opened
-
-
-def fill(store: Store, *failures: Sequence[Scene]) -> None:
-    for scenes in failures:
-        run = store.begin(manifest())
-        for number, scene in enumerate(scenes):
-            cell = f"cell {number}"
-            store.add(run, Trial(proposal=number, scene=scene, outcome=failed(), severity=1.0, cell=cell))
+        fill(opened, SCENES)
+        yield fill(opened, SCENES[:2])
 
 
 def results(store: Store) -> list[tuple[str, int, str | None]]:

@@ -1,15 +1,14 @@
 """Place: two machines are told apart by what can decide an outcome, in words."""
 
 import json
-import subprocess
-import sys
 
 import pytest
 
 from tests.doubles import manifest
 from vlafuzz.policies.base import CameraRequest, PolicySpec
-from vlafuzz.worlds.provenance import by_place, elsewhere, here, in_words
-from vlafuzz.worlds.tabletop.renderer import in_use, probe_once
+from vlafuzz.worlds.provenance import elsewhere, here, in_words
+from vlafuzz.worlds.tabletop.renderer import probe_once
+from vlafuzz.worlds.tabletop.world import WORLD
 
 BLIND = PolicySpec("blind")
 SEEING = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
@@ -45,40 +44,29 @@ def test_what_only_one_of_two_policies_depends_on_is_no_difference():
     assert elsewhere(stored(OLD), stored(looks_on)) == ""
 
 
-def test_runs_are_listed_by_place():
-    listed = by_place({1: stored(OLD), 2: "", 3: stored(OLD)})
-    assert listed == f"run 1, 3: {SAID}; run 2: not known"
-
-
 def test_this_place_has_what_torch_uses(monkeypatch: pytest.MonkeyPatch):
     import torch
 
-    plain = here("pinhole", BLIND, in_use)
+    plain = here("pinhole", BLIND, WORLD.renderer)
     assert torch.backends.cpu.get_cpu_capability() in in_words(plain)
     assert torch.__version__ in in_words(plain)
     monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "SSE41")
-    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND, in_use), plain)
+    assert "ONEDNN_MAX_CPU_ISA=SSE41 instead of" in elsewhere(here("pinhole", BLIND, WORLD.renderer), plain)
 
 
 def test_threads_count_for_the_users_own_code_only():
-    assert json.loads(here("pinhole", BLIND, in_use))["threads"] is None
-    assert json.loads(here("python:my:make", BLIND, in_use))["threads"] >= 1
-    assert json.loads(here("python:my:make", BLIND, in_use, workers=True))["threads"] == 1
+    assert json.loads(here("pinhole", BLIND, WORLD.renderer))["threads"] is None
+    assert json.loads(here("python:my:make", BLIND, WORLD.renderer))["threads"] >= 1
+    assert json.loads(here("python:my:make", BLIND, WORLD.renderer, workers=True))["threads"] == 1
 
 
 @pytest.mark.render
 def test_only_for_a_policy_that_sees_the_renderer_counts():
-    assert json.loads(here("pinhole", BLIND, in_use))["renderer"] == ""
-    assert json.loads(here("mini", SEEING, in_use))["renderer"].startswith(probe_once().name)
+    assert json.loads(here("pinhole", BLIND, WORLD.renderer))["renderer"] == ""
+    assert json.loads(here("mini", SEEING, WORLD.renderer))["renderer"].startswith(probe_once().name)
 
 
 def test_a_place_is_part_of_the_key_and_leaves_shares_comparable():
     there, not_known = manifest(place=stored(OLD)), manifest()
     assert len({run.key() for run in (there, not_known, manifest(place=stored(NEW)))}) == 3
     assert there.comparable(manifest(place=stored(NEW)))
-
-
-def test_torch_is_loaded_only_when_a_place_is_asked_for():
-    code = "import sys, vlafuzz.worlds.provenance, vlafuzz.campaign.config; print('torch' in sys.modules)"
-    child = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert child.stdout.strip() == "False"
