@@ -120,6 +120,7 @@ class StoredFinding:
         witness: who solves ``scene``.
         detail: the evidence, in a sentence.
         replay: the command that shows it.
+        before_event: whether the policy failed before any event of the scene had begun.
     """
 
     scene: str
@@ -140,6 +141,7 @@ class StoredFinding:
     witness: Solver | None
     detail: str
     replay: str
+    before_event: bool
 
 
 class StoredResults:
@@ -251,6 +253,7 @@ def finding_of(failure: DescribedFailure) -> StoredFinding:
         witness=failure.witness.solver if failure.witness else None,
         detail=failure.detail,
         replay=failure.replay,
+        before_event=failure.before_event > 0,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import begun, ended, failed, passed
-from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, TILTED, Planted
+from tests.failures.triage.planted import CONDITIONS, DARK, EXTRA_CONDITIONS, SPACE, TILTED, WITH_EXTRAS, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
 from vlafuzz.failures import regions
@@ -18,7 +18,7 @@ from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene import Scene, Slide
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of, view_of_store
 from vlafuzz.report.tables import cause_table
@@ -26,6 +26,7 @@ from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)
 
@@ -254,3 +255,21 @@ def test_a_certified_cause_of_the_targets_type_alone_names_the_object_once(store
     assert cause.row()["evidence"] == "certified"
     assert (cause.title, len(cause.conditions)) == (f"the target is {name}", 1)
     assert cause.conditions[0] == f"target-type: {name} (with the nominal objects 0 of 4 rollouts fail)"
+
+
+def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(regions, "DRAWN", 100)
+    slid, rng = EXTRA_CONDITIONS["target-slide"], np.random.default_rng(0)
+    far = Slide("approach", 0.08)
+    scenes = [replace(WITH_EXTRAS.nominal(), target_slide=far)]
+    scenes += [replace(SPACE.sample(rng), target_slide=far) for _ in range(6)]
+    about = replace(MANIFEST, strategy="causes", operators=operators_json(WITH_EXTRAS.operators))
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        outcomes = (failed(0.1 if proposal > 4 else 0.3) for proposal in range(len(scenes)))
+        begun(opened, *map(ended, scenes, outcomes, range(len(scenes))), about=about)
+        opened.keep_causes(1, Attribution((FoundCause(scenes[0], ("target-slide",), 7),), 0, None, tuple(range(1, 7))))
+        runner = PlantedRunner([slid])
+        runner.space = WITH_EXTRAS
+        triage(opened, lambda run: runner, findings=cause_findings(opened, 1))
+        found = listed(opened)
+    assert (found.causes[0].bucket, found.causes[0].failures, found.unexplained) == ("minimal", 4, 2)

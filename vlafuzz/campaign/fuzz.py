@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Protocol
 
@@ -14,8 +14,10 @@ from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.common.deadline import TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
+from vlafuzz.failures.events import came_about
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
 from vlafuzz.search.scoring import Measure, cell, score
@@ -266,10 +268,17 @@ class _Campaign:
             self.tally.judge(scenes, outcomes, self.patience)
         scores = [score(*pair, self.space) for pair in zip(scenes, outcomes, strict=True)]
         with self.tally.search:
-            self.strategy.tell([asked.proposal for asked in group], scores)
+            self.strategy.tell([self._tried(asked) for asked in group], scores)
             if looks_for_causes(self.strategy):
                 found = said_by(self.strategy, "found", None)
                 self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
+
+    def _tried(self, asked: _Asked) -> Proposal:
+        """What a strategy is told: no event explains a failure before it."""
+        scene = came_about(asked.scene, asked.result)
+        if scene is asked.scene or not isinstance(self.space, Space):
+            return asked.proposal
+        return replace(asked.proposal, genome=self.space.nearest(scene))
 
     def _take(self, asked: _Asked, outcome: Outcome) -> None:
         """Store a trial, and end the run where nothing but errors is to be expected; resuming forgets the last ones.

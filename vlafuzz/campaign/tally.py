@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vlafuzz.common.text import plural
+from vlafuzz.failures.events import failed_before
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest, Spent, Trial
@@ -22,6 +23,7 @@ class Summary:
         earlier: distinct scenes answered by an earlier run.
         verdicts: distinct scenes by verdict.
         invalid: distinct scenes by the check that rejects them.
+        before_event: distinct scenes that failed before any of their events had begun.
         first_failure: digest of the first scene that failed.
         stopped: why the run ended before its budget was spent, in a sentence.
         seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
@@ -42,6 +44,7 @@ class Summary:
     verdicts: dict[str, int]
     invalid: dict[str, int]
     findings: int
+    before_event: int
     first_failure: str | None
     first_error: str | None
     stopped: str | None
@@ -94,11 +97,15 @@ class Stopwatch:
 
 
 class _Seen(NamedTuple):
-    """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict."""
+    """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict.
+
+    ``early``: it failed before any of its events had begun.
+    """
 
     first: int
     verdict: Verdict
     check: str
+    early: bool
 
 
 class Tally:
@@ -136,7 +143,7 @@ class Tally:
             self.verdicts[before.verdict] -= 1
             first = min(first, before.first)
         self.verdicts[outcome.verdict] += 1
-        self._seen[digest] = _Seen(first, outcome.verdict, outcome.check)
+        self._seen[digest] = _Seen(first, outcome.verdict, outcome.check, failed_before(trial.scene, outcome))
         if outcome.verdict is Verdict.ERROR:
             self.first_error = self.first_error or outcome.detail
 
@@ -179,6 +186,7 @@ class Tally:
             verdicts={verdict.name.lower(): self.verdicts[verdict] for verdict in verdicts},
             invalid=dict(sorted(Counter(seen.check for seen in scenes if seen.check).items())),
             findings=len(failed),
+            before_event=sum(seen.early for seen in scenes),
             first_failure=min(failed, key=failed.__getitem__, default=None),
             seconds=self.spent.seconds,
             search_seconds=self.search.seconds,

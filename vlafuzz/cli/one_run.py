@@ -22,6 +22,7 @@ from vlafuzz.common.plugins import command
 from vlafuzz.common.text import duration, interval, named, percent, plural
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
+from vlafuzz.failures.events import told as told_early
 from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
@@ -137,6 +138,7 @@ def _print_summary(summary: Summary, about: str) -> None:
         "proposals": f"{summary.proposals}, {summary.duplicates} of them answered from the store",
         "scenes": ", ".join(f"{count} {name}" for name, count in summary.verdicts.items()),
         "by earlier runs": f"{again} scenes: if the model has changed, give another --store" * bool(again),
+        "too early": told_early(summary.before_event),
         "invalid": named(f"{check} {count}" for check, count in summary.invalid.items()),
         "first error": summary.first_error,
         "store": summary.store,

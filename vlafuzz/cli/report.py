@@ -92,6 +92,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     print_list([_lines(one, mixed=mixed) for one in shown], title=title)
     if not shown:
         print_lines("no failures")
+    if found.before_event:
+        print_lines(found.before_event)
     if len(shown) < len(listed):
         print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
     if shown:

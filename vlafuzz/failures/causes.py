@@ -13,6 +13,7 @@ import numpy as np
 from vlafuzz.common.plugins import command
 from vlafuzz.common.text import count_of, plural
 from vlafuzz.failures.described import DescribedFailure, described, space_of, title_of
+from vlafuzz.failures.events import came_about
 from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
@@ -269,11 +270,11 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
 
 
 def _random(store: Store, run: Run) -> list[tuple[Scene, bool]]:
-    """The random scenes of a run that passed or failed, each with whether it failed."""
+    """The random scenes of a run that passed or failed, each with whether it failed: without events after that."""
     kept = store.causes(run.id)
     drawn = set(kept.at_random) if kept else set[int]()
     trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
-    return [(trial.scene, not trial.outcome.passed) for trial in trials] if drawn else []
+    return [(came_about(trial.scene, trial.outcome), not trial.outcome.passed) for trial in trials] if drawn else []
 
 
 def _explained(

@@ -79,6 +79,7 @@ class DescribedFailure(Failure):
         reference: the passing scene that it is compared with; None for the nominal one.
         counterparts: of a certified one, by operator the scene without it, in which the policy passes.
         rate: how often the policy fails around the scene; None if unknown.
+        before_event: of those that were found, how many failed before any of their events had begun.
         picture: PNG of the scene; None in a store.
     """
 
@@ -95,6 +96,7 @@ class DescribedFailure(Failure):
     rate: Rate | None = None
     detail: str
     replay: str
+    before_event: int = 0
     picture: bytes | None = None
 
     @property

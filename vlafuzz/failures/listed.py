@@ -12,6 +12,7 @@ from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import BUCKETS, DescribedFailure, described, described_case, title_of
+from vlafuzz.failures.events import failed_before, told
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
@@ -33,6 +34,11 @@ class Listing:
     causes: tuple[CauseList, ...] = ()
     failures: tuple[DescribedFailure, ...]
     todo: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def before_event(self) -> str:
+        """How many failures came before their events, in words; empty for none."""
+        return told(sum(one.before_event for one in self.failures))
 
 
 def listing_of(source: pathlib.Path) -> Listing:
@@ -68,7 +74,10 @@ def failures_of(store: Store, run: int | None = None) -> Iterator[DescribedFailu
     triaged = {row.key: row for row in store.triaged()}
     manifests = {one.id: one.manifest for one in store.runs()}
     for finding in store.findings(run):
-        yield described(store.path, finding, manifests[finding.run], triaged.get(finding.key))
+        one = described(store.path, finding, manifests[finding.run], triaged.get(finding.key))
+        outcome = store.known(finding.scene, finding.policy_key) if finding.scene.events else None
+        early = outcome is not None and failed_before(finding.scene, outcome)
+        yield replace(one, before_event=1) if early else one
 
 
 def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run]) -> tuple[DescribedFailure, ...]:
@@ -79,7 +88,10 @@ def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run])
     merged: dict[tuple[str, str, str], DescribedFailure] = {}  # by minimal scene
     for one in failures_of(store):
         key = (one.scene.digest, one.run.key(), one.bucket)
-        merged[key] = replace(merged[key], found=merged[key].found + one.found) if key in merged else one
+        if before := merged.get(key):
+            early = before.before_event + one.before_event
+            one = replace(before, found=before.found + one.found, before_event=early)
+        merged[key] = one
     in_order = _in_order(merged.values())
     return tuple(sorted(in_order, key=lambda one: min(ranks.get((name, one.run.key()), inf) for name in one.found)))
 

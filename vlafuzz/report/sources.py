@@ -48,6 +48,7 @@ def view_of_store(store: Store) -> View:
         card_of(store.path, f"failure-{number}", of, of_run.get(of.number or 0))
         for number, of in enumerate((one for one in listing.failures if one not in shown), start=1)
     )
+    toy = any(run.policy == "mini" for run in listing.runs)
     several = [Table("Policies and tasks", [one.row() for one in standings])] if len(standings) > 1 else []
     return View(
         title=listing.title,
@@ -60,7 +61,7 @@ def view_of_store(store: Store) -> View:
         runs=listing.runs,
         tables=(*several, *map(cause_table, listing.causes), run_table(store, runs)) if runs else (),
         todo=() if going_on else listing.todo,
-        notes=(_TOY,) if any(run.policy == "mini" for run in listing.runs) else (),
+        notes=(*([f"{listing.before_event}."] if listing.before_event else ()), *([_TOY] if toy else ())),
     )
 
 

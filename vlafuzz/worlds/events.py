@@ -6,12 +6,14 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 START = 1.0  # seconds after which what happens at the start does
+_ROUNDING = 1e-6  # of progress times stages: traces are kept in single precision
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -76,7 +78,19 @@ def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence
         return steps >= START * hz
     grasp = next((number for number, name in enumerate(stages, 1) if name.startswith("grasp")), 1)
     reached = {"approach": 0.5, "grasp": grasp, "carry": grasp + 0.5}[event.when]
-    return progress * len(stages) >= reached - 1e-9
+    return progress * len(stages) >= reached - _ROUNDING
+
+
+def begins(event: Event, trace: NDArray[np.float32], stages: Sequence[str], hz: int = 1) -> int | None:
+    """The control step with which an event begins in a rollout, None if it never does.
+
+    Args:
+        trace: progress after each control step.
+        hz: control steps per second; it matters to events at the start alone.
+    """
+    best = np.maximum.accumulate([0.0, *trace[:-1]])  # before each step
+    steps = (step for step, progress in enumerate(best) if _is_due(event, step, float(progress), hz, stages))
+    return next(steps, None)
 
 
 def displacement(slide: Slide) -> Array:

@@ -1,0 +1,87 @@
+"""A failure before an event is told apart from those that the event may explain."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, manifest, passed
+from tests.failures.triage.planted import WITH_EXTRAS
+from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.failures.events import came_about, failed_before
+from vlafuzz.failures.listed import listing_of_store
+from vlafuzz.model.outcome import Outcome
+from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Scene, Slide
+from vlafuzz.report.sources import view_of_store
+from vlafuzz.rollouts.executor import LocalExecutor
+from vlafuzz.store.store import Store
+from vlafuzz.stored import StoredResults
+from vlafuzz.worlds.events import begins
+from vlafuzz.worlds.manipulation.operator_set import operators_json
+
+MANIFEST = manifest(operators=operators_json(WITH_EXTRAS.operators), budget=3, batch=1)
+SLID = replace(WITH_EXTRAS.nominal(), target_slide=Slide("approach", 0.06))
+EARLY, LATE = failed(0.1), failed(0.3)  # a sixth of the progress is half-way to the grasp
+
+
+@pytest.fixture
+def store(tmp_path):
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        yield opened
+
+
+def test_an_event_begins_with_the_step_after_its_moment():
+    trace = np.array([0.0, 0.1, 0.2, 0.4, 0.6, 1.0], dtype=np.float32)
+    moments = {"approach": 3, "grasp": 4, "carry": 5}
+    assert {when: begins(ControlStall(when, 2), trace, STAGES) for when in moments} == moments
+    assert begins(ControlStall("start", 2), trace, STAGES, hz=4) == 4
+    assert begins(ControlStall("carry", 2), trace[:5], STAGES) is None  # it would have been the next step
+
+
+def test_only_a_failure_that_did_not_get_to_any_event_is_one_before_it():
+    assert failed_before(SLID, EARLY)
+    assert not any(failed_before(SLID, outcome) for outcome in (LATE, passed(), Outcome.error("no answer")))
+    assert not failed_before(WITH_EXTRAS.nominal(), EARLY)
+    assert not failed_before(replace(SLID, picture_loss=PictureLoss("start", 5)), EARLY)
+
+
+def test_a_scene_that_failed_came_about_without_the_events_that_never_began():
+    both = replace(SLID, grip_slip=GripSlip("carry", 3))
+    assert came_about(both, LATE) == SLID
+    assert came_about(both, EARLY) == replace(both, **EVENTS)
+    assert came_about(both, passed()) is both
+
+
+class Judge(ClosedForm):
+    def outcome(self, scene: Scene) -> Outcome:
+        distance = scene.target_slide.distance
+        return (EARLY if distance > 0.05 else LATE) if distance else passed()
+
+
+class Hearing(Scripted):
+    def __init__(self, genomes) -> None:
+        super().__init__(genomes)
+        self.scenes: list[Scene] = []
+
+    def tell(self, proposals, scores) -> None:
+        self.scenes += [WITH_EXTRAS.decode(proposal.genome) for proposal in proposals]
+        super().tell(proposals, scores)
+
+
+def test_a_run_counts_failures_before_events_and_tells_its_strategy_of_no_event_there(store):
+    scenes = [SLID, replace(SLID, target_slide=Slide("approach", 0.03)), WITH_EXTRAS.nominal()]
+    strategy = Hearing([WITH_EXTRAS.encode(scene) for scene in scenes])
+    executor = LocalExecutor(Judge())
+    summary = fuzz(manifest=MANIFEST, space=WITH_EXTRAS, strategy=strategy, executor=executor, store=store)
+    assert (summary.findings, summary.before_event) == (2, 1)
+    assert strategy.scenes == [replace(SLID, target_slide=Slide()), scenes[1], scenes[2]]
+
+
+def test_reports_say_how_many_failures_came_before_their_events(store):
+    begun(
+        store, ended(SLID, EARLY), ended(replace(SLID, target_slide=Slide("approach", 0.03)), LATE, 1), about=MANIFEST
+    )
+    says = "1 failure before any event had begun, which no event explains"
+    assert listing_of_store(store).before_event == says
+    assert f"{says}." in view_of_store(store).notes
+    assert [row.before_event for row in StoredResults(store.path).findings()] == [True, False]
