@@ -8,7 +8,7 @@ import pytest
 from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, manifest, passed
 from tests.failures.triage.planted import WITH_EXTRAS
 from vlafuzz.campaign.fuzz import fuzz
-from vlafuzz.failures.events import came_about, failed_before
+from vlafuzz.failures.events import Recovery, came_about, failed_before, recovery_of
 from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Scene, Slide
@@ -16,7 +16,7 @@ from vlafuzz.report.sources import view_of_store
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
-from vlafuzz.worlds.events import begins
+from vlafuzz.worlds.events import begins, recovery
 from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 MANIFEST = manifest(operators=operators_json(WITH_EXTRAS.operators), budget=3, batch=1)
@@ -50,6 +50,26 @@ def test_a_scene_that_failed_came_about_without_the_events_that_never_began():
     assert came_about(both, LATE) == SLID
     assert came_about(both, EARLY) == replace(both, **EVENTS)
     assert came_about(both, passed()) is both
+
+
+def test_a_policy_recovers_once_it_is_farther_than_before_the_event():
+    slid = np.array([0.1, 0.2, 0.15, 0.1, 0.12, 0.18, 0.25, 0.3], dtype=np.float32)
+    assert recovery(SLID, slid, STAGES, hz=5) == 2  # it slides in steps 3 to 5, and is ahead after step 7
+    assert recovery(SLID, slid[:6], STAGES, hz=5) is None
+    assert recovery(SLID, np.full(8, 0.1, np.float32), STAGES, hz=5) is None  # it never began
+
+
+def took(steps: int | None, success: bool = True) -> Outcome:
+    return Outcome.of((replace(passed().rollouts[0] if success else LATE.rollouts[0], recovery=steps),), STAGES)
+
+
+def test_the_median_counts_those_that_never_recover_and_no_rollout_without_the_event():
+    met = [(SLID, took(4)), (SLID, took(9, success=False)), (SLID, took(None, success=False))]
+    others = [(SLID, EARLY), (SLID, took(None)), (WITH_EXTRAS.nominal(), passed())]
+    assert recovery_of(met + others, {"target_slide"}, 3) == Recovery(9, 3, 3)
+    assert str(Recovery(9, 3, 3)) == "9 steps (median of 3 rollouts; its solution in 3)"
+    assert recovery_of(met[2:], {"target_slide"}, None) == Recovery(None, 1)
+    assert recovery_of(met, {"grip_slip"}, 3) is None
 
 
 class Judge(ClosedForm):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import begun, ended, failed, passed
+from tests.doubles import STAGES, begun, ended, failed, passed
 from tests.failures.triage.planted import CONDITIONS, DARK, EXTRA_CONDITIONS, SPACE, TILTED, WITH_EXTRAS, Planted
 from tests.failures.triage.runners import PlantedRunner
 from tests.report.stores import MANIFEST
@@ -17,6 +17,7 @@ from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model.evidence import Rate
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.quantities import Mechanism
 from vlafuzz.model.scene import Scene, Slide
 from vlafuzz.report.page import render
@@ -270,6 +271,11 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
         opened.keep_causes(1, Attribution((FoundCause(scenes[0], ("target-slide",), 7),), 0, None, tuple(range(1, 7))))
         runner = PlantedRunner([slid])
         runner.space = WITH_EXTRAS
+        solved = replace(passed().rollouts[0], recovery=4)
+        monkeypatch.setattr(runner, "play", lambda *_: Outcome.of((solved,), STAGES))
         triage(opened, lambda run: runner, findings=cause_findings(opened, 1))
-        found = listed(opened)
+        found, view = listed(opened), view_of_store(opened)
     assert (found.causes[0].bucket, found.causes[0].failures, found.unexplained) == ("minimal", 4, 2)
+    assert found.document()["causes"][0]["recovers"] == {"policy": None, "rollouts": 5, "solution": 4}
+    says = "until the policy makes progress after the event (median of 5 rollouts; its solution in 4)"
+    assert ("never", says) in view.causes[0].numbers

@@ -31,7 +31,7 @@ def test_a_run_that_is_gone_on_with_has_what_it_took_and_not_its_parallel_rollou
 
 def test_a_failing_trial_comes_back_bit_by_bit(store: Store):
     actions = np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32)
-    rolled = replace(rollout(0.25, ("grasp",)), actions=actions, trace=actions[:, 0])
+    rolled = replace(rollout(0.25, ("grasp",)), actions=actions, trace=actions[:, 0], recovery=7)
     kept = trial(0, Outcome.of((rolled, rolled), ("grasp", "lift", "success")))
     run = store.begin(manifest())
     store.add(run, kept)
@@ -43,6 +43,7 @@ def test_a_failing_trial_comes_back_bit_by_bit(store: Store):
     assert len(got.outcome.rollouts) == 2
     again = got.outcome.rollouts[1]
     assert (again.reached, again.steps, again.states_hash) == (("grasp",), 9, rolled.states_hash)
+    assert again.recovery == 7
     assert np.array_equal(again.actions, actions)
     assert np.array_equal(again.trace, actions[:, 0])
 

@@ -36,6 +36,7 @@ MINIMAL = Triaged(
     causes=Causes(("light",), ("light",), (THRESHOLD,)),
     counterparts={"light": scene()},
     signature="pick-up|grasp|light:dark",
+    recovery=6,
     witness=WITNESS,
     shrink_rollouts=17,
     policy_rollouts=18,

@@ -13,7 +13,7 @@ import numpy as np
 from vlafuzz.common.plugins import command
 from vlafuzz.common.text import count_of, plural
 from vlafuzz.failures.described import DescribedFailure, described, space_of, title_of
-from vlafuzz.failures.events import came_about
+from vlafuzz.failures.events import Recovery, came_about, recovery_of
 from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
@@ -21,7 +21,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import acting
 from vlafuzz.model.quantities import Mechanism, plain_quantity
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene import EVENTS, Scene
 from vlafuzz.model.space import Space, spoken
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
@@ -57,6 +57,7 @@ class ListedCause:
         found: digests of the failures that show it.
         detail: the evidence, in a sentence.
         mechanism: the quantity through which several operators act; the first of the conditions says it in words.
+        recovers: how soon policy and solution go on after the event that is part of the cause; None without one.
     """
 
     title: str
@@ -72,6 +73,7 @@ class ListedCause:
     found: tuple[str, ...] = ()
     detail: str
     mechanism: Mechanism | None = None
+    recovers: Recovery | None = None
 
     @classmethod
     def of_failure(cls, of: DescribedFailure) -> ListedCause:
@@ -100,6 +102,7 @@ class ListedCause:
             f"{self.share} of random scenes" if self.share else "",
             f"explains {plural(self.failures, 'failure')}",
             f"{EVIDENCE[self.bucket]}{rate}{solved}",
+            f"goes on after the event in {self.recovers}" if self.recovers else "",
             self.scene[:12] if self.scene else "",
         )
         return " · ".join(filter(None, parts))
@@ -217,6 +220,8 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     findings = {finding.scene: finding for finding in store.findings(run.id)}
     keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
     triaged = {row.scene: row for row in store.triaged() if row.key in keys}
+    events = {name.replace("_", "-"): name for name in EVENTS}
+    met = [(one.scene, one.outcome) for one in store.trials(run.id) if one.scene.events and one.outcome.judged]
     merged, ranges = dict[object, ListedCause](), dict[object, Range]()
     for number, cause in enumerate(kept.causes):
         finding = findings.get(cause.scene) if cause.scene else None
@@ -232,6 +237,7 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
             continue
         row = triaged.get(finding.scene)
         failure, types = described(store.path, finding, run.manifest, row), _target_types(space, cause, row)
+        blamed = failure.operators if failure.bucket == "minimal" else cause.operators
         one = replace(
             ListedCause.of_failure(failure),
             title=_title(space, cause, types, failure),
@@ -239,6 +245,7 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
             share=cause.share,
             failures=cause.failures,
             mechanism=cause.mechanism,
+            recovers=recovery_of(met, {events[name] for name in blamed if name in events}, failure.recovery),
         )
         key = (one.signature, types) if one.bucket == "minimal" else number
         if key in merged:

@@ -1,6 +1,9 @@
-"""What events in mid-episode have to do with failures: whether they had begun when the policy failed."""
+"""Events in mid-episode: whether they had begun when the policy failed, and how soon there is progress after them."""
 
-from dataclasses import replace
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass, replace
+from math import inf, isfinite
+from statistics import median_high
 
 from vlafuzz.common.text import plural
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -27,3 +30,38 @@ def failed_before(scene: Scene, outcome: Outcome) -> bool:
 def told(early: int) -> str:
     """How many failures came before their events, in words; empty for none."""
     return f"{plural(early, 'failure')} before any event had begun, which no event explains" if early else ""
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """Control steps from the end of an event until progress resumes, see ``Rollout.recovery``.
+
+    Attributes:
+        policy: the median of ``rollouts`` in which the event had begun; None if there was no progress in one half.
+        solution: of what solves the cause's scene; None if unknown.
+    """
+
+    policy: int | None
+    rollouts: int
+    solution: int | None = None
+
+    def __str__(self) -> str:
+        policy = "never" if self.policy is None else plural(self.policy, "step")
+        solution = "" if self.solution is None else f"; its solution in {self.solution}"
+        return f"{policy} (median of {plural(self.rollouts, 'rollout')}{solution})"
+
+
+def recovery_of(
+    trials: Iterable[tuple[Scene, Outcome]], events: Collection[str], solution: int | None
+) -> Recovery | None:
+    """How soon a policy recovers from some events, by the names of their fields; None where it met none."""
+    took = list[float]()
+    for scene, outcome in trials:
+        if came_about(scene, outcome).events.keys() & events:
+            # where an event began late in a success, no progress was left to make
+            rollouts = (one for one in outcome.rollouts if one.recovery is not None or not one.success_once)
+            took += (inf if one.recovery is None else one.recovery for one in rollouts)
+    if not took:
+        return None
+    middle = median_high(took)
+    return Recovery(int(middle) if isfinite(middle) else None, len(took), solution)

@@ -119,6 +119,7 @@ class Failure:
             shrinking it; None in stores and corpora of earlier versions.
         counterpart_rates: the same for its counterparts, by operator; under ``target-type`` that with the nominal
             targets, where a strategy blames those of the finding.
+        recovery: of the witness after the scene's events, see ``Rollout.recovery``.
     """
 
     repeats: int
@@ -129,6 +130,7 @@ class Failure:
     causes: Causes = field(default_factory=Causes)
     certified: Rate | None = None
     counterpart_rates: Mapping[str, Rate] = field(default_factory=dict)
+    recovery: int | None = None
 
     def __post_init__(self) -> None:
         """Raise a ValueError for counts that cannot be, which somebody else wrote."""

@@ -28,6 +28,8 @@ class Rollout:
         trace: ``(steps,)`` progress after each control step.
         actions: ``(steps, 7)`` metric actions as executed: dx dy dz (metres), rotation vector (radians), gripper in
             [-1, 1] (1 open).
+        recovery: control steps from the end of the scene's last event until there was more progress than before it;
+            None if no event began, or there was none.
         states_hash: of all body and joint states at every step. Equal trajectories have equal hashes.
     """
 
@@ -39,6 +41,7 @@ class Rollout:
     actions: NDArray[np.float32]
     states_hash: str
     seconds: float
+    recovery: int | None = None
 
     @property
     def steps(self) -> int:

@@ -38,21 +38,21 @@ class Task:
 
 
 class Monitor:
-    """Tracks stages, as of a ``Task``, and progress of a rollout."""
+    """Tracks ``stages``, as of a ``Task``, and progress of a rollout."""
 
     def __init__(self, stages: tuple[Stage, ...]) -> None:
-        self._stages = stages
+        self.stages = stages
         self._streaks = [0] * len(stages)
         self.reached: list[str] = []
         self._trace: list[float] = []
 
     def observe(self, situation: Any) -> None:
         """Take notice of the situation after a control step."""
-        for index, stage in enumerate(self._stages):
+        for index, stage in enumerate(self.stages):
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
         if self.success_now:
-            self.reached = [stage.name for stage in self._stages]
-        for stage, streak in list(zip(self._stages, self._streaks, strict=True))[len(self.reached) : -1]:
+            self.reached = [stage.name for stage in self.stages]
+        for stage, streak in list(zip(self.stages, self._streaks, strict=True))[len(self.reached) : -1]:
             if streak < stage.steps:
                 break
             self.reached.append(stage.name)
@@ -61,12 +61,12 @@ class Monitor:
     @property
     def success_now(self) -> bool:
         """Whether success holds at the last step, and has for long enough."""
-        return self._streaks[-1] >= self._stages[-1].steps
+        return self._streaks[-1] >= self.stages[-1].steps
 
     @property
     def success_once(self) -> bool:
         """Whether success has been reached at any step."""
-        return len(self.reached) == len(self._stages)
+        return len(self.reached) == len(self.stages)
 
     @property
     def progress(self) -> float:
@@ -79,7 +79,7 @@ class Monitor:
         return np.array(self._trace, dtype=np.float32)
 
     def _progress(self, situation: Any) -> float:
-        stages, done = self._stages, len(self.reached)
+        stages, done = self.stages, len(self.reached)
         if done == len(stages):
             return 1.0
         streak = self._streaks[done] / stages[done].steps

@@ -120,6 +120,9 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: str) -> 
             yield f"{percent(of.rate.share)} → {percent(without.share)}", counts
         else:
             yield percent(of.rate.share), counts
+    if cause.recovers:
+        steps, _, counted = str(cause.recovers).partition(" (")
+        yield steps, f"until the policy makes progress after the event ({counted}"
     if failures:
         yield str(cause.failures), f"of {failures} explained"
 

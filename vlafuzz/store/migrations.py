@@ -196,6 +196,7 @@ STEPS: dict[int, tuple[str, ...]] = {
     23: ("ALTER TABLE rollout DROP COLUMN published_success",),
     # JSON by name: levels of evidence that are younger than this step, and have no column of their own.
     24: ("ALTER TABLE triage ADD COLUMN more TEXT NOT NULL DEFAULT '{}'",),
+    25: ("ALTER TABLE rollout ADD COLUMN recovery INTEGER",),
 }
 
 

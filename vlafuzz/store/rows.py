@@ -171,6 +171,7 @@ def rollout_row(trial: int, number_: int, rollout: Rollout) -> Row:
         "actions": None if rollout.success_once else pack(rollout.actions),
         "states_hash": rollout.states_hash,
         "seconds": _seconds(rollout),
+        "recovery": rollout.recovery,
     }
 
 
@@ -185,6 +186,7 @@ def to_rollout(row: sqlite3.Row) -> Rollout:
         actions=unpack(row["actions"], *shape),
         states_hash=row["states_hash"],
         seconds=row["seconds"],
+        recovery=row["recovery"],
     )
 
 

@@ -14,6 +14,7 @@ from vlafuzz.model.outcome import Rollout
 from vlafuzz.model.scene import Latency, Noise, Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import EpisodeStart, Observation
+from vlafuzz.worlds.events import recovery
 
 Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``ActionSpec``
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
@@ -124,6 +125,7 @@ class Episode(ABC):
             actions=np.array(self.actions, dtype=np.float32),
             states_hash=self.states_hash.hexdigest(),
             seconds=seconds,
+            recovery=recovery(self.scene, monitor.trace, [stage.name for stage in monitor.stages], self.hz),
         )
 
     @abstractmethod

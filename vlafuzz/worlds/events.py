@@ -43,33 +43,30 @@ class Events:
 
     def executed(self, action: Array) -> Array:
         """What the robot makes of a command ``(7,)`` in this step."""
-        if self._going_on("control_stall", steps=None):
+        if self._going_on("control_stall"):
             return np.append(np.zeros(6), self._fingers)
         self._fingers = action[6]
-        return np.append(action[:6], 1.0) if self._going_on("grip_slip", steps=None) else action
+        return np.append(action[:6], 1.0) if self._going_on("grip_slip") else action
 
     def slides(self) -> dict[int, Array]:
         """By target, how far it slides in this control step: ``(2,)`` metres along the world's x and y."""
-        steps = max(1, round(SLIDING * self._hz))
-        names = ("target_slide", "goal_slide")
-        going_on = {slot: self._going_on(name, steps) for slot, name in enumerate(names)}
-        return {slot: displacement(slide) / steps for slot, slide in going_on.items() if slide is not None}
+        going_on = enumerate(map(self._going_on, ("target_slide", "goal_slide")))
+        return {slot: displacement(slide) / _lasts(slide, self._hz) for slot, slide in going_on if slide is not None}
 
     def shown(self, camera: str, picture: Picture) -> Picture:
         """What the policy sees through a camera after this step, instead of a picture."""
-        loss = self._going_on("picture_loss", steps=None)
+        loss = self._going_on("picture_loss")
         if loss is None:
             self._last[camera] = picture
             return picture
         return self._last.get(camera, picture) if loss.shows == "frozen" else np.zeros_like(picture)
 
-    def _going_on(self, name: str, steps: int | None) -> Any:
-        """An event that began less than ``steps`` ago, by default than its own; else None."""
+    def _going_on(self, name: str) -> Any:
+        """An event that has begun and is not over; else None."""
         if name not in self._begun:
             return None
-        event: Any = self.parts[name]
-        lasts = event.duration if steps is None else steps
-        return event if self._step - self._begun[name] < lasts else None
+        event = self.parts[name]
+        return event if self._step - self._begun[name] < _lasts(event, self._hz) else None
 
 
 def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence[str]) -> bool:
@@ -91,6 +88,25 @@ def begins(event: Event, trace: NDArray[np.float32], stages: Sequence[str], hz: 
     best = np.maximum.accumulate([0.0, *trace[:-1]])  # before each step
     steps = (step for step, progress in enumerate(best) if _is_due(event, step, float(progress), hz, stages))
     return next(steps, None)
+
+
+def recovery(scene: Scene, trace: NDArray[np.float32], stages: Sequence[str], hz: int) -> int | None:
+    """Control steps from the end of a scene's last event until there is more progress than ever before it.
+
+    More progress is a further stage, or the hand nearer to what it is after. None if no event began, or there was none.
+    """
+    begun = ((begins(event, trace, stages, hz), event) for event in scene.events.values())
+    ends = [(step + _lasts(event, hz), step) for step, event in begun if step is not None]
+    if not ends:
+        return None
+    end, step = max(ends)
+    resumed = np.flatnonzero(trace[end:] > trace[:step].max(initial=0.0))
+    return int(resumed[0]) + 1 if len(resumed) else None
+
+
+def _lasts(event: Event, hz: int) -> int:
+    """For how many control steps an event goes on."""
+    return max(1, round(SLIDING * hz)) if isinstance(event, Slide) else getattr(event, "duration", 0)
 
 
 def displacement(slide: Slide) -> Array:

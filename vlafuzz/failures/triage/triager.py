@@ -133,6 +133,7 @@ class Triager:
             lost_stage=shrunk.lost,
             expert_rollouts=search.rollouts,
             witness=search.witness,
+            recovery=search.recovery,
             detail=detail if farther_out else "",
         )
         oracle.budget = self._most(scene)
@@ -192,7 +193,7 @@ class Triager:
         triaged = replace(triaged, expert_rollouts=search.rollouts, lost_stage=lost, detail="")
         if search.witness is None:
             return replace(triaged, bucket="unproven", detail="the expert fails, too")
-        triaged = replace(triaged, bucket="witnessed", witness=search.witness)
+        triaged = replace(triaged, bucket="witnessed", witness=search.witness, recovery=search.recovery)
         if self._deviating(triaged.scene) is None:
             return replace(triaged, detail="not shrunk: it has a value that no operator gives")
         oracle.count_up_to(lost)
@@ -250,7 +251,7 @@ class Triager:
         triaged = replace(triaged, expert_rollouts=triaged.expert_rollouts + search.rollouts)
         if search.witness is None:
             return replace(triaged, detail="the expert solves the finding, but not the shrunk scene")
-        return replace(triaged, bucket="minimal", witness=search.witness)
+        return replace(triaged, bucket="minimal", witness=search.witness, recovery=search.recovery)
 
     def _search(self, scene: Scene) -> Search:
         search = prove(scene, self.runner.solve, self.runner.play)

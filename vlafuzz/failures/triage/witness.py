@@ -25,6 +25,7 @@ class Search:
     witness: Witness | None
     rollouts: int
     broken: bool = False
+    recovery: int | None = None  # of the witness, see ``Rollout.recovery``
 
 
 def prove(scene: Scene, solve: Solve, play: Play) -> Search:
@@ -37,7 +38,8 @@ def prove(scene: Scene, solve: Solve, play: Play) -> Search:
     if search.witness is None:
         return search
     by_sight = find_witness(scene, solve, play, SEEING_TRIES, "seeing")
-    return Search(by_sight.witness or search.witness, search.rollouts + by_sight.rollouts)
+    best = by_sight if by_sight.witness else search
+    return replace(best, rollouts=search.rollouts + by_sight.rollouts, broken=False)
 
 
 def find_witness(scene: Scene, solve: Solve, play: Play, tries: int = TRIES, solver: Solver = "expert") -> Search:
@@ -61,5 +63,7 @@ def find_witness(scene: Scene, solve: Solve, play: Play, tries: int = TRIES, sol
         rollouts += len(played.rollouts)
         broken |= played.verdict is Verdict.ERROR
         if played.verdict is Verdict.PASSED:
-            return Search(Witness(actions, played.rollouts[0].states_hash, attempt, solver), rollouts)
+            (replayed,) = played.rollouts
+            witness = Witness(actions, replayed.states_hash, attempt, solver)
+            return Search(witness, rollouts, recovery=replayed.recovery)
     return Search(None, rollouts, broken)

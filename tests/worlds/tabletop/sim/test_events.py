@@ -94,6 +94,7 @@ def test_the_expert_notices_and_solves_the_scene_which_repeating_its_usual_actio
     (before,) = expert_on("pick-up").evaluate([usual])
     solved, again = expert_on("pick-up").evaluate([scene, scene])
     assert solved.verdict is Verdict.PASSED
+    assert 0 < solved.rollouts[0].recovery < 20
     assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
     if "grip_slip" not in event:  # a hand that closes again may still hold it
         (blind,) = evaluate(repeating(before.rollouts[0].actions), scene)
