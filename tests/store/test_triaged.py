@@ -122,6 +122,7 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
         connection.execute("UPDATE triage SET bucket = 'base'")
         connection.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         connection.execute("ALTER TABLE triage DROP COLUMN more")
+        connection.execute("ALTER TABLE rollout DROP COLUMN recovery")
         connection.execute("PRAGMA user_version = 21")
     (got,) = read(path)
     assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)
