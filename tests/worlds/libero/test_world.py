@@ -200,6 +200,15 @@ class TestSetting:
         assert seen[:2] == pytest.approx(expected, abs=1e-6)
 
 
+def test_the_changes_of_libero_max_have_its_severities_and_happen_as_the_hand_comes_near():
+    genes = LiberoSpace(load_operators("libero-max"), SOUP, "libero").genes
+    levels = {gene.path: [gene.grid.value(level) for level in range(gene.grid.size)] for gene in genes}
+    assert levels["target_slide.distance"] == levels["goal_slide.distance"] == [0.0, 0.06, 0.12]
+    assert {5.0, -10.0, 15.0} < set(levels["camera_bump.yaw"])
+    assert levels["light_switch.intensity"] == pytest.approx([0.3, 0.55, 1, 1 / 0.55, 1 / 0.3], rel=0.01)
+    assert not any(path.endswith(".when") for path in levels)  # one moment leaves nothing to choose
+
+
 class TestEvaluator:
     def test_the_expert_solves_the_nominal_scene_and_one_in_which_the_target_is_elsewhere(self, soup, varied):
         scenes = [varied.nominal(), moved(varied.nominal(), "alphabet_soup_1", x=-0.04, y=0.02)]

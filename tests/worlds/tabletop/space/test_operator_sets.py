@@ -45,6 +45,7 @@ def test_the_default_varies_the_ten_and_keeps_a_distance_of_15_cm() -> None:
         ("tabletop", "1b37cf9577053901f52819184c56db36"),
         ("paper", "d11f5a9c1e26c5e8118971c41cd2fff1"),
         ("paper-rq1", "c276081f52385d08a588c2568007fc94"),
+        ("libero-max", "eca15b09fafeeea822ebac87547b5f8f"),
         ("google", "4cc3d97afbd736b0580fafe49d0b8718"),
         ("widowx", "6c1df0671fbeef5eb24e577647371b1c"),
     ],
