@@ -97,15 +97,12 @@ class Stopwatch:
 
 
 class _Seen(NamedTuple):
-    """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict.
-
-    ``early``: it failed before any of its events had begun.
-    """
+    """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict."""
 
     first: int
     verdict: Verdict
     check: str
-    early: bool
+    early: bool  # failed before any of its events had begun
 
 
 class Tally:

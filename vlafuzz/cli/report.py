@@ -74,6 +74,7 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     A cause is the stronger the more random scenes fail for it; those that are not confirmed come last.
     """
     from vlafuzz.failures.described import BUCKETS
+    from vlafuzz.failures.events import told
     from vlafuzz.failures.listed import listing_of
 
     found = listing_of(source)
@@ -92,8 +93,8 @@ def _list(source: Path, limit: int, *, json: bool) -> None:
     print_list([_lines(one, mixed=mixed) for one in shown], title=title)
     if not shown:
         print_lines("no failures")
-    if found.before_event:
-        print_lines(found.before_event)
+    if early := told(sum(one.before_event for one in listed)):
+        print_lines(early)
     if len(shown) < len(listed):
         print_lines(f"{len(listed) - len(shown)} more: --limit 0 shows all of them")
     if shown:

@@ -21,7 +21,7 @@ from vlafuzz.model.evidence import Rate, Solver
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.phrasing import acting
 from vlafuzz.model.quantities import Mechanism, plain_quantity
-from vlafuzz.model.scene import EVENTS, Scene
+from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import Space, spoken
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
@@ -220,7 +220,6 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     findings = {finding.scene: finding for finding in store.findings(run.id)}
     keys = {findings[cause.scene].key for cause in kept.causes if cause.scene in findings}
     triaged = {row.scene: row for row in store.triaged() if row.key in keys}
-    events = {name.replace("_", "-"): name for name in EVENTS}
     met = [(one.scene, one.outcome) for one in store.trials(run.id) if one.scene.events and one.outcome.judged]
     merged, ranges = dict[object, ListedCause](), dict[object, Range]()
     for number, cause in enumerate(kept.causes):
@@ -245,7 +244,7 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
             share=cause.share,
             failures=cause.failures,
             mechanism=cause.mechanism,
-            recovers=recovery_of(met, {events[name] for name in blamed if name in events}, failure.recovery),
+            recovers=recovery_of(met, {name.replace("-", "_") for name in blamed}, failure.recovery),
         )
         key = (one.signature, types) if one.bucket == "minimal" else number
         if key in merged:

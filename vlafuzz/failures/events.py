@@ -6,7 +6,7 @@ from math import inf, isfinite
 from statistics import median_high
 
 from vlafuzz.common.text import plural
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import EVENTS, Scene
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.events import begins
@@ -14,10 +14,10 @@ from vlafuzz.worlds.events import begins
 
 def came_about(scene: Scene, outcome: Outcome) -> Scene:
     """A scene that failed, without the events that had begun in none of its failing rollouts; else the scene itself."""
-    if outcome.verdict is not Verdict.FAILED or not outcome.rollouts or not scene.events:
+    failing = [rollout.trace for rollout in outcome.rollouts if not rollout.success_once]
+    if not (failing and scene.events):
         return scene
     stages = world_of(scene.task).task(scene.task).stage_names
-    failing = [rollout.trace for rollout in outcome.rollouts if not rollout.success_once]
     never = [name for name, one in scene.events.items() if all(begins(one, trace, stages) is None for trace in failing)]
     return replace(scene, **{name: EVENTS[name] for name in never}) if never else scene
 
@@ -61,7 +61,5 @@ def recovery_of(
             # where an event began late in a success, no progress was left to make
             rollouts = (one for one in outcome.rollouts if one.recovery is not None or not one.success_once)
             took += (inf if one.recovery is None else one.recovery for one in rollouts)
-    if not took:
-        return None
-    middle = median_high(took)
-    return Recovery(int(middle) if isfinite(middle) else None, len(took), solution)
+    middle = median_high(took) if took else inf
+    return Recovery(int(middle) if isfinite(middle) else None, len(took), solution) if took else None

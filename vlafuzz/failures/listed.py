@@ -12,7 +12,7 @@ from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import BUCKETS, DescribedFailure, described, described_case, title_of
-from vlafuzz.failures.events import failed_before, told
+from vlafuzz.failures.events import failed_before
 from vlafuzz.failures.triage.pipeline import hours
 from vlafuzz.store.records import Manifest, Run
 from vlafuzz.store.store import Store
@@ -34,11 +34,6 @@ class Listing:
     causes: tuple[CauseList, ...] = ()
     failures: tuple[DescribedFailure, ...]
     todo: tuple[tuple[str, str], ...] = ()
-
-    @property
-    def before_event(self) -> str:
-        """How many failures came before their events, in words; empty for none."""
-        return told(sum(one.before_event for one in self.failures))
 
 
 def listing_of(source: pathlib.Path) -> Listing:

@@ -209,6 +209,27 @@ class GripSlip(Event):
 
 
 @dataclass(frozen=True)
+class TargetTopple(Event):
+    """The first target falls onto its side: into the rest pose of that name."""
+
+    rest: Literal["same", "lying"] = "same"
+
+
+@dataclass(frozen=True)
+class GripWeak(Event):
+    """The fingers press with ``force`` times their usual force, and go on so."""
+
+    force: Annotated[Real, Field(gt=0)] = _quantity("×", 1.0)
+
+
+@dataclass(frozen=True)
+class InstructionChange(Event):
+    """The instruction names another thing than the first target from then on: a confounder, by its number."""
+
+    to: Literal["same", "first", "second", "third"] = "same"
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
@@ -237,6 +258,9 @@ class Scene:
     picture_loss: PictureLoss = field(default=PictureLoss(), metadata=_EXTRA)
     control_stall: ControlStall = field(default=ControlStall(), metadata=_EXTRA)
     grip_slip: GripSlip = field(default=GripSlip(), metadata=_EXTRA)
+    target_topple: TargetTopple = field(default=TargetTopple(), metadata=_EXTRA)
+    grip_weak: GripWeak = field(default=GripWeak(), metadata=_EXTRA)
+    instruction_change: InstructionChange = field(default=InstructionChange(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 
     @property

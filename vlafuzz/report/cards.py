@@ -121,8 +121,7 @@ def _numbers(of: DescribedFailure | None, cause: ListedCause, failures: str) -> 
         else:
             yield percent(of.rate.share), counts
     if cause.recovers:
-        steps, _, counted = str(cause.recovers).partition(" (")
-        yield steps, f"until the policy makes progress after the event ({counted}"
+        yield str(cause.recovers), "from the end of the event until the policy makes progress again"
     if failures:
         yield str(cause.failures), f"of {failures} explained"
 

@@ -10,6 +10,7 @@ from vlafuzz.failures.causes import CauseList, ListedCause
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, space_of, title_of
+from vlafuzz.failures.events import told as told_early
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
 from vlafuzz.model.scene import Scene
 from vlafuzz.report.cards import card_of, evidence, sentence, told
@@ -61,7 +62,7 @@ def view_of_store(store: Store) -> View:
         runs=listing.runs,
         tables=(*several, *map(cause_table, listing.causes), run_table(store, runs)) if runs else (),
         todo=() if going_on else listing.todo,
-        notes=(*([f"{listing.before_event}."] if listing.before_event else ()), *([_TOY] if toy else ())),
+        notes=tuple(filter(None, (told_early(sum(one.before_event for one in listing.failures)), _TOY * toy))),
     )
 
 

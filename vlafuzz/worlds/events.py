@@ -12,8 +12,8 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
+NUMBERS = ("same", "first", "second", "third")  # of confounders, from 1
 START = 1.0  # seconds after which what happens at the start does
-_ROUNDING = 1e-6  # of progress times stages: traces are kept in single precision
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -75,7 +75,7 @@ def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence
         return steps >= START * hz
     grasp = next((number for number, name in enumerate(stages, 1) if name.startswith("grasp")), 1)
     reached = {"approach": 0.5, "grasp": grasp, "carry": grasp + 0.5}[event.when]
-    return progress * len(stages) >= reached - _ROUNDING
+    return progress * len(stages) >= reached - 1e-6  # traces are kept in single precision
 
 
 def begins(event: Event, trace: NDArray[np.float32], stages: Sequence[str], hz: int = 1) -> int | None:
@@ -97,9 +97,7 @@ def recovery(scene: Scene, trace: NDArray[np.float32], stages: Sequence[str], hz
     """
     begun = ((begins(event, trace, stages, hz), event) for event in scene.events.values())
     ends = [(step + _lasts(event, hz), step) for step, event in begun if step is not None]
-    if not ends:
-        return None
-    end, step = max(ends)
+    end, step = max(ends, default=(len(trace), 0))
     resumed = np.flatnonzero(trace[end:] > trace[:step].max(initial=0.0))
     return int(resumed[0]) + 1 if len(resumed) else None
 
@@ -120,13 +118,18 @@ def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
 
     ``slid``: the share of the way that things have slid, in [0, 1].
     """
-    targets = list(scene.targets)
+    targets, things = list(scene.targets), list(scene.confounders)
     for slot, slide in enumerate((scene.target_slide, scene.goal_slide)[: len(targets)]):
         x, y = (slid * displacement(slide)).tolist()
         targets[slot] = replace(targets[slot], x=targets[slot].x + x, y=targets[slot].y + y)
+    if scene.target_topple.rest != "same":
+        targets[0] = replace(targets[0], rest=scene.target_topple.rest)
+    if number := NUMBERS.index(scene.instruction_change.to):
+        targets[0], things[number - 1] = things[number - 1], targets[0]
     return replace(
         scene,
         targets=tuple(targets),
+        confounders=tuple(things),
         camera=turned(scene.camera, scene.camera_bump),
         light=replace(scene.light, intensity=scene.light.intensity * scene.light_switch.intensity),
         **EVENTS,

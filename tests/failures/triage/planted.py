@@ -63,6 +63,9 @@ EXTRA_CONDITIONS: dict[str, Condition] = {
     "picture-loss": lambda scene: scene.picture_loss.duration > 6,
     "control-stall": lambda scene: scene.control_stall.duration > 3,
     "grip-slip": lambda scene: scene.grip_slip.duration > 1 and scene.grip_slip.when == "carry",
+    "target-topple": lambda scene: scene.target_topple.rest == "lying" and scene.target_topple.when == "start",
+    "grip-weak": lambda scene: scene.grip_weak.force < 0.5 and scene.grip_weak.when == "carry",
+    "instruction-change": lambda scene: scene.instruction_change.to != "same",
 }
 # Which the tabletop lacks, or a task of one target.
 ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "goal-slide"}

@@ -23,6 +23,7 @@ FAILS_FROM = {
     "picture-loss": "picture-loss: fails from duration 7 steps (",
     "control-stall": "control-stall: fails from duration 4 steps (",
     "grip-slip": "grip-slip: fails from duration 2 steps (",
+    "grip-weak": "grip-weak: fails from force × 0.",
 }
 
 
@@ -30,7 +31,7 @@ FAILS_FROM = {
 @pytest.mark.parametrize("name", EXTRA_CONDITIONS)
 def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(name, beside):
     judge = Planted([EXTRA_CONDITIONS[name], *[DARK for _ in beside]], space=WITH_EXTRAS)
-    finding = judge.finding(1)
+    finding = judge.finding(5)
     oracle = judge.oracle()
     shrunk = judge.shrunk(finding, oracle)
     causes = attribute(shrunk, oracle, WITH_EXTRAS)

@@ -63,7 +63,6 @@ def find_witness(scene: Scene, solve: Solve, play: Play, tries: int = TRIES, sol
         rollouts += len(played.rollouts)
         broken |= played.verdict is Verdict.ERROR
         if played.verdict is Verdict.PASSED:
-            (replayed,) = played.rollouts
-            witness = Witness(actions, replayed.states_hash, attempt, solver)
-            return Search(witness, rollouts, recovery=replayed.recovery)
+            witness = Witness(actions, played.rollouts[0].states_hash, attempt, solver)
+            return Search(witness, rollouts, recovery=played.rollouts[0].recovery)
     return Search(None, rollouts, broken)

@@ -9,7 +9,7 @@ import numpy as np
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.model.scene import EXTRAS, Light, Placement, Scene
 from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
@@ -17,7 +17,7 @@ from vlafuzz.worlds.libero.grasps import surface
 from vlafuzz.worlds.libero.packages import load
 from vlafuzz.worlds.libero.room import REACH, room_of
 from vlafuzz.worlds.libero.setting import VIEW, Setting
-from vlafuzz.worlds.libero.space import nominal_scene
+from vlafuzz.worlds.libero.space import LACKING, nominal_scene
 from vlafuzz.worlds.libero.suites import REST
 
 # By checks of defects those of scenes. A scene's places may be outside the suite's regions.
@@ -88,8 +88,9 @@ class Fairness:
 
 def _unknown(nominal: Scene, scene: Scene) -> str | None:
     """The first part of a scene that LIBERO's scenes do not have: nothing of a scene may be ignored."""
-    if scene.backdrop != nominal.backdrop:
-        return f"backdrop: scenes of {nominal.task} have none of their own"
+    for part in LACKING:
+        if getattr(scene, part.replace("-", "_")) != EXTRAS[part.replace("-", "_")]:
+            return f"{part}: scenes of {nominal.task} have none of their own"
     if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.placements):
         return "things: LIBERO's have one size, and rest as LIBERO places them"
     return f"light: an intensity of {scene.light.intensity:g}" if scene.light.intensity < 0 else None

@@ -35,7 +35,8 @@ WORDINGS = (
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
-# Of the suite's own things; other operators have the genes of the tabletop. LIBERO has none of our backdrops.
+# Of the suite's own things; other operators have the genes of the tabletop.
+LACKING = ("backdrop", "target-topple", "grip-weak", "instruction-change")  # which the tabletop alone has
 _OWN = (
     kinds.TargetPosition.name,
     kinds.TargetOrientation.name,
@@ -43,7 +44,7 @@ _OWN = (
     others.BystanderOrientation.name,
 )
 _SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in others.EXTRAS] + sorted(
-    others.EXTRAS - {"backdrop", *_OWN}
+    others.EXTRAS - {*LACKING, *_OWN}
 )
 
 

@@ -15,6 +15,7 @@ from vlafuzz.model.scene import amount, in_words
 from vlafuzz.worlds.manipulation.base import Layout, Operator, Span
 from vlafuzz.worlds.manipulation.rigs import Rig
 
+SELDOM = 0.2  # of the scenes have an event that has no amount: it is kept where others are too many
 Options = Span | tuple[str, ...]
 Kind = TypeVar("Kind", bound="Extra")
 
@@ -123,18 +124,15 @@ class EventOperator(Extra):
             for gene in super().genes(layout):
                 if gene.path.endswith(".direction"):
                     yield replace(gene, kind="angle", grid=replace(gene.grid, wraps=True), neutral=True)
+                elif gene.path.endswith(".intensity"):
+                    yield replace(gene, grid=replace(gene.grid, log=True))
+                elif gene.path.endswith((".rest", ".to")):
+                    yield replace(gene, drawn=SELDOM)
                 else:
                     yield replace(gene, neutral=gene.kind == "category")
 
     def nominally(self) -> str:
         return "never"
-
-
-class _LightSwitch(EventOperator):
-    def genes(self, layout: Layout) -> Iterator[Gene]:
-        when, intensity = super().genes(layout)
-        yield when
-        yield replace(intensity, grid=replace(intensity.grid, log=True))
 
 
 def _of_part(base: type[Kind], name: str, says: str, *, part: str = "", **about: object) -> type[Kind]:
@@ -152,18 +150,21 @@ def _of_part(base: type[Kind], name: str, says: str, *, part: str = "", **about:
     return operator
 
 
-def _event(name: str, says: str, happens: str, base: type[EventOperator] = EventOperator) -> type[EventOperator]:
-    return _of_part(base, name, says, happens=happens, slot=int(name == "goal-slide"))
+def _event(name: str, says: str, happens: str) -> type[EventOperator]:
+    return _of_part(EventOperator, name, says, happens=happens, slot=int(name == "goal-slide"))
 
 
 EVENT_KINDS = (
     _event("target-slide", "how far the target is slid in mid-episode", "the target slides away"),
     _event("goal-slide", "how far the second target is slid in mid-episode", "the second target slides away"),
     _event("camera-bump", "how far the camera is turned in mid-episode", "the camera is turned"),
-    _event("light-switch", "a factor on all lights in mid-episode", "the light changes", _LightSwitch),
+    _event("light-switch", "a factor on all lights in mid-episode", "the light changes"),
     _event("picture-loss", "for how long the policy sees nothing new", "the pictures stop"),
     _event("control-stall", "for how long the robot stands still in mid-episode", "the robot stands still"),
     _event("grip-slip", "for how long the fingers open by themselves", "the fingers open"),
+    _event("target-topple", "whether the target falls over in mid-episode", "the target falls over"),
+    _event("grip-weak", "a factor on the fingers' force in mid-episode", "the grip weakens"),
+    _event("instruction-change", "which thing is the target in mid-episode", "the instruction names another thing"),
 )
 EXTRA_KINDS: tuple[type[Extra], ...] = (
     _of_part(Extra, "backdrop", "what table and wall look like"),

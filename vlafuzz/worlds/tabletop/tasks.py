@@ -109,6 +109,10 @@ class StateMonitor(Monitor):
         """Take notice of the state after a control step."""
         super().observe(Situation(self._models, self._start, situation))
 
+    def begin_anew(self, models: tuple[ObjectModel, ...], start: State) -> None:
+        """The first target is another one: no stage is reached with it. The progress so far remains on record."""
+        self._models, self._start, self._streaks, self.reached = models, start, [0] * len(self.stages), []
+
 
 def _toward(remaining: float, whole: float) -> float:
     return min(max(1.0 - remaining / max(whole, 1e-6), 0.0), 1.0)

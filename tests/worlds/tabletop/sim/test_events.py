@@ -8,7 +8,19 @@ import pytest
 from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, evaluate, nominal, put
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import CameraBump, ControlStall, GripSlip, LightSwitch, PictureLoss, Scene, Slide
+from vlafuzz.model.scene import (
+    EVENTS,
+    CameraBump,
+    ControlStall,
+    GripSlip,
+    GripWeak,
+    InstructionChange,
+    LightSwitch,
+    PictureLoss,
+    Scene,
+    Slide,
+    TargetTopple,
+)
 from vlafuzz.policies.base import ActionChunk
 from vlafuzz.worlds.events import afterwards
 from vlafuzz.worlds.manipulation.camera import camera_pose
@@ -75,6 +87,51 @@ def test_a_robot_that_stalls_stands_still_and_goes_on_with_what_it_is_told_then(
     assert places[-1] - places[SECOND + 3] > 0.03
 
 
+def test_a_target_that_topples_lies_where_it_stood(env):
+    scene = replace(nominal(), target_topple=TargetTopple("start", "lying"))
+    assert scene.targets[0].rest == "standing"
+    env.begin(scene)
+    states = [env.advance(STILL) for _ in range(SECOND + 8)]
+    assert states[SECOND - 1].rotations[0][2, 2] > 0.99
+    assert abs(states[-1].rotations[0][2, 2]) < 0.1
+    assert states[-1].positions[0][:2] == pytest.approx(states[0].positions[0][:2], abs=0.01)
+    assert afterwards(scene).targets[0].rest == "lying"
+
+
+CROWDED = replace(nominal(), confounders=(put("green_cube", 0.05, 0.2),))
+CHANGED = InstructionChange("grasp", "first")
+
+
+def test_an_instruction_changes_for_the_policy_and_for_what_counts_as_success(expert_on):
+    heard = []
+
+    def watch(seen, inner):
+        heard.append(seen.instruction)
+        return [ActionChunk(STILL[None])]
+
+    evaluate(Meddled(watch), replace(CROWDED, instruction_change=InstructionChange("start", "first")))
+    assert [list(dict.fromkeys(heard)), heard.index("pick up green cube")] == [
+        [CROWDED.instruction, "pick up green cube"],
+        SECOND + 1,
+    ]
+    solved, usual = expert_on("pick-up").evaluate([replace(CROWDED, instruction_change=CHANGED), CROWDED])
+    assert (solved.verdict, usual.verdict) == (Verdict.PASSED, Verdict.PASSED)
+    (deaf,) = evaluate(repeating(usual.rollouts[0].actions), replace(CROWDED, instruction_change=CHANGED))
+    assert (deaf.verdict, deaf.lost_stage) == (Verdict.FAILED, "grasp")
+
+
+def test_a_weak_grip_presses_less_from_then_on_and_as_usual_in_the_next_scene(env):
+    closing = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
+
+    def closed(scene: Scene) -> float:
+        env.begin(scene)
+        return [env.advance(closing if step > SECOND else STILL).opening for step in range(SECOND + 3)][-1]
+
+    usual = closed(nominal())
+    assert closed(replace(nominal(), grip_weak=GripWeak("start", 0.02))) > usual + 0.01
+    assert closed(nominal()) == usual
+
+
 def repeating(actions: np.ndarray) -> Meddled:
     """Does what was done before, whatever it sees."""
     return Meddled(lambda seen, _: [ActionChunk(actions[min(seen.step, len(actions) - 1)][None])])
@@ -85,9 +142,10 @@ def repeating(actions: np.ndarray) -> Meddled:
     [
         {"target_slide": Slide("approach", 0.08, 120.0)},
         {"grip_slip": GripSlip("carry", 3)},
+        {"target_topple": TargetTopple("approach", "lying"), "grip_weak": GripWeak("grasp", 0.3)},
         {"control_stall": ControlStall("approach", 6), "camera_bump": CameraBump("grasp", 1.0, 2.0, 1.0)},
     ],
-    ids=["slide", "slip", "stall"],
+    ids=["slide", "slip", "topple", "stall"],
 )
 def test_the_expert_notices_and_solves_the_scene_which_repeating_its_usual_actions_does_not(expert_on, event):
     usual, scene = nominal(), replace(nominal(), **event)
@@ -118,11 +176,19 @@ def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
             "while things slide: ",
         ),
         (replace(nominal(), camera_bump=CameraBump("start", yaw=40.0)), "after its events: "),
+        (
+            replace(NOMINAL, targets=(put("green_cube", 0.0, 0.0),), target_topple=TargetTopple("start", "lying")),
+            "after its events: green_cube: unknown rest pose 'lying', it has flat",
+        ),
+        (
+            replace(nominal(), instruction_change=InstructionChange("start", "second")),
+            "instruction-change: there is no second other thing",
+        ),
     ],
-    ids=["off the table", "through a can", "out of the picture"],
+    ids=["off the table", "through a can", "out of the picture", "that cannot lie", "to nothing"],
 )
 def test_a_scene_is_only_fair_if_what_happens_in_it_is(scene, says):
     rejection = check_events(scene, CATALOGUE, 0.1, None)
     assert rejection is not None
     assert rejection.reason.startswith(says)
-    assert check_events(replace(scene, target_slide=Slide(), camera_bump=CameraBump()), CATALOGUE, 0.1, None) is None
+    assert check_events(replace(scene, **EVENTS), CATALOGUE, 0.1, None) is None

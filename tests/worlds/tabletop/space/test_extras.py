@@ -58,12 +58,17 @@ def test_random_scenes_vary_every_extra_that_is_on(task: str, seed: int) -> None
     assert [space(task).decode(space(task).encode(scene)) for scene in drawn] == drawn
 
 
+def far(one: SearchSpace, part: str) -> Scene:
+    """The scene at an end of all ranges, at which a part is not nominal."""
+    ends = (one.decode(np.full(one.dim, end)) for end in (1.0, 0.0))
+    return next(scene for scene in ends if getattr(scene, part) != PARTS[part])
+
+
 @extras
 def test_an_extra_alone_varies_its_part_of_the_scene_and_can_be_reset(name: str) -> None:
     one = space("pick-up", name)
     part = OPERATORS[name].part
-    farthest = one.decode(np.full(one.dim, 1.0))
-    assert getattr(farthest, part) != PARTS[part]
+    farthest = far(one, part)
     assert replace(farthest, **{part: PARTS[part]}) == one.nominal()
     assert one.reset(farthest, [name]) == one.nominal()
     assert one.severities(farthest)[name] > 0.5
@@ -73,7 +78,7 @@ def test_an_extra_alone_varies_its_part_of_the_scene_and_can_be_reset(name: str)
 def test_a_scene_of_an_extra_that_does_not_vary_has_no_genome_but_a_severity(name: str) -> None:
     off, on = space("pick-up", "light"), space("pick-up", name)
     assert name not in off.severities(off.sample(np.random.default_rng(0)))
-    scene = on.decode(np.full(on.dim, 1.0))
+    scene = far(on, OPERATORS[name].part)
     with pytest.raises(SceneError, match=f"{name} does not vary"):
         off.encode(scene)
     assert off.severities(scene)[name] == on.severities(scene)[name]

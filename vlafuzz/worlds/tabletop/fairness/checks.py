@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.common.text import ambiguous
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Camera, Placement, Scene
-from vlafuzz.worlds.events import afterwards
+from vlafuzz.worlds.events import NUMBERS, afterwards
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
@@ -51,6 +51,8 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
     """
     if not scene.events:
         return None
+    if NUMBERS.index(scene.instruction_change.to) > len(scene.confounders):
+        return Rejection("semantic", f"instruction-change: there is no {scene.instruction_change.to} other thing")
     late = afterwards(scene)
     rejection = check_static(late, catalogue, min_distance, visible)
     if rejection is not None:

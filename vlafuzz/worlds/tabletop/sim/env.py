@@ -3,7 +3,7 @@
 import gc
 import math
 from collections.abc import Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from typing import Any
 
 import cv2
@@ -15,17 +15,18 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PrerequisiteError, SimulatorError, UsageError
-from vlafuzz.model.scene import EVENTS, EXTRAS, CameraBump, Event, LightSwitch, Scene, Start
+from vlafuzz.model import scene as kinds
+from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
-from vlafuzz.worlds.events import Events, turned
+from vlafuzz.worlds.events import NUMBERS, Events, afterwards, turned
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
-from vlafuzz.worlds.tabletop.tasks import State, StateMonitor
+from vlafuzz.worlds.tabletop.tasks import State, StateMonitor, load_wordings, say
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
@@ -110,7 +111,8 @@ class TabletopEnv(BaseEnv):
         start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
-        self._camera, self.view = scene.camera, camera_pose(self.rig.view, scene.camera)
+        self._scene, self.instruction = scene, scene.instruction
+        self.view = camera_pose(self.rig.view, scene.camera)
         self.light, self.table_colour = scene.light.intensity, self._painter.paint(scene.backdrop)
         if self.scene.can_render():
             self._lights.apply(self.world.scene, self.light)
@@ -141,15 +143,26 @@ class TabletopEnv(BaseEnv):
 
     def _happen(self, event: Event) -> None:
         """What begins with an event, and stays."""
-        if isinstance(event, CameraBump):
-            self.view = camera_pose(self.rig.view, turned(self._camera, event))
+        if isinstance(event, kinds.CameraBump):
+            self.view = camera_pose(self.rig.view, turned(self._scene.camera, event))
             self._aim()
-        elif isinstance(event, LightSwitch):
+        elif isinstance(event, kinds.LightSwitch):
             self.light *= event.intensity
             if self.scene.can_render():
                 self._lights.apply(self.world.scene, self.light)
             if self._studio is not None:
                 self._studio.light(self.light)
+        elif isinstance(event, kinds.TargetTopple):
+            fallen = replace(self._scene.targets[0], rest=event.rest)
+            (model,) = models_of([fallen], self.catalogue)
+            self.world.topple(place(model, fallen))
+        elif isinstance(event, kinds.GripWeak):
+            self.world.controller.grip(event.force)
+        elif isinstance(event, kinds.InstructionChange):
+            self.models = models_of(afterwards(self._scene).placements, self.catalogue)
+            self.instruction = say(load_wordings()[self.task.name][0], [model.spoken for model in self.models])
+            start = self.world.exchange(self.task.targets - 1 + NUMBERS.index(event.to))
+            self.monitor.begin_anew(self.models, start)
 
     def seen(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a policy sees through a camera at present."""

@@ -49,7 +49,7 @@ class TabletopEpisode(Episode):
         return Observation(
             episode=self.start.episode,
             step=len(self.actions),
-            instruction=self.scene.instruction,
+            instruction=env.instruction,
             images={camera.name: env.seen(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light, env.table_colour) if spec.silhouettes else None,

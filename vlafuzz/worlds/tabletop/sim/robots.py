@@ -93,6 +93,7 @@ class MetricArm:
         low, high = np.array(robot.qlimits[:-2], dtype=np.float64).T
         self._low, self._high = low - 1e-3, high + 1e-3
         self._profile = MotionProfile(pace, len(self._joints)) if pace else None
+        self._fingers = [(joint, joint.stiffness, joint.damping, joint.force_limit) for joint in self._joints[-2:]]
 
     def reset(self) -> None:
         self._qpos = np.array(self._robot.qpos, dtype=np.float64)
@@ -101,6 +102,11 @@ class MetricArm:
         if self._profile:
             self._profile.start(self._qpos)
         self._drive(self._qpos)
+
+    def grip(self, force: float) -> None:
+        """Let the fingers press with a share of their usual force."""
+        for joint, stiffness, damping, limit in self._fingers:
+            joint.set_drive_properties(force * stiffness, damping, force_limit=force * limit, mode="force")
 
     def command(self, action: Array, relative_to: str = "target") -> None:
         """Set the drive targets for one control step; the arm stays where one is out of reach."""

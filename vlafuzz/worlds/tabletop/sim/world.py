@@ -40,7 +40,7 @@ class World:
         """``agent``: ManiSkill's, see ``MetricPanda``."""
         self.scene, self._rig = scene, rig
         self._robot: physx.PhysxArticulation = agent.robot._objs[0]
-        self._controller: MetricArm = agent.controller.arm
+        self.controller: MetricArm = agent.controller.arm
         links: dict[str, Link] = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
         self._tcp, self._tool = links[agent.tcp_name], agent.tool
         self._fingers = [[links[name] for name in finger] for finger in agent.fingers]
@@ -70,6 +70,8 @@ class World:
         self._labels |= dict.fromkeys(self.scene.physx_system.rigid_static_components, TABLE)
         for link in self._robot.links:
             self._labels[link] = HAND if any(part in link.name for part in _HAND) else ARM
+        self._placed = tuple(self._bodies)
+        self.controller.grip(1.0)
         self._touched = False
         self._before = None
         self.states_hash = hashlib.blake2b(digest_size=16)
@@ -80,14 +82,26 @@ class World:
 
         ``slides``: by object, ``(2,)`` metres by which it is slid over the table meanwhile.
         """
-        self._controller.command(action, relative_to)
+        self.controller.command(action, relative_to)
         self._touched = self._touched or action[6] < 0
         system = self.scene.physx_system
         for _ in range(self._substeps):
-            self._controller.advance(1 / self._hz)
+            self.controller.advance(1 / self._hz)
             for index, shift in (slides or {}).items():
-                self._slide(self._bodies[index], shift / self._substeps)
+                self._slide(self._placed[index], shift / self._substeps)
             system.step()
+        return self._read()
+
+    def topple(self, pose: sapien.Pose) -> None:
+        """Turn the first object, where it is, as in a pose on the table."""
+        body = self._placed[0]
+        body.entity_pose = sapien.Pose([*body.entity_pose.p[:2], pose.p[2]], pose.q)
+        body.linear_velocity = body.angular_velocity = np.zeros(3, dtype=np.float32)
+
+    def exchange(self, number: int) -> State:
+        """Exchange the first object with another one in all states from now on; the present state."""
+        self._bodies[0], self._bodies[number] = self._bodies[number], self._bodies[0]
+        self._labels |= {body: index for index, body in enumerate(self._bodies)}
         return self._read()
 
     @staticmethod
@@ -119,7 +133,7 @@ class World:
             rotations=rotations,
             tcp=tcp.p.astype(np.float64),
             tcp_rotation=tcp.to_transformation_matrix()[:3, :3].astype(np.float64),
-            opening=self._controller.gripper.width(qpos),
+            opening=self.controller.gripper.width(qpos),
             held=held,
             contacts=contacts,
             earlier=earlier,
@@ -152,7 +166,7 @@ class World:
         robot.qpos = start
         robot.qvel = np.zeros(robot.dof, dtype=np.float32)
         robot.qf = np.zeros(robot.dof, dtype=np.float32)
-        self._controller.reset()
+        self.controller.reset()
         offsets = np.degrees(robot.qpos - self._start)[self._arm].tolist()
         self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
 
