@@ -226,6 +226,13 @@ class TestEvaluator:
         far = replace(varied.nominal(), target_slide=Slide("start", 0.6, 90.0))
         assert soup.evaluate([far])[0].verdict is Verdict.INVALID
 
+    def test_the_expert_sees_that_the_soup_slides_away_and_closes_its_hand_once_where_it_is_now(self, soup, varied):
+        scene = replace(varied.nominal(), target_slide=Slide("approach", 0.12, 90.0))
+        (solved,) = soup.evaluate([scene])
+        gripper = solved.rollouts[0].actions[:, 6]
+        assert solved.verdict is Verdict.PASSED
+        assert np.count_nonzero(np.diff(gripper) < 0) == 1
+
     def test_holding_still_solves_nothing_at_any_control_rate(self, varied):
         conditions = Conditions(task=SOUP, robot="libero")
         evaluator = make_evaluator(conditions, Frozen())  # decides five times a second

@@ -21,6 +21,7 @@ HOVER = 0.08  # metres above a grasp, from where the hand comes down
 CARRY = 0.06  # metres between what is carried and all that stands around
 DROP = 0.01  # metres above its place at which a thing is let go
 FAST = 2.0  # errors are asked for that many times: the controller covers a part of them in a step
+SLID = 0.01  # metres by which a thing has been moved, and is grasped anew, while the hand comes near
 CLOSE = 0.008  # metres from a place that count as there
 PATIENCE = 60  # control steps for one move
 STUCK = 8  # control steps without a millimetre of movement that end a move, too
@@ -60,24 +61,27 @@ class Expert:
         if self._holds(name):
             yield from self._bring(name, goal, self._yaw())
             return
-        grasps = find_grasps(self._env, name)
-        if not grasps:
-            yield from self._wait(5, gripper=-1.0)
-            return
-        grasp = grasps[0] if attempt == 0 else _other(grasps, attempt)
-        yield from self._take(grasp)
+        while True:
+            grasps = find_grasps(self._env, name)
+            if not grasps:
+                yield from self._wait(5, gripper=-1.0)
+                return
+            grasp, there = grasps[0] if attempt == 0 else _other(grasps, attempt), self._env.place(name)
+            yield from self._approach(grasp)
+            if np.linalg.norm(self._env.place(name) - there) < SLID:
+                break
+        yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
+        yield from self._wait(10, gripper=1.0)
         if not self._holds(name):
             yield from self._move(self._shifted(up=HOVER), grasp.yaw, gripper=-1.0)
             return
         yield from self._bring(name, goal, grasp.yaw)
 
-    def _take(self, grasp: Grasp) -> Iterator[Array]:
+    def _approach(self, grasp: Grasp) -> Iterator[Array]:
         above = grasp.position + np.array([0.0, 0.0, HOVER])
         high = np.array([*above[:2], max(above[2], self._hand()[2])])
         yield from self._move(high, grasp.yaw, gripper=-1.0, close=0.03)
         yield from self._move(above, grasp.yaw, gripper=-1.0)
-        yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
-        yield from self._wait(10, gripper=1.0)
 
     def _bring(self, name: str, goal: str, yaw: float) -> Iterator[Array]:
         """Carry what the hand holds over its goal, lower it and let go."""
