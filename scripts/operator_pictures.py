@@ -24,6 +24,7 @@ from vlafuzz.model.space import value_at
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds import world_of
+from vlafuzz.worlds.events import begins
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.manipulation.space import TableSpace
@@ -34,6 +35,7 @@ from vlafuzz.worlds.tabletop.tasks import TASKS
 SIDE, LINE, GAP = 256, 20, 4  # of a picture, a line of its caption, and between two pictures; pixels
 QUALITIES, MOST = (80, 65, 50, 40), 25_000  # of JPEG: the first with a file of fewer bytes
 HZ, LATE = 5, 8  # frames a second of a rollout, and the one in which a delay of commands is seen
+AFTER = 4  # frames after which what an event moves is at rest
 DRAWN = Path(__file__).with_suffix(".yaml")
 OUT = Path(__file__).parent.parent / "docs" / "pictures"
 Picture = NDArray[np.uint8]
@@ -103,12 +105,27 @@ class Studio:
         expert = self.world.solvers()["expert"]
         evaluator = self.world.evaluator(self.conditions, expert, self.space, recording=recording, checked=True)
         with closing(evaluator):
-            evaluator.evaluate([scene])
+            (outcome,) = evaluator.evaluate([scene])
+        self.trace = outcome.rollouts[0].trace
         return recording.frames
+
+    def event(self, scene: Scene) -> Iterator[Panel]:
+        """What the expert's rollout shows when the event of a scene begins, shortly after, and at the end."""
+        ((part, event),), frames = scene.events.items(), self.rolled_out(scene)
+        begun = begins(event, self.trace, self.space.task.stage_names, HZ)
+        assert begun is not None
+        for frame, when in (
+            (begun, "begins"),
+            (begun + AFTER, f"{AFTER / HZ:g} s later"),
+            (-1, "the expert in the end"),
+        ):
+            yield frames[frame], f"{part.replace('_', '-')}: {when}"
 
     def operator(self, name: str, values: Sequence[Mapping[str, Any]]) -> Image.Image:
         """The pictures of an operator, each above its values."""
         scenes = [self.scene(one) for one in values]
+        if name == "events":
+            return strip([panel for scene in scenes for panel in self.event(scene)])
         late = name == "control-latency"  # at the start nothing of it is to be seen
         pictures = [self.rolled_out(scene)[LATE] for scene in scenes] if late else list(self.seen(scenes))
         words = [self.words(scene, one) for scene, one in zip(scenes, values, strict=True)]

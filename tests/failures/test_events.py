@@ -20,7 +20,7 @@ from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 MANIFEST = manifest(operators=operators_json(WITH_EXTRAS.operators), budget=3, batch=1)
 SLID = replace(WITH_EXTRAS.nominal(), target_slide=Slide("approach", 0.06))
-EARLY, LATE = failed(0.1), failed(0.3)  # a sixth of the progress is half-way to the grasp
+EARLY, LATE = failed(0.05), failed(0.3)  # a fifteenth of the progress is a fifth of the way to the grasp
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def store(tmp_path):
 
 def test_an_event_begins_with_the_step_after_its_moment():
     trace = np.array([0.0, 0.1, 0.2, 0.4, 0.6, 1.0], dtype=np.float32)
-    moments = {"approach": 3, "grasp": 4, "carry": 5}
+    moments = {"approach": 2, "grasp": 4, "carry": 5}
     assert {when: begins(ControlStall(when, 2), trace, STAGES) for when in moments} == moments
     assert begins(ControlStall("start", 2), trace, STAGES, hz=4) == 4
     assert begins(ControlStall("carry", 2), trace[:5], STAGES) is None  # it would have been the next step
@@ -52,10 +52,10 @@ def test_a_scene_that_failed_came_about_without_the_events_that_never_began():
 
 
 def test_a_policy_recovers_once_it_is_farther_than_before_the_event():
-    slid = np.array([0.1, 0.2, 0.15, 0.1, 0.12, 0.18, 0.25, 0.3], dtype=np.float32)
+    slid = np.array([0.05, 0.2, 0.15, 0.1, 0.12, 0.18, 0.25, 0.3], dtype=np.float32)
     assert recovery(SLID, slid, STAGES, hz=5) == 2  # it slides in steps 3 to 5, and is ahead after step 7
     assert recovery(SLID, slid[:6], STAGES, hz=5) is None
-    assert recovery(SLID, np.full(8, 0.1, np.float32), STAGES, hz=5) is None  # it never began
+    assert recovery(SLID, np.full(8, 0.05, np.float32), STAGES, hz=5) is None  # it never began
 
 
 def took(steps: int | None, success: bool = True) -> Outcome:

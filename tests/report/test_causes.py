@@ -266,7 +266,7 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
     scenes += [replace(SPACE.sample(rng), target_slide=far) for _ in range(6)]
     about = replace(MANIFEST, strategy="causes", operators=operators_json(WITH_EXTRAS.operators))
     with Store.open(tmp_path / "a.db", "write") as opened:
-        outcomes = (failed(0.1 if proposal > 4 else 0.3) for proposal in range(len(scenes)))
+        outcomes = (failed(0.05 if proposal > 4 else 0.3) for proposal in range(len(scenes)))
         begun(opened, *map(ended, scenes, outcomes, range(len(scenes))), about=about)
         opened.keep_causes(1, Attribution((FoundCause(scenes[0], ("target-slide",), 7),), 0, None, tuple(range(1, 7))))
         runner = PlantedRunner([slid])

@@ -84,8 +84,7 @@ def _causes_first(store: Store, lists: Sequence[CauseList], runs: Sequence[Run])
     for one in failures_of(store):
         key = (one.scene.digest, one.run.key(), one.bucket)
         if before := merged.get(key):
-            early = before.before_event + one.before_event
-            one = replace(before, found=before.found + one.found, before_event=early)
+            one = replace(before, found=before.found + one.found, before_event=before.before_event + one.before_event)
         merged[key] = one
     in_order = _in_order(merged.values())
     return tuple(sorted(in_order, key=lambda one: min(ranks.get((name, one.run.key()), inf) for name in one.found)))

@@ -14,6 +14,7 @@ from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = ("same", "first", "second", "third")  # of confounders, from 1
 START = 1.0  # seconds after which what happens at the start does
+NEARING = 0.2  # of the way to the first stage; half-way, at 10 cm a step, a hand is already around what would slide
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -70,11 +71,11 @@ class Events:
 
 
 def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence[str]) -> bool:
-    """Whether the moment of an event has come: half-way to the first stage, at the grasp, half-way to what follows."""
+    """Whether an event is due: on the way to the first stage, at the grasp, half-way to what follows."""
     if event.when == "start":
         return steps >= START * hz
     grasp = next((number for number, name in enumerate(stages, 1) if name.startswith("grasp")), 1)
-    reached = {"approach": 0.5, "grasp": grasp, "carry": grasp + 0.5}[event.when]
+    reached = {"approach": NEARING, "grasp": grasp, "carry": grasp + 0.5}[event.when]
     return progress * len(stages) >= reached - 1e-6  # traces are kept in single precision
 
 
