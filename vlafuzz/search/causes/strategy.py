@@ -224,7 +224,9 @@ class Causes:
         few = self._asked // SHARE + 1
         if self._background.failures or not self._has_reference:
             few = min(NOMINAL, (self._budget or NOMINAL * OFTEN) // OFTEN)
-        soon = PASSED if self._budget and self._budget < SHORT else SOON
+        soon = SOON
+        if self._budget:
+            soon = PASSED if self._budget < SHORT else min(SOON, self._budget // OFTEN)
         return min(NOMINAL, max(few, soon)) - 1
 
     def _learn_nominal(self, *, failed: bool) -> None:
