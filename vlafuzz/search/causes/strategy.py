@@ -28,9 +28,8 @@ HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
 REPEATS = 3  # of the first failures as they are: they show how often a fault makes the policy fail
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
-# Rollouts of the reference at most, and at first; more only of a policy that fails there. After four passes one that fails
-# in 30 % is often taken for one that never does: with 8 and 100 below, 1 of 40 lists of causeless failures is not empty,
-# with 4 and 50 four.
+# Rollouts of the reference at most, and at first; more only of a policy that fails there. With four, and with
+# 50 in place of CONFIRMED_ALONE, four of 40 lists of failures without a cause were not empty; with these, one.
 NOMINAL, SOON = 20, 8
 SHORT = 40  # proposals, of which two alone are spent on the reference at first
 SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
