@@ -277,5 +277,6 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
         found, view = listed(opened), view_of_store(opened)
     assert (found.causes[0].bucket, found.causes[0].failures, found.unexplained) == ("minimal", 4, 2)
     assert found.document()["causes"][0]["recovers"] == {"policy": None, "rollouts": 5, "solution": 4}
+    assert "goes on after the event: never (median of 5 rollouts; its solution in 4)" in found.causes[0].says
     says = "from the end of the event until the policy makes progress again"
     assert ("never (median of 5 rollouts; its solution in 4)", says) in view.causes[0].numbers

@@ -102,7 +102,7 @@ class ListedCause:
             f"{self.share} of random scenes" if self.share else "",
             f"explains {plural(self.failures, 'failure')}",
             f"{EVIDENCE[self.bucket]}{rate}{solved}",
-            f"goes on after the event in {self.recovers}" if self.recovers else "",
+            f"goes on after the event: {self.recovers}" if self.recovers else "",
             self.scene[:12] if self.scene else "",
         )
         return " · ".join(filter(None, parts))
