@@ -14,7 +14,8 @@ from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = ("same", "first", "second", "third")  # of confounders, from 1
 START = 1.0  # seconds after which what happens at the start does
-NEARING = 0.2  # of the way to the first stage; half-way, at 10 cm a step, a hand is already around what would slide
+NEARING = 0.2  # of the way to the grasp; half-way, at 10 cm a step, a hand is already around what would slide
+NEAR = 0.5  # of the way to a stage before that, as in LIBERO: at 20 cm, where the hand starts at 23 to 31 cm
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -75,7 +76,7 @@ def _is_due(event: Event, steps: int, progress: float, hz: int, stages: Sequence
     if event.when == "start":
         return steps >= START * hz
     grasp = next((number for number, name in enumerate(stages, 1) if name.startswith("grasp")), 1)
-    reached = {"approach": NEARING, "grasp": grasp, "carry": grasp + 0.5}[event.when]
+    reached = {"approach": NEARING if grasp == 1 else NEAR, "grasp": grasp, "carry": grasp + 0.5}[event.when]
     return progress * len(stages) >= reached - 1e-6  # traces are kept in single precision
 
 

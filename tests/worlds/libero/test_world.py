@@ -24,6 +24,7 @@ from vlafuzz.policies.clients.vla_eval import DeclaredModel, Hello, ObservationP
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import begins
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.evaluator import Workplace
@@ -232,6 +233,14 @@ class TestEvaluator:
         gripper = solved.rollouts[0].actions[:, 6]
         assert solved.verdict is Verdict.PASSED
         assert np.count_nonzero(np.diff(gripper) < 0) == 1
+
+    def test_what_happens_at_the_approach_happens_in_mid_episode_at_20_cm(self, soup, varied):
+        scene = replace(varied.nominal(), light_switch=LightSwitch("approach", 0.5))
+        (outcome,) = soup.evaluate([scene])
+        trace, stages = outcome.rollouts[0].trace, outcome.rollouts[0].reached
+        step = begins(scene.light_switch, trace, stages)
+        assert step > 0
+        assert trace[step - 1] * len(stages) == pytest.approx(1 - 0.2 / 0.4, abs=0.1)  # of reach, 0 at 40 cm
 
     def test_holding_still_solves_nothing_at_any_control_rate(self, varied):
         conditions = Conditions(task=SOUP, robot="libero")
