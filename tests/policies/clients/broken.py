@@ -61,7 +61,7 @@ class Bench(SceneEvaluator):
         return None
 
     def begin(self, scene: Any, seed: int) -> Judging:
-        about = {"success_once": False, "success_now": False}
+        about = {"success_once": False, "success_now": False, "stages": ()}
         monitor = SimpleNamespace(reached=[], progress=0.0, trace=np.zeros(STEPS, np.float32), **about)
         return Judging(scene, seed, self._conditions, monitor, hz=5, horizon=STEPS)  # type: ignore[arg-type]
 
