@@ -280,10 +280,10 @@ class Causes:
         return int(np.count_nonzero(self._units.severity(self._units.deviations(levels[None])[0])))
 
     def _suspects(self, levels: Levels, *, inherited: bool = False) -> Suspects:
-        """What may be why a scene fails, by the scenes so far; ``inherited``: by a predecessor's cause alone."""
+        """Says what may make a scene fail, by the scenes so far; ``inherited``: by a predecessor's cause alone."""
         deviations = self._units.deviations(levels[None])[0]
         severity = self._units.severity(deviations)
-        units, by_chance = self._count(levels), self._background.by_chance
+        units, by_chance = np.count_nonzero(severity), self._background.by_chance
         if units <= TOGETHER:
             by_chance = self._background.by_chance_of(ALONE if units == 1 else SEVERE)
         if inherited:
