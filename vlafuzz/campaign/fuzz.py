@@ -274,7 +274,7 @@ class _Campaign:
                 self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
 
     def _tried(self, asked: _Asked) -> Proposal:
-        """What a strategy is told: no event explains a failure before it."""
+        """The proposal without the events that had not begun, as they explain no failure."""
         scene = came_about(asked.scene, asked.result)
         if scene is asked.scene or not isinstance(self.space, Space):
             return asked.proposal

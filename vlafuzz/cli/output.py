@@ -172,7 +172,7 @@ class Bar(Watch):
         self._bar.update(self._task, completed=done, description=description)
 
     def _line(self, description: str, more: str, spent: float) -> str:
-        """What is done, since when, and how long the rest will take at the same rate."""
+        """Says what is done, since when, and how long the rest will take at the same rate."""
         done, total, left = self._done, self._total, ""
         if total and self._first < done < total:
             seconds = spent * (total - done) / (done - self._first)

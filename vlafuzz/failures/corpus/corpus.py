@@ -72,7 +72,7 @@ class Control:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What the corpus took, and what the export left out.
+    """Says how many rollouts the corpus took, and what the export left out.
 
     Attributes:
         left_out: number of minimal findings that are not in the corpus, by reason.

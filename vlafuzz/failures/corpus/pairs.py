@@ -147,7 +147,7 @@ class Tally:
 
 @dataclass(frozen=True, kw_only=True)
 class Fixed:
-    """What became of scenes in which the baseline mostly fails.
+    """Counts what became of scenes in which the baseline mostly fails.
 
     These were selected by what the corpus's own policy does there, so nothing follows for scenes that nobody selected.
     But the rollouts of another policy had no part in it, and what they say about these is valid.

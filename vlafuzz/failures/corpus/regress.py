@@ -166,7 +166,7 @@ class Comparison:
 
     @property
     def changes(self) -> str:
-        """What is fixed, in one sentence; empty where no failing scene was judged."""
+        """Says in one sentence what is fixed; empty where no failing scene was judged."""
         found = self.fixed
         claim = "failures are fixed" if found.shown else "nothing is shown to be fixed"
         return f"{claim}: {found.changed} of {found.of} failing scenes fixed ({found})" if found.of else ""
