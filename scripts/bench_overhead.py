@@ -31,7 +31,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.search.toy import Region, Toy, near
 from vlafuzz.campaign import config, launch
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Tally
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.rollouts.setup import make_evaluator
@@ -132,7 +132,7 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
         )
         watch = Blocks(options.block)
         with Store.open(prepared.store, "write") as store:
-            summary = fuzz(
+            summary = Campaign(
                 manifest=prepared.manifest,
                 space=space,
                 strategy=prepared.strategy,
@@ -141,7 +141,7 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
                 patience=None,
                 alone=True,
                 watch=watch,
-            )
+            ).run()
         size = prepared.store.stat().st_size / 2**20
     return {
         "strategy": strategy,

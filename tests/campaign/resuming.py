@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import ClosedForm, Raising, TinySpace, manifest
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
@@ -62,7 +62,7 @@ class Moody(ClosedForm):
 def play(path: Path, *, resume: int | None = None, about=ABOUT, **parts) -> Summary:
     defaults = {"strategy": Climber(), "executor": LocalExecutor(Moody()), "patience": None}
     with Store.open(path, "write") as store:
-        return fuzz(manifest=about, space=SPACE, store=store, resume=resume, **defaults | parts)
+        return Campaign(manifest=about, space=SPACE, store=store, resume=resume, **defaults | parts).run()
 
 
 class Cut(Raising, Moody):

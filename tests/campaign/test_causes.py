@@ -12,7 +12,7 @@ from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
 from vlafuzz.campaign import causes as keeping
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor
@@ -45,7 +45,7 @@ def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int |
     """The causes of a run of 100 rollouts, and its last tally."""
     tallies = []
     with Store.open(path, "write") as store:
-        fuzz(
+        Campaign(
             manifest=manifest(strategy="causes", budget=100, batch=4),
             space=space,
             strategy=strategy or strategy_factory("causes")(space, 0, 100),
@@ -53,7 +53,7 @@ def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int |
             store=store,
             resume=resume,
             watch=lambda tally: tallies.append(tally) or watch(tally),
-        )
+        ).run()
         return store.causes(1), tallies[-1]
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.campaign.resuming import SPACE
 from tests.doubles import Always, Backwards, ClosedForm, Gone, Raising, Scripted, failed, manifest, passed, scene
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -26,7 +26,7 @@ def store(tmp_path: Path):
 def run(store: Store, **changes) -> Summary:
     about = manifest(**{name: changes.pop(name) for name in list(changes) if name in ("budget", "batch", "repeats")})
     parts = {"space": SPACE, "strategy": Random(SPACE, 0), "executor": LocalExecutor(ClosedForm(about.repeats))}
-    return fuzz(manifest=about, store=store, **(parts | changes))
+    return Campaign(manifest=about, store=store, **(parts | changes)).run()
 
 
 def scenes_of(store: Store, summary: Summary) -> list[tuple[str, Verdict]]:

@@ -9,7 +9,7 @@ from tests.doubles import manifest
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.like import causes_like
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.rollouts.executor import LocalExecutor
@@ -25,13 +25,13 @@ def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The store of a run that found causes."""
     path = tmp_path_factory.mktemp("old") / "old.db"
     with Store.open(path, "write") as store:
-        fuzz(
+        Campaign(
             manifest=replace(manifest(strategy="causes", budget=100, batch=4), **SPACE.conditions),
             space=SPACE,
             strategy=Causes(SPACE, 0, 100),
             executor=LocalExecutor(PlantedEvaluator(FAULTS)),
             store=store,
-        )
+        ).run()
     return path
 
 

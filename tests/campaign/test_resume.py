@@ -15,7 +15,7 @@ from tests.doubles import STAGES, Backwards, ClosedForm, Raising, Scripted, mani
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError
 from vlafuzz.model.outcome import Outcome
-from vlafuzz.rollouts.executor import LocalExecutor, Until
+from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store
 
@@ -47,7 +47,7 @@ def test_a_run_whose_time_is_over_says_so_and_is_gone_on_with(tmp_path: Path):
 
     whole, parted = tmp_path / "whole.db", tmp_path / "parted.db"
     expected = play(whole)
-    first = play(parted, executor=Until(LocalExecutor(Moody()), Impatient()))
+    first = play(parted, deadline=Impatient())
     assert 0 < first.proposals < expected.proposals
     assert first.stopped == "its time is over; with --resume it goes on"
     assert timeless(play(parted, resume=1), whole) == timeless(expected, whole)

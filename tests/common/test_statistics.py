@@ -12,7 +12,6 @@ from vlafuzz.common.statistics import (
     Share,
     SignedRank,
     holm,
-    mean_difference,
     mean_estimate,
     mean_ratio,
     newcombe,
@@ -65,7 +64,6 @@ def test_a_ratio_needs_something_to_divide_by():
     assert mean_ratio([2, 4], [1, 2]).value == 2.0
     assert mean_ratio([1, 2], [0, 0]) is None
     assert mean_ratio([math.inf, 1], [1, 1]) is None
-    assert mean_difference([math.inf, 1], [math.inf, 1]) is None
 
 
 def test_the_interval_of_a_ratio_ignores_how_much_seeds_differ():
@@ -87,13 +85,6 @@ def test_the_interval_of_a_ratio_by_hand():
     half = 4.302653 * 2 * logs.std(ddof=1) / math.sqrt(3)
     known = mean_ratio([3, 6, 8], [5, 4, 3])
     assert (known.low, known.high) == pytest.approx((17 / 12 * math.exp(-half), 17 / 12 * math.exp(half)))
-
-
-def test_the_interval_of_a_difference_is_that_of_a_paired_t_test():
-    ours, theirs = [12, 15, 9, 22], [10, 14, 9, 15]
-    known = mean_difference(ours, theirs)
-    assert known.value == 2.5
-    assert (known.low, known.high) == pytest.approx(stats.ttest_rel(ours, theirs).confidence_interval())
 
 
 def test_an_estimate_in_words():

@@ -7,7 +7,7 @@ import pytest
 
 from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, manifest, passed
 from tests.failures.triage.planted import WITH_EXTRAS
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.failures.events import Recovery, came_about, failed_before, recovery_of
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Scene, Slide
@@ -91,7 +91,7 @@ def test_a_run_counts_failures_before_events_and_tells_its_strategy_of_no_event_
     scenes = [SLID, replace(SLID, target_slide=Slide("approach", 0.03)), WITH_EXTRAS.nominal()]
     strategy = Hearing([WITH_EXTRAS.encode(scene) for scene in scenes])
     executor = LocalExecutor(Judge())
-    summary = fuzz(manifest=MANIFEST, space=WITH_EXTRAS, strategy=strategy, executor=executor, store=store)
+    summary = Campaign(manifest=MANIFEST, space=WITH_EXTRAS, strategy=strategy, executor=executor, store=store).run()
     assert (summary.findings, summary.before_event) == (2, 1)
     assert strategy.scenes == [replace(SLID, target_slide=Slide()), scenes[1], scenes[2]]
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.doubles import manifest
 from tests.search.worlds import space, toy
-from vlafuzz.campaign.fuzz import fuzz
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Proposal, said_by
@@ -20,13 +20,13 @@ from vlafuzz.store.store import Store
 def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
     strategy = strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60)
     with Store.open(tmp_path / "own.db", "write") as store:
-        summary = fuzz(
+        summary = Campaign(
             manifest=manifest(strategy="python:tests.doubles:make_random_again", budget=60),
             space=space(),
             strategy=strategy,
             executor=LocalExecutor(toy(share=0.1)),
             store=store,
-        )
+        ).run()
     assert (summary.rollouts, summary.proposals) == (60, 60)
     assert summary.findings > 0
 

@@ -1,4 +1,4 @@
-"""fuzz: the one place where strategy, space, executor and store meet. It imports no simulator."""
+"""Campaign: the one place where strategy, space, executor and store meet. It imports no simulator."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
-from vlafuzz.common.deadline import TimeOverError
+from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.failures.events import came_about
 from vlafuzz.model.outcome import Outcome, Verdict
@@ -33,64 +33,6 @@ class Proposed(Measure, Protocol):
     """The scenes that a strategy proposes, by their genomes."""
 
     def decode(self, genome: Genome) -> Scene: ...
-
-
-def fuzz(
-    *,
-    manifest: Manifest,
-    space: Proposed,
-    strategy: Strategy,
-    executor: Executor,
-    store: Store,
-    patience: int | None = PATIENCE,
-    resume: int | None = None,
-    alone: bool = False,
-    watch: Callable[[Tally], None] = lambda tally: None,
-) -> Summary:
-    """Run a strategy against a policy until the budget of rollouts is spent, or nothing is left to roll out.
-
-    At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed gives the same
-    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial; the last errors
-    are tried again on resuming.
-
-    Args:
-        patience: proposals in a row without a rollout after which the run stops; None for never.
-        resume: a run that ended early; a new strategy is told its trials again.
-        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
-        watch: called after every new trial, and once after the stored trials.
-
-    Raises:
-        StoreError: the store cannot be written, or the strategy is not that of the run that is resumed.
-        PolicyError: the policy no longer answers; the run can be resumed.
-    """
-    run, before = (store.begin(manifest), Spent(0.0)) if resume is None else (resume, store.reopen(resume))
-    tally = Tally(run, manifest, before)
-    past, own = Past(store, run), run if alone else None
-    campaign = _Campaign(
-        tally=tally,
-        past=past,
-        space=space,
-        strategy=strategy,
-        executor=executor,
-        store=store,
-        own=own,
-        watch=keeping_causes(watch, strategy, space, store),
-        patience=patience,
-    )
-    status: Status = "failed"
-    try:
-        campaign.loop()
-        status = "stopped" if tally.stopped else "finished"
-    except TimeOverError:
-        status, tally.stopped = "interrupted", tally.stopped or TIME_OVER
-    except (KeyboardInterrupt, PolicyError):
-        status = "interrupted"
-        raise
-    finally:
-        store.finish(run, status, *tally.spent)
-        if looks_for_causes(strategy) and not past.left:
-            store.keep_causes(run, attribution(strategy, space, store, run))
-    return tally.summary(str(store.path))
 
 
 class Past:
@@ -162,25 +104,67 @@ class _Asked:
 
 
 @dataclass(kw_only=True)
-class _Campaign:
-    tally: Tally
-    past: Past
+class Campaign:
+    """A strategy against a policy, until the budget of rollouts is spent, or nothing is left to roll out.
+
+    At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed gives the same
+    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial; the last errors
+    are tried again on resuming.
+
+    Args:
+        patience: proposals in a row without a rollout after which the run stops; None for never.
+        resume: a run that ended early; a new strategy is told its trials again.
+        alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
+        deadline: after which no scene is begun; the run can be resumed.
+        watch: called after every new trial, and once after the stored trials.
+    """
+
+    manifest: Manifest
     space: Proposed
     strategy: Strategy
     executor: Executor
     store: Store
-    own: int | None  # the only run whose outcomes are reused
-    watch: Callable[[Tally], None]
-    patience: int | None
-    awaited: deque[_Asked] = field(default_factory=deque)  # in the order asked
-    todo: deque[_Asked] = field(default_factory=deque)
-    running: dict[int, _Asked] = field(default_factory=dict)
-    told: int = 0  # rollouts of which the strategy knows
-    in_a_row: int = 0  # errors
+    patience: int | None = PATIENCE
+    resume: int | None = None
+    alone: bool = False
+    deadline: Deadline = field(default_factory=Deadline)
+    watch: Callable[[Tally], None] = lambda tally: None
 
-    def loop(self) -> None:
+    def run(self) -> Summary:
+        """Begin the run in the store, or resume one there, and go on to its end.
+
+        Raises:
+            StoreError: the store cannot be written, or the strategy is not that of the run that is resumed.
+            PolicyError: the policy no longer answers; the run can be resumed.
+        """
+        store, strategy = self.store, self.strategy
+        run = store.begin(self.manifest) if self.resume is None else self.resume
+        before = Spent(0.0) if self.resume is None else store.reopen(run)
+        self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
+        self._follow = keeping_causes(self.watch, strategy, self.space, store)
+        self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
+        self._running = dict[int, _Asked]()
+        self._told = self._errors = 0  # rollouts of which the strategy knows; errors in a row
+        status: Status = "failed"
+        try:
+            self._loop()
+            status = "stopped" if self.tally.stopped else "finished"
+        except TimeOverError:
+            status, self.tally.stopped = "interrupted", self.tally.stopped or TIME_OVER
+        except (KeyboardInterrupt, PolicyError):
+            status = "interrupted"
+            raise
+        finally:
+            store.finish(run, status, *self.tally.spent)
+            if looks_for_causes(strategy) and not self.past.left:
+                store.keep_causes(run, attribution(strategy, self.space, store, run))
+        return self.tally.summary(str(store.path))
+
+    def _loop(self) -> None:
         for number, outcomes in self.executor.run(self._scenes()):
-            self._take(self.running.pop(number), outcomes[0])
+            self._take(self._running.pop(number), outcomes[0])
+        if self._todo:
+            raise TimeOverError
         self.past.check_empty()
 
     def _scenes(self) -> Iterator[tuple[int, list[Scene]] | None]:
@@ -189,13 +173,15 @@ class _Campaign:
             self._ask()
             while self._tell():  # one group at a time, so that what is asked when is always the same
                 self._ask()
-            if self.todo:
-                asked = self.todo.popleft()
-                self.running[asked.proposal.id] = asked
+            if self._todo and self.deadline.passed:
+                return
+            if self._todo:
+                asked = self._todo.popleft()
+                self._running[asked.proposal.id] = asked
                 yield asked.proposal.id, [asked.scene]
-            elif self.running:
+            elif self._running:
                 yield None
-            elif not self.awaited:
+            elif not self._awaited:
                 return
 
     def _ask(self) -> None:
@@ -203,7 +189,7 @@ class _Campaign:
             with self.tally.search:
                 proposals = self.strategy.ask(room)
             if len(proposals) > room:  # a user's own strategy may, but the budget holds
-                name = self.tally.manifest.strategy
+                name = self.manifest.strategy
                 problem = f"strategy {name!r}: asked for {room} proposals, got {len(proposals)}"
                 raise UsageError(problem, hint="give at most as many")
             if not proposals:
@@ -212,10 +198,10 @@ class _Campaign:
 
     def _room(self) -> int:
         """The number of proposals to ask for now."""
-        manifest, awaited = self.tally.manifest, len(self.awaited)
+        manifest, awaited = self.manifest, len(self._awaited)
         if self.tally.stopped or (awaited and not overlaps(self.strategy)):
             return 0
-        affordable = (manifest.budget - self.told) // manifest.repeats - awaited
+        affordable = (manifest.budget - self._told) // manifest.repeats - awaited
         room = min(manifest.batch - awaited, affordable)
         return min(room, 1) if overlaps(self.strategy) else room
 
@@ -223,19 +209,20 @@ class _Campaign:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""
         scenes = [self.space.decode(proposal.genome) for proposal in proposals]
         past = self._recall(proposals, scenes)
-        by_scene = {asked.scene.digest: asked for asked in self.awaited if asked.same is None}
+        by_scene = {asked.scene.digest: asked for asked in self._awaited if asked.same is None}
         for index, (proposal, scene) in enumerate(zip(proposals, scenes, strict=True)):
             asked = _Asked(proposal, scene, same=by_scene.get(scene.digest))
-            self.awaited.append(asked)
+            self._awaited.append(asked)
             if (trial := past.get(index)) is not None:
                 asked.outcome, asked.duplicate = trial.outcome, trial.duplicate
                 asked.kept, asked.same = True, None
             elif asked.same is None:
+                own = self.tally.run if self.alone else None
                 with self.tally.store:
-                    asked.outcome = self.store.known(scene, self.tally.manifest.key(), self.own)
+                    asked.outcome = self.store.known(scene, self.manifest.key(), own)
                 asked.duplicate = asked.outcome is not None
                 if asked.outcome is None:
-                    self.todo.append(asked)
+                    self._todo.append(asked)
             by_scene.setdefault(scene.digest, asked)
 
     def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
@@ -245,16 +232,16 @@ class _Campaign:
         for trial in past.values():
             self.tally.count(trial)
         if past and not self.past.left:
-            self.watch(self.tally)
+            self._follow(self.tally)
         return past
 
     def _tell(self) -> bool:
         """Tell the strategy about what it proposed first, if that is settled; whether it is."""
-        group = list(islice(self.awaited, 1 if overlaps(self.strategy) else None))
+        group = list(islice(self._awaited, 1 if overlaps(self.strategy) else None))
         if not group or not all(asked.settled for asked in group):
             return False
         for asked in group:
-            self.awaited.popleft()
+            self._awaited.popleft()
             if not asked.kept:
                 asked.duplicate = True
                 self._keep(asked)
@@ -263,7 +250,7 @@ class _Campaign:
 
     def _learn(self, group: Sequence[_Asked]) -> None:
         scenes, outcomes = [asked.scene for asked in group], [asked.result for asked in group]
-        self.told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
+        self._told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
         if not self.tally.stopped:
             self.tally.judge(scenes, outcomes, self.patience)
         scores = [score(*pair, self.space) for pair in zip(scenes, outcomes, strict=True)]
@@ -290,13 +277,13 @@ class _Campaign:
         asked.outcome = outcome
         self._keep(asked)
         if outcome.verdict is Verdict.ERROR:
-            self.in_a_row += 1
+            self._errors += 1
         elif outcome.judged:  # in an unfair scene the policy was not asked
-            self.in_a_row = 0
-        if self.in_a_row == GONE and outcome.unanswered:
+            self._errors = 0
+        if self._errors == GONE and outcome.unanswered:
             problem = f"{GONE} scenes in a row had no answer: {outcome.detail}"
             raise PolicyError(problem, hint="repeat the command once the policy answers", cause="connect")
-        if self.in_a_row >= GONE and self.patience is not None:
+        if self._errors >= GONE and self.patience is not None:
             self.tally.stopped = f"{GONE} scenes in a row ended in an error, the last: {outcome.detail}"
             raise TimeOverError
 
@@ -317,4 +304,4 @@ class _Campaign:
         with self.tally.store:
             self.store.add(self.tally.run, trial)
         self.tally.count(trial)
-        self.watch(self.tally)
+        self._follow(self.tally)

@@ -4,11 +4,11 @@ from collections.abc import Callable
 from contextlib import closing
 from functools import partial
 
-from vlafuzz.campaign import fuzz as campaign
 from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import Deadline
-from vlafuzz.rollouts.executor import Executor, Until
+from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.registry import executor_at
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.store import Store
@@ -20,14 +20,20 @@ def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None 
     """Run a plan; after the deadline no scene is begun, and the run can be resumed."""
     # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
     with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
-        return fuzz(plan, store, Until(executor, deadline) if deadline else executor, watch)
+        return fuzz(plan, store, executor, watch, deadline=deadline)
 
 
 def fuzz(
-    plan: Plan, store: Store, executor: Executor, watch: Callable[[Tally], None], *, alone: bool = False
+    plan: Plan,
+    store: Store,
+    executor: Executor,
+    watch: Callable[[Tally], None],
+    *,
+    alone: bool = False,
+    deadline: Deadline | None = None,
 ) -> Summary:
-    """Run a plan in an open store with an existing executor; see ``campaign.fuzz``."""
-    return campaign.fuzz(
+    """Run a plan in an open store with an existing executor; see ``Campaign``."""
+    return Campaign(
         manifest=plan.manifest,
         space=plan.space,
         strategy=plan.strategy,
@@ -36,8 +42,9 @@ def fuzz(
         patience=plan.patience,
         resume=plan.resume,
         alone=alone,
+        deadline=deadline or Deadline(),
         watch=watch,
-    )
+    ).run()
 
 
 def make_executor(plan: Plan) -> Executor:

@@ -221,18 +221,6 @@ def mean_estimate(values: Sequence[float]) -> Estimate | None:
     return mean_ratio(values, [1.0] * len(values))
 
 
-def mean_difference(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | None:
-    """Mean difference of paired values, with Student's interval; None if it is not finite."""
-    if not np.isfinite([ours, theirs]).all():
-        return None
-    differences = np.subtract(ours, theirs)
-    value = float(differences.mean())
-    if np.ptp(differences) == 0:
-        return Estimate(value)
-    half = _half_width(differences)
-    return Estimate(value, value - half, value + half)
-
-
 def _half_width(values: NDArray[np.float64]) -> float:
     """Half the width of Student's 95 % interval of the mean."""
     from scipy.stats import t

@@ -4,7 +4,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import partial
 from itertools import count
 from operator import methodcaller
@@ -88,12 +87,6 @@ class _Desk:
         self._runner.close()
 
 
-@dataclass(eq=False)
-class _Request:
-    item: Item
-    future: Future[Any] = field(default_factory=Future)
-
-
 class SharedRunner:
     """A ``SceneRunner`` for threads, which leave all work with simulators to the thread that has the executor.
 
@@ -113,8 +106,8 @@ class SharedRunner:
     ) -> None:
         self.space, self.stages, self.deterministic, self.renderer = about
         self._run, self._at_once, self._here = run, at_once, here
-        self._inbox: SimpleQueue[_Request | None] = SimpleQueue()  # None: a thread is done
-        self._open: dict[int, _Request] = {}
+        self._inbox: SimpleQueue[tuple[Item, Future[Any]] | None] = SimpleQueue()  # None: a thread is done
+        self._open: dict[int, Future[Any]] = {}
 
     def each(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """See ``Each``. Where the caller stops, the executor does, too."""
@@ -126,7 +119,7 @@ class SharedRunner:
         try:
             with closing(self._run(self._batches(futures))) as rolled:
                 for tag, (result,) in rolled:
-                    self._open.pop(tag).future.set_result(result)
+                    self._open.pop(tag).set_result(result)
                     yield from _done(numbers)
             yield from _done(numbers)
         finally:
@@ -153,9 +146,9 @@ class SharedRunner:
         """Nothing: the owner of the executor closes it."""
 
     def _ask(self, item: Item) -> Future[Any]:
-        request = _Request(item)
-        self._inbox.put(request)
-        return request.future
+        future = Future[Any]()
+        self._inbox.put((item, future))
+        return future
 
     def _batches(self, futures: Sequence[Future[Any]]) -> Iterator[tuple[int, list[Item]] | None]:
         """What the threads ask for, until all of them are done."""
@@ -168,15 +161,16 @@ class SharedRunner:
                 continue
             if request is None:
                 continue
-            if self._here is None or isinstance(request.item, tuple):
+            item, future = request
+            if self._here is None or isinstance(item, tuple):
                 tag = next(tags)
-                self._open[tag] = request
-                yield tag, [request.item]
+                self._open[tag] = future
+                yield tag, [item]
                 continue
             try:
-                request.future.set_result(request.item(self._here))
+                future.set_result(item(self._here))
             except BaseException as error:
-                request.future.set_exception(error)
+                future.set_exception(error)
                 if not isinstance(error, Exception):  # an interruption ends all
                     raise
 
@@ -184,12 +178,12 @@ class SharedRunner:
         error = SimulatorError("the work was interrupted", hint="repeat the command to continue")
         for future in futures:
             future.cancel()
-        for request in self._open.values():
-            request.future.set_exception(error)
+        for asked in self._open.values():
+            asked.set_exception(error)
         self._open.clear()
         while not all(future.done() for future in futures):
-            if (asked := self._inbox.get()) is not None:
-                asked.future.set_exception(error)
+            if (request := self._inbox.get()) is not None:
+                request[1].set_exception(error)
 
 
 def _done(numbers: dict[Future[Any], int]) -> Iterator[tuple[int, Any]]:

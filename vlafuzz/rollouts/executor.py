@@ -1,10 +1,9 @@
-"""Executors evaluate scenes: the protocol, the one that works in this process, and one with a deadline."""
+"""Executors evaluate scenes: the protocol, and the one that works in this process."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
-from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.worlds.evaluator import Evaluator
@@ -40,31 +39,6 @@ class LocalExecutor:
 
     def close(self) -> None:
         self._evaluator.close()
-
-
-class Until:
-    """Leaves all to another executor until the deadline; what that has begun by then, it completes."""
-
-    def __init__(self, executor: Executor, deadline: Deadline) -> None:
-        self._executor, self._deadline = executor, deadline
-
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        """See ``Executor``; a TimeOverError after the last outcome if a batch was left out."""
-        left_out = False
-
-        def in_time() -> Iterator[tuple[int, Sequence[Any]] | None]:
-            nonlocal left_out
-            for batch in batches:
-                if batch is not None and (left_out := self._deadline.passed):
-                    return
-                yield batch
-
-        yield from self._executor.run(in_time())
-        if left_out:
-            raise TimeOverError
-
-    def close(self) -> None:
-        self._executor.close()
 
 
 def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Any]) -> list[Outcome]:

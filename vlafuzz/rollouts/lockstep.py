@@ -126,12 +126,7 @@ class _Batch:
     outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, eq=False)
-class _Job:
-    """A scene of a batch, by its index."""
-
-    batch: _Batch
-    index: int
+_Job = tuple[_Batch, int]  # a scene of a batch, by its index
 
 
 @dataclass(eq=False)
@@ -145,7 +140,8 @@ class _Lane:
     _evaluation: Evaluation = field(init=False)
 
     def begin(self, job: _Job) -> None:
-        scene = job.batch.scenes[job.index]
+        batch, index = job
+        scene = batch.scenes[index]
         seeded = scene if isinstance(scene, tuple) else (scene,)
         self.job, self._evaluation = job, self.evaluator.evaluation(*seeded)
         self.resume(None)
@@ -163,8 +159,8 @@ class _Lane:
         except Exception as error:  # a bug in the evaluator must not end a run of hours
             asked = broken(error)
         if isinstance(asked, Outcome):
-            self.job.batch.outcomes[self.job.index] = checked(asked)
-            self.job = None
+            batch, index = self.job
+            batch.outcomes[index], self.job = checked(asked), None
             self.policy.flush()
         else:
             self.asked = time.monotonic() + asked if isinstance(asked, float) else asked
@@ -207,4 +203,4 @@ class _Queue:
             return
         batch = _Batch(*pulled)
         self.open.append(batch)
-        self._jobs += [_Job(batch, index) for index in range(len(batch.scenes))]
+        self._jobs += [(batch, index) for index in range(len(batch.scenes))]

@@ -13,7 +13,7 @@ from vlafuzz.errors import PrerequisiteError, VlafuzzError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts import forks
 from vlafuzz.rollouts.executor import evaluate_safely
-from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, Lost, WorkerPool
+from vlafuzz.rollouts.worker_pool import TIMEOUT, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator
 
 
@@ -27,7 +27,7 @@ class ProcessExecutor(WorkerPool):
         make: creates a worker's evaluator, in the worker; picklable.
         timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
         memory: bytes that a worker may use; None for an equal share.
-        after, look: see ``WorkerPool``.
+        options: see ``WorkerPool``.
     """
 
     def __init__(
@@ -37,11 +37,10 @@ class ProcessExecutor(WorkerPool):
         *,
         timeout: float = TIMEOUT,
         memory: int | None = None,
-        after: Callable[[], None] = lambda: None,
-        look: float = LOOK,
+        **options: Any,
     ) -> None:
         limit = memory or share(workers)
-        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, after, look)
+        super().__init__(lambda: _started(make, timeout, limit), _wait, workers, **options)
 
 
 def share(workers: int) -> int:

@@ -16,7 +16,7 @@ from ray.exceptions import RayActorError, RayError
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.rollouts.processes import ProcessExecutor, share
-from vlafuzz.rollouts.worker_pool import LOOK, TIMEOUT, TRIES, Lost, WorkerPool
+from vlafuzz.rollouts.worker_pool import TIMEOUT, TRIES, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator
 
 REPLY = 5.0  # seconds for a cluster to accept a connection; ray itself tries for minutes
@@ -36,7 +36,7 @@ class RayExecutor(WorkerPool):
         actors, each taking one CPU of the cluster.
         address: ``auto`` or host:port of a cluster; None for a new ray instance on this machine. A connection that this
             process already has is used and left open.
-        timeout, memory, after, look: see ``ProcessExecutor``.
+        timeout, memory, options: see ``ProcessExecutor``.
     """
 
     def __init__(
@@ -47,11 +47,10 @@ class RayExecutor(WorkerPool):
         address: str | None = None,
         timeout: float = TIMEOUT,
         memory: int | None = None,
-        after: Callable[[], None] = lambda: None,
-        look: float = LOOK,
+        **options: Any,
     ) -> None:
         self._ours = _connect(address, workers)
-        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, after, look)
+        super().__init__(partial(_Actor, make, timeout, memory, workers), _wait, workers, **options)
         room = int(ray.cluster_resources().get("CPU", 0))
         if room < workers:
             self.close()

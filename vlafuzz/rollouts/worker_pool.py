@@ -69,8 +69,8 @@ class WorkerPool:
         start: Callable[[], Worker],
         wait: Callable[[Sequence[Any], float], None],
         workers: int,
-        after: Callable[[], None],
-        look: float,
+        after: Callable[[], None] = lambda: None,
+        look: float = LOOK,
     ) -> None:
         self._start, self._wait, self._count, self._after, self._look = start, wait, workers, after, look
         self._slots: list[_Slot] = []

@@ -94,9 +94,8 @@ class OneByOne(ABC):
             for number in range(first, self._asked)
         ]
 
-    @abstractmethod
-    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Learn from the scores."""
+    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:  # noqa: B027
+        """Learn from the scores; by default nothing."""
 
     @abstractmethod
     def _genome(self, number: int, rng: Rng) -> Genome:
@@ -107,9 +106,6 @@ class Random(OneByOne):
     """Draws scenes independently of earlier outcomes: VLATest's strategy."""
 
     outstanding = UNLIMITED
-
-    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Scores change nothing."""
 
     def _genome(self, number: int, rng: Rng) -> Genome:
         return self._space.encode(self._space.sample(rng))

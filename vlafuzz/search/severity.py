@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vlafuzz.search.base import Genome, Proposal
-from vlafuzz.search.proposals import OneByOne, Rng
-from vlafuzz.search.scoring import Score
+from vlafuzz.search.base import Genome
+from vlafuzz.search.proposals import UNLIMITED, OneByOne, Rng
 
 NAME = "severity"  # of the strategy
 _HALVES = np.linspace(0.0, 1.0, 201)  # candidates for the severity at which one half fails
@@ -29,10 +28,7 @@ def severity_of(number: int) -> float:
 class Severity(OneByOne):
     """Draws scenes of narrower ranges: how far they have to reach for the policy to fail in one half."""
 
-    outstanding = 64  # it learns nothing: as ``Random``
-
-    def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
-        """Scores change nothing."""
+    outstanding = UNLIMITED
 
     def _genome(self, number: int, rng: Rng) -> Genome:
         return self._space.encode(self._space.narrowed(severity_of(number)).sample(rng))

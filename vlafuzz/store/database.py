@@ -12,6 +12,7 @@ from urllib.parse import quote
 
 from pydantic import ValidationError
 
+from vlafuzz.common.files import closed_on_error
 from vlafuzz.common.reading import first_problem
 from vlafuzz.errors import StoreError, VlafuzzError
 from vlafuzz.store.migrations import STEPS, migrate, shape_at, shape_of
@@ -72,22 +73,13 @@ def connect_to_write(path: Path) -> sqlite3.Connection:
     if path.exists() and not os.access(path, os.W_OK):  # SQLite would open it, and fail at the first write
         raise _problem(path, "SQLITE_READONLY")
     connection = sqlite3.connect(path, timeout=BUSY, isolation_level=None)
-    with _closed_on_errors(connection):
+    with closed_on_error(connection):
         _check(path, connection, new_allowed=True)
         connection.execute("PRAGMA journal_mode = WAL")
         connection.execute("PRAGMA synchronous = FULL")  # what `add` acknowledged survives a power cut, too
         connection.execute("PRAGMA foreign_keys = ON")
         migrate(connection, APPLICATION_ID)
     return connection
-
-
-@contextmanager
-def _closed_on_errors(connection: sqlite3.Connection) -> Iterator[None]:
-    try:
-        yield
-    except BaseException:
-        connection.close()
-        raise
 
 
 def gather(connection: sqlite3.Connection) -> None:
@@ -112,7 +104,7 @@ def connect_to_read(path: Path) -> sqlite3.Connection:
     if not path.is_file():
         raise StoreError(f"{path}: no such store", hint="`vlafuzz run` writes one; check the path")
     connection = _reader(path)
-    with _closed_on_errors(connection):
+    with closed_on_error(connection):
         _check(path, connection, new_allowed=False)
     return connection
 
@@ -127,7 +119,7 @@ def _reader(path: Path) -> sqlite3.Connection:
     # Not "ro" where that can be avoided: it would leave SQLite's two files beside the store.
     connection = sqlite3.connect(uri + "rw", uri=True, timeout=BUSY, isolation_level=None)
     try:
-        with _closed_on_errors(connection):
+        with closed_on_error(connection):
             connection.execute("PRAGMA query_only = ON")
             _pragma(connection, "user_version")
     except sqlite3.OperationalError:

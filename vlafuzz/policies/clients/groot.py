@@ -7,6 +7,7 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel
 
 from vlafuzz.common.arrays import Array
+from vlafuzz.common.files import closed_on_error
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
@@ -97,7 +98,7 @@ class Groot:
         start_it = "start it first: python gr00t/eval/run_gr00t_server.py …"
         with needed(self._name, "msgpack", "zmq"), wire.required("GR00T", start_it):
             self._modalities = self._get_modalities()
-        with wire.closed_on_error(self):
+        with closed_on_error(self):
             self._check_keys()
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -124,7 +125,7 @@ class Groot:
 
     def _get_modalities(self) -> Modalities:
         declared = self._ask("get_modality_config")
-        with wire.closed_on_error(self), wire.read(f"{self._url}: its modality config"):
+        with closed_on_error(self), wire.read(f"{self._url}: its modality config"):
             return Modalities.model_validate(declared)
 
     def _keys(self) -> dict[str, tuple[str, ...]]:
@@ -191,7 +192,7 @@ class Groot:
 
     def _attempt(self, message: object) -> Any:
         """One request; the connection is opened when there is none, and closed when it breaks."""
-        with wire.closed_on_error(self):
+        with closed_on_error(self):
             if self._connection is None:
                 self._connection = ZmqConnection(self._url, self._options.timeout)
             frame = self._connection.ask(pack_groot(message))

@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 from vlafuzz.common.arrays import Array
+from vlafuzz.common.files import closed_on_error
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients import wire
@@ -108,7 +109,7 @@ class Sessions(ABC):
 
     def _open(self, start: EpisodeStart | None = None) -> Session:
         session = Session(self.connection(self._url, self._options.timeout), start)
-        with wire.closed_on_error(session.connection):
+        with closed_on_error(session.connection):
             session.greeting = self._greet(session)
         return session
 

@@ -63,16 +63,6 @@ def required(protocol: str, start: str) -> Iterator[None]:
         raise PrerequisiteError(f"no {protocol} server: {error.message}", hint=error.hint or start) from None
 
 
-@contextmanager
-def closed_on_error(connection: Any) -> Iterator[None]:
-    """Close the connection when the block raises, which prepares it."""
-    try:
-        yield
-    except BaseException:
-        connection.close()
-        raise
-
-
 def with_retries(attempt: Callable[[], T]) -> T:
     """The result of ``attempt``, which is repeated up to twice when it cannot connect.
 
