@@ -224,9 +224,9 @@ class GripWeak(Event):
 
 @dataclass(frozen=True)
 class InstructionChange(Event):
-    """The instruction names another thing than the first target from then on: a confounder, by its number."""
+    """The instruction names another thing than the first target from then on, a confounder; or it is ``STOP``."""
 
-    to: Literal["same", "first", "second", "third"] = "same"
+    to: Literal["same", "first", "second", "third", "stop"] = "same"
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,8 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
-NUMBERS = ("same", "first", "second", "third")  # of confounders, from 1
+NUMBERS = {"first": 1, "second": 2, "third": 3}  # of confounders, where the instruction names them
+STOP = "stop"  # what is said where the task is cancelled
 START = 1.0  # seconds after which what happens at the start does
 NEARING = 0.2  # of the way to the grasp; half-way, at 10 cm a step, a hand is already around what would slide
 NEAR = 0.5  # of the way to a stage before that, as in LIBERO: at 20 cm, where the hand starts at 23 to 31 cm
@@ -95,8 +96,11 @@ def begins(event: Event, trace: NDArray[np.float32], stages: Sequence[str], hz: 
 def recovery(scene: Scene, trace: NDArray[np.float32], stages: Sequence[str], hz: int) -> int | None:
     """Control steps from the end of a scene's last event until there is more progress than ever before it.
 
-    More progress is a further stage, or the hand nearer to what it is after. None if no event began, or there was none.
+    More progress is a further stage, or the hand nearer to what it is after. None if no event began, there was none, or
+    the task is cancelled.
     """
+    if scene.instruction_change.to == STOP:
+        return None
     begun = ((begins(event, trace, stages, hz), event) for event in scene.events.values())
     ends = [(step + _lasts(event, hz), step) for step, event in begun if step is not None]
     end, step = max(ends, default=(len(trace), 0))
@@ -126,7 +130,7 @@ def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
         targets[slot] = replace(targets[slot], x=targets[slot].x + x, y=targets[slot].y + y)
     if scene.target_topple.rest != "same":
         targets[0] = replace(targets[0], rest=scene.target_topple.rest)
-    if number := NUMBERS.index(scene.instruction_change.to):
+    if number := NUMBERS.get(scene.instruction_change.to):
         targets[0], things[number - 1] = things[number - 1], targets[0]
     return replace(
         scene,

@@ -164,7 +164,7 @@ EVENT_KINDS = (
     _event("grip-slip", "for how long the fingers open by themselves", "the fingers open"),
     _event("target-topple", "whether the target falls over in mid-episode", "the target falls over"),
     _event("grip-weak", "a factor on the fingers' force in mid-episode", "the grip weakens"),
-    _event("instruction-change", "which thing is the target in mid-episode", "the instruction names another thing"),
+    _event("instruction-change", "what the instruction says from mid-episode on", "the instruction changes"),
 )
 EXTRA_KINDS: tuple[type[Extra], ...] = (
     _of_part(Extra, "backdrop", "what table and wall look like"),

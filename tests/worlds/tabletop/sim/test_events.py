@@ -120,6 +120,30 @@ def test_an_instruction_changes_for_the_policy_and_for_what_counts_as_success(ex
     assert (deaf.verdict, deaf.lost_stage) == (Verdict.FAILED, "grasp")
 
 
+STOPPED = InstructionChange("grasp", "stop")
+
+
+def test_whoever_is_told_to_stop_passes_by_standing_still_and_fails_by_going_on_or_letting_go(expert_on):
+    usual = nominal("put-on")
+    scene = replace(usual, instruction_change=STOPPED)
+    solved, unaware = expert_on("put-on").evaluate([scene, usual])
+    done = solved.rollouts[0]
+    assert (solved.verdict, unaware.verdict) == (Verdict.PASSED, Verdict.PASSED)
+    still = np.flatnonzero((done.actions[:, :6] == 0).all(axis=1))
+    assert list(still) == list(range(still[0], len(done.actions)))  # from the word on
+    assert (done.recovery, done.success_at_end) == (None, True)
+
+    def let_go(seen, inner):
+        return [ActionChunk(STILL[None] if seen.step > still[0] + SECOND else inner)]
+
+    gone_on, again, dropped = (
+        evaluate(policy, scene)[0]
+        for policy in (repeating(unaware.rollouts[0].actions), repeating(done.actions), Meddled(let_go))
+    )
+    assert [one.verdict for one in (gone_on, again, dropped)] == [Verdict.FAILED, Verdict.PASSED, Verdict.FAILED]
+    assert gone_on.lost_stage == "success"
+
+
 def test_a_weak_grip_presses_less_from_then_on_and_as_usual_in_the_next_scene(env):
     closing = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
 
@@ -184,8 +208,13 @@ def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
             replace(nominal(), instruction_change=InstructionChange("start", "second")),
             "instruction-change: there is no second other thing",
         ),
+        (replace(nominal(), instruction_change=STOPPED), "instruction-change: pick-up may end as after 'stop'"),
+        (
+            replace(nominal("put-on"), instruction_change=STOPPED, grip_weak=GripWeak("start", 0.2)),
+            "instruction-change: after 'stop', another event would let something fall",
+        ),
     ],
-    ids=["off the table", "through a can", "out of the picture", "that cannot lie", "to nothing"],
+    ids=["off the table", "through a can", "out of the picture", "that cannot lie", "to nothing", "in hand", "to fall"],
 )
 def test_a_scene_is_only_fair_if_what_happens_in_it_is(scene, says):
     rejection = check_events(scene, CATALOGUE, 0.1, None)

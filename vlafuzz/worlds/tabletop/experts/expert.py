@@ -16,6 +16,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
+from vlafuzz.worlds.events import STOP
 from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
@@ -23,6 +24,7 @@ from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
 
+_STAND = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # with the gripper open
 Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
@@ -46,11 +48,12 @@ class Calibration:
 
 
 class Scripted(ABC):
-    """A policy that is a script, which acts in each rollout by itself."""
+    """A policy that is a script, which acts in each rollout by itself. Once told to stop, it stands still."""
 
     def __init__(self, spec: PolicySpec) -> None:
         self.spec = spec
         self._acting: dict[str, Acting] = {}
+        self._last: dict[str, Array] = {}
 
     @abstractmethod
     def begin(self, start: EpisodeStart) -> Acting:
@@ -58,10 +61,13 @@ class Scripted(ABC):
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for start in episodes:
-            self._acting[start.episode] = self.begin(start)
+            self._acting[start.episode], self._last[start.episode] = self.begin(start), _STAND
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._acting[seen.episode](seen)[None]) for seen in observations]
+        for seen in observations:
+            told, last = seen.instruction == STOP, self._last[seen.episode]
+            self._last[seen.episode] = last * _STAND if told else self._acting[seen.episode](seen)
+        return [ActionChunk(self._last[seen.episode][None]) for seen in observations]
 
     def close(self) -> None:
         self._acting.clear()

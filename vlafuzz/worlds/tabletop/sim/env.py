@@ -19,7 +19,7 @@ from vlafuzz.model import scene as kinds
 from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
-from vlafuzz.worlds.events import NUMBERS, Events, afterwards, turned
+from vlafuzz.worlds.events import NUMBERS, STOP, Events, afterwards, turned
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
@@ -111,7 +111,7 @@ class TabletopEnv(BaseEnv):
         start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
-        self._scene, self.instruction = scene, scene.instruction
+        self._scene, self._state, self.instruction = scene, start, scene.instruction
         self.view = camera_pose(self.rig.view, scene.camera)
         self.light, self.table_colour = scene.light.intensity, self._painter.paint(scene.backdrop)
         if self.scene.can_render():
@@ -136,10 +136,10 @@ class TabletopEnv(BaseEnv):
                 self._happen(event)
             slides = events.slides()
         command, relative_to = self._commands.exchange(action, relative_to)
-        state = self.world.step(events.executed(command), relative_to, slides)
-        self.monitor.observe(state)
+        self._state = self.world.step(events.executed(command), relative_to, slides)
+        self.monitor.observe(self._state)
         self._step += 1
-        return state
+        return self._state
 
     def _happen(self, event: Event) -> None:
         """What begins with an event, and stays."""
@@ -158,10 +158,13 @@ class TabletopEnv(BaseEnv):
             self.world.topple(place(model, fallen))
         elif isinstance(event, kinds.GripWeak):
             self.world.controller.grip(event.force)
+        elif isinstance(event, kinds.InstructionChange) and event.to == STOP:
+            self.instruction = STOP
+            self.monitor.stop(self._state, self.control_hz, self.rig.seconds * self.control_hz - self._step)
         elif isinstance(event, kinds.InstructionChange):
             self.models = models_of(afterwards(self._scene).placements, self.catalogue)
             self.instruction = say(load_wordings()[self.task.name][0], [model.spoken for model in self.models])
-            start = self.world.exchange(self.task.targets - 1 + NUMBERS.index(event.to))
+            start = self.world.exchange(self.task.targets - 1 + NUMBERS[event.to])
             self.monitor.begin_anew(self.models, start)
 
     def seen(self, camera: str) -> Picture:
