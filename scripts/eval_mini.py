@@ -3,8 +3,9 @@
 
 Sets: nominal (only targets vary), clutter (also 0 to 3 confounders), random (all default ranges), black (clutter, with
 black images), other (clutter, with an instruction that names another object on the table: success still means the
-scene's target), and mutations of nominal scenes that it passes: rerun (none), light, camera, confounders (4), wording
-(those not used in training). Seeds are below those of the demonstrations.
+scene's target), moved and disturbed (clutter, with events in mid-episode of the kinds in EVENTS), and mutations of
+nominal scenes that it passes: rerun (none), light, camera, confounders (4), wording (those not used in training). Seeds
+are below those of the demonstrations.
 """
 
 from __future__ import annotations
@@ -36,8 +37,13 @@ from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 SEEN_WORDINGS = 4  # see make_demos.py
 TARGETS = ("target-type", "target-position", "target-orientation")
 CLUTTER = (*TARGETS, "confounder-type", "confounder-position", "confounder-orientation", "confounder-count")
+# In mid-episode: recovery_mini.py demonstrates the first kinds, and never the others.
+EVENTS = {
+    "moved": ("target-slide", "goal-slide", "grip-slip"),
+    "disturbed": ("target-topple", "camera-bump", "light-switch", "picture-loss", "control-stall", "grip-weak"),
+}
 MUTATED = ("rerun", "light", "camera", "confounders", "wording")
-SETS = ("nominal", "clutter", "random", "black", "other", *MUTATED)
+SETS = ("nominal", "clutter", "random", "black", "other", *EVENTS, *MUTATED)
 CHUNK = 10  # scenes per job
 Row = tuple[str, str, bool, int, float]  # task, set, passed, steps, seconds
 
@@ -77,7 +83,9 @@ def draw(task: str, kind: str, seed: int) -> Scene:
         return space(task, TARGETS).sample(rng)
     if kind == "random":
         return space(task, None).sample(rng)
-    scene = space(task, CLUTTER).sample(rng)
+    scene = space(task, (*CLUTTER, *EVENTS.get(kind, ()))).sample(rng)
+    while kind in EVENTS and not scene.events:
+        scene = space(task, (*CLUTTER, *EVENTS[kind])).sample(rng)
     while kind == "other" and not scene.confounders:
         scene = space(task, CLUTTER).sample(rng)
     if kind == "other":
@@ -164,7 +172,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
     parser.add_argument("--weights", type=Path, default=SHIPPED, help="folder of weights and card")
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=list(TASKS))
-    parser.add_argument("--sets", nargs="+", default=list(SETS[:5]), choices=[*SETS[:5], "mutated"])
+    parser.add_argument("--sets", nargs="+", default=list(SETS[:5]), choices=[*SETS[:7], "mutated"])
     parser.add_argument("--scenes", type=int, default=200, help="per task and set")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, help="JSON file for the figures")

@@ -115,13 +115,14 @@ class Job:
     count: int
     seconds: float
     driver: Path | None
+    events: Sequence[str]
     out: Path
 
     def run(self) -> dict[str, Any]:
         os.environ.update({"OMP_NUM_THREADS": "1", "LP_NUM_THREADS": "0"})
         began = time.monotonic()
         operators = load_operators(str(Path(__file__).with_name("demos.yaml")))
-        space = SearchSpace(operators, load_catalogue(), self.task)
+        space = SearchSpace(operators.only([*operators.varied, *self.events]), load_catalogue(), self.task)
         steps: list[dict[str, Any]] = []
         tried = kept = 0
         demonstrator = Demonstrator(self.driver)
@@ -134,7 +135,11 @@ class Job:
             if time.monotonic() - began > self.seconds:
                 break
             evaluator.seed = seed
-            scene = worded(space.sample(np.random.default_rng([seed, *self.task.encode()])), space, seed)
+            rng = np.random.default_rng([seed, *self.task.encode()])
+            scene = space.sample(rng)
+            while self.events and not scene.events:
+                scene = space.sample(rng)
+            scene = worded(scene, space, seed)
             (outcome,) = evaluator.evaluate([scene])
             tried += outcome.verdict >= Verdict.PASSED
             if outcome.verdict is Verdict.PASSED and any(step["taught"] for step in demonstrator.steps):
@@ -160,6 +165,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=1e9, help="time limit per job")
     parser.add_argument("--first", type=int, default=0, help="number of the first episode")
     parser.add_argument("--driver", type=Path, help="folder of weights that drive the first steps")
+    parser.add_argument("--events", nargs="*", default=[], help="operators of which each scene has an event")
     parser.add_argument("--out", type=Path, required=True, help="folder")
     options = parser.parse_args()
     began = time.monotonic()
@@ -171,6 +177,7 @@ def main() -> None:
             count // workers,
             options.seconds,
             options.driver,
+            options.events,
             options.out,
         )
         for task, count, workers in zip(TASKS, options.episodes, options.workers, strict=True)
