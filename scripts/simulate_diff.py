@@ -61,7 +61,7 @@ def main() -> None:
             source=Path("simulated"),
             model=corpus.tested,
             runs=corpus.runs,
-            causes=dict.fromkeys(failing, ("the cause", "the cause")),
+            causes=dict.fromkeys(failing, "the cause"),
             probes=[Probe(scene, "failing", "the cause", 0, passed=False) for scene in failing],
         )
         for rate in RATES:

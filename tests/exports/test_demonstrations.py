@@ -15,7 +15,7 @@ from tests.exports.test_lerobot import LEROBOT, read_by_lerobot
 from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
-from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner, Solution
+from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner
 from vlafuzz.exports.selection import around, failures_of_store
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes
@@ -46,12 +46,12 @@ def failing(path: Path, manifest: Manifest, *scenes: Scene) -> Path:
     return stored(path, *trials, about=manifest)
 
 
-def solved(manifest: Manifest, scene: Scene) -> tuple[Solution, bool]:
-    """The expert's solution, and whether its actions, as they are written, solve the scene once more."""
+def solved(manifest: Manifest, scene: Scene) -> tuple[np.ndarray, bool]:
+    """The actions of the expert's solution as they are written, and whether they solve the scene once more."""
     runner = ExpertRunner(manifest)
     solution = runner.solve(scene)
-    assert isinstance(solution, Solution)
-    again = runner._played(scene, solution.actions, pictures=False)
+    assert isinstance(solution, np.ndarray)
+    again = runner._played(scene, solution, pictures=False)
     runner.close()
     return solution, again is not None
 
@@ -65,17 +65,17 @@ def solved(manifest: Manifest, scene: Scene) -> tuple[Solution, bool]:
 )
 def test_a_solution_is_written_as_the_policy_acts(options: str, most: float):
     solution, again = solved(of_policy(f"openpi:ws://gpu:8000?{options}"), CAN)
-    assert (solution.actions.shape[1], again) == (7, True)
-    assert 0.5 < np.abs(solution.actions).max() <= most
+    assert (solution.shape[1], again) == (7, True)
+    assert 0.5 < np.abs(solution).max() <= most
     opened = 0.0 if "close_01" in options else -1.0
-    assert (solution.actions[0, -1], solution.actions[-1, -1]) == (opened, 1.0)
+    assert (solution[0, -1], solution[-1, -1]) == (opened, 1.0)
 
 
 def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
     late = replace(CAN, latency=Latency(2))
     in_time, again = solved(tiny_pictures(relative_to="current"), late)
     assert again
-    assert np.array_equal(in_time.actions, solved(tiny_pictures(relative_to="current"), CAN)[0].actions)
+    assert np.array_equal(in_time, solved(tiny_pictures(relative_to="current"), CAN)[0])
 
 
 def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
@@ -83,7 +83,9 @@ def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
     with Store.open(path) as store:
         wanted = around(path, failures_of_store(store, None))
     found = Demonstrations().solved(wanted, 3, 3)
-    assert [each.solution.attempt for each in found] == [0, 1, 2]
+    assert [each.wanted.attempt for each in found] == [0, 1, 2]
+    of_one = Demonstrations().solved((each.wanted._replace(scene=CAN) for each in found), 3, 3)
+    assert len({each.actions.tobytes() for each in of_one}) == 3
     assert found[0].wanted.scene == CAN
     assert len({each.wanted.scene for each in found}) == 3
     x = [each.wanted.scene.targets[0].x for each in found]

@@ -4,6 +4,7 @@ import shutil
 import subprocess
 import tarfile
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get i
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> str:
     folder = tmp_path_factory.mktemp("page")
-    shown = filmed(view(store(folder / "a.db", triaged=3)), beside(MadeUpFilms()), 50, lambda *_: None)
+    shown = filmed(view(store(folder / "a.db", triaged=3)), partial(beside, MadeUpFilms()), 50, lambda *_: None)
     (folder / "page.html").write_text(render(shown), encoding="utf-8")
     return (folder / "page.html").as_uri()
 

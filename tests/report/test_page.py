@@ -1,6 +1,7 @@
 import json
 import re
 from dataclasses import replace
+from functools import partial
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -45,7 +46,7 @@ class Page(HTMLParser):
 
 def page_of(path: Path, films: bool = False) -> Page:
     shown = view(path)
-    return Page(render(filmed(shown, beside(MadeUpFilms()), 50, lambda *_: None) if films else shown))
+    return Page(render(filmed(shown, partial(beside, MadeUpFilms()), 50, lambda *_: None) if films else shown))
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +111,7 @@ def test_fifty_films_make_a_page_below_five_megabytes(tmp_path: Path):
         return replace(film, video=len(made.requests).to_bytes(2, "big") * 12_500, still=b"a" * 6_000)
 
     shown = view(store(tmp_path / "a.db", findings=25, triaged=0))
-    page = render(filmed(shown, beside(films), 50, lambda *_: None))
+    page = render(filmed(shown, partial(beside, films), 50, lambda *_: None))
     assert page.count("<video") == 100
     assert len(page.encode()) < 5e6
 

@@ -2,6 +2,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -210,7 +211,7 @@ def test_scenes_from_elsewhere_are_shown_as_well():
 
 def test_the_first_cards_are_filmed_run_by_run_beside_what_passes_and_what_solves(triaged: View):
     films, seen = MadeUpFilms(), []
-    shown = filmed(triaged, beside(films), 5, lambda done, of: seen.append((done, of)))
+    shown = filmed(triaged, partial(beside, films), 5, lambda done, of: seen.append((done, of)))
     assert [[shot.kind for shot in card.shots] for card in shown.cards] == [["passes", "fails", "solves"]] * 5 + [[]]
     assert shown.notes == ()
     seeds = [run.seed for run, _, _ in films.requests]
@@ -231,7 +232,7 @@ def test_where_nominal_fails_too_another_neighbour_is_shown(triaged: View):
     for neighbours in (card.neighbours, card.neighbours[:1]):
         shown = filmed(
             replace(triaged, causes=(replace(card, neighbours=neighbours),), failures=()),
-            beside(Failing(passing=1)),
+            partial(beside, Failing(passing=1)),
             1,
             lambda *_: None,
         )
@@ -245,10 +246,10 @@ def test_a_film_that_cannot_be_made_is_replaced_by_the_reason(triaged: View):
             fails = actions is None and scene != SPACE.nominal(like=scene)
             return "simulator: a wheel came off" if fails else super().__call__(run, scene, actions)
 
-    page = render(filmed(triaged, beside(Broken()), 1, lambda *_: None))
+    page = render(filmed(triaged, partial(beside, Broken()), 1, lambda *_: None))
     assert page.count("<p>No film: simulator: a wheel came off</p><figcaption>this</figcaption>") == 1
     assert page.count("<video") == 2
-    none = render(filmed(triaged, beside(lambda *_: "no device"), 1, lambda *_: None))
+    none = render(filmed(triaged, partial(beside, lambda *_: "no device"), 1, lambda *_: None))
     assert none.count("<p>No film: no device</p>") == 3
 
 
@@ -260,7 +261,7 @@ def test_a_scene_in_which_the_policy_sees_white_carries_its_grey_levels(triaged:
             film = super().__call__(run, scene, actions)
             return replace(film, greys=white if film.failed else white[::-1])
 
-    shown = filmed(triaged, beside(Dazzled()), 1, lambda *_: None)
+    shown = filmed(triaged, partial(beside, Dazzled()), 1, lambda *_: None)
     assert [card.picture for card in shown.cards[:2]] == ["white", "unknown"]
     page = render(shown)
     assert page.count("100% of its picture is white.") == 1
@@ -278,7 +279,7 @@ def test_a_failure_of_a_task_without_stages_names_none(triaged: View, monkeypatc
 
 
 def test_films_in_which_the_policy_passes_are_noted(triaged: View):
-    shown = filmed(triaged, beside(MadeUpFilms(passing=2)), 50, lambda done, of: None)
+    shown = filmed(triaged, partial(beside, MadeUpFilms(passing=2)), 50, lambda done, of: None)
     (note,) = shown.notes
     assert note.startswith("In 2 of 6 films the policy passes:")
 

@@ -120,7 +120,10 @@ def filled(config: RunConfig) -> Filled:
 
     Task and robot are by default those of the scenes of a file, which has a strategy of its own.
     """
-    scenes = _read_scene_file(config)
+    if config.scenes and config.scenes.is_file() and is_document(config.scenes):
+        hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
+        raise UsageError(f"{config.scenes}: not JSON lines", hint=hint)
+    scenes = load_scenes(config.scenes) if config.scenes else []
     wanted = config.task or (scenes[0].task if scenes else default_task())
     _check_scenes(config, scenes, "task", wanted)
     world = world_of(wanted)
@@ -159,22 +162,12 @@ def default_store(task: str, policy: str, seed: int) -> Path:
     return Path("runs") / (re.sub(r"[^\w.-]+", "-", f"{task}-{address}-{seed}") + ".db")
 
 
-def _read_scene_file(config: RunConfig) -> list[Scene]:
-    """The scenes of the file, if one is named."""
-    path = config.scenes
-    if path and path.is_file() and is_document(path):
-        hint = "for VLATest's files: `vlafuzz export FILE.json --out F.jsonl` writes some"
-        raise UsageError(f"{path}: not JSON lines", hint=hint)
-    return load_scenes(path) if path else []
-
-
 def _check_numbers(config: RunConfig) -> None:
-    if config.scenes and config.severity != 1:
-        problem = f"--severity {config.severity}: the scenes of --scenes are run as they are"
-        raise UsageError(problem, hint="leave one of the two out")
-    if config.scenes and config.vary:
-        problem = f"--vary {','.join(config.vary)}: the scenes of --scenes are run as they are"
-        raise UsageError(problem, hint="leave one of the two out")
+    ranges = {"severity": config.severity if config.severity != 1 else None, "vary": ",".join(config.vary) or None}
+    for flag, value in ranges.items():
+        if config.scenes and value is not None:
+            problem = f"--{flag} {value}: the scenes of --scenes are run as they are"
+            raise UsageError(problem, hint="leave one of the two out")
     check_number("repeats", config.repeats, 1, MOST)
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("batch", config.batch, 1, MOST)

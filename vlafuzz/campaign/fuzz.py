@@ -208,13 +208,18 @@ class Campaign:
     def _admit(self, proposals: Sequence[Proposal]) -> None:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""
         scenes = [self.space.decode(proposal.genome) for proposal in proposals]
-        past = self._recall(proposals, scenes)
+        with self.tally.store:
+            past = self.past.take(proposals, scenes)
+        for trial in past.values():
+            self.tally.count(trial)
+        if past and not self.past.left:
+            self._follow(self.tally)
         by_scene = {asked.scene.digest: asked for asked in self._awaited if asked.same is None}
         for index, (proposal, scene) in enumerate(zip(proposals, scenes, strict=True)):
             asked = _Asked(proposal, scene, same=by_scene.get(scene.digest))
             self._awaited.append(asked)
-            if (trial := past.get(index)) is not None:
-                asked.outcome, asked.duplicate = trial.outcome, trial.duplicate
+            if (known := past.get(index)) is not None:
+                asked.outcome, asked.duplicate = known.outcome, known.duplicate
                 asked.kept, asked.same = True, None
             elif asked.same is None:
                 own = self.tally.run if self.alone else None
@@ -224,16 +229,6 @@ class Campaign:
                 if asked.outcome is None:
                     self._todo.append(asked)
             by_scene.setdefault(scene.digest, asked)
-
-    def _recall(self, proposals: Sequence[Proposal], scenes: Sequence[Scene]) -> dict[int, Trial]:
-        """The stored trials of the proposals by index, which are counted."""
-        with self.tally.store:
-            past = self.past.take(proposals, scenes)
-        for trial in past.values():
-            self.tally.count(trial)
-        if past and not self.past.left:
-            self._follow(self.tally)
-        return past
 
     def _tell(self) -> bool:
         """Tell the strategy about what it proposed first, if that is settled; whether it is."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -151,7 +152,7 @@ def _write_difference(a: Path, b: Path, result: Difference, views: Sequence[View
     if videos and view.cards:
         in_b = {run.key(): b for run in second.runs}
         films = [RunFilms(a, policy, in_b) for policy in result.asked]
-        view = with_films(view, films, of_both((result.first, result.second), films), FILMED)
+        view = with_films(view, films, partial(of_both, (result.first, result.second), films), FILMED)
     write(out, view)
 
 

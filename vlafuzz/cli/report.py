@@ -132,7 +132,7 @@ def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     check_place(out)  # before minutes go by
     if videos and view.cards:
         films = RunFilms(source)
-        view = with_films(view, [films], beside(films), limit or FILMED)
+        view = with_films(view, [films], partial(beside, films), limit or FILMED)
     write(out, view)
 
 

@@ -32,13 +32,6 @@ UNSOLVED = "the expert does not solve it"
 UNPLAYED = "a replay of the expert's actions does not solve it"
 
 
-class Solution(NamedTuple):
-    """The attempt of this number solved the scene with these actions: ``(steps, n)`` as the policy writes them."""
-
-    attempt: int
-    actions: Actions
-
-
 class ExpertRunner:
     """Solves scenes as the policy of a run would have to, and records what it would see meanwhile."""
 
@@ -49,8 +42,8 @@ class ExpertRunner:
         self._solving: SceneEvaluator | None = None
         self._playing: dict[bool, tuple[SceneEvaluator, _Player]] = {}  # by whether there are pictures
 
-    def solve(self, scene: Scene, first: int = 0) -> Solution | str:
-        """The expert's solution, beginning with its ``first`` attempt; or why there is none.
+    def solve(self, scene: Scene, first: int = 0) -> Actions | str:
+        """The expert's solution, ``(steps, n)`` as the policy writes it, or why there is none; ``first``: attempt.
 
         It acts without latency, as it corrects itself at every step; a replay then has the scene's.
         """
@@ -66,7 +59,7 @@ class ExpertRunner:
             if outcome.verdict is Verdict.PASSED:
                 actions = np.stack(self._demonstrator.written)
                 if prompt == scene or self._played(scene, actions, pictures=False) is not None:
-                    return Solution(attempt, actions)
+                    return actions
         return UNSOLVED
 
     def record(self, scene: Scene, actions: Actions, finding: str = "") -> Packed | None:
@@ -131,7 +124,7 @@ class Solved(NamedTuple):
     """A scene, and the actions that solve it as the policy of its run would write them."""
 
     wanted: WantedScene
-    solution: Solution
+    actions: Actions
 
 
 @dataclass
@@ -154,7 +147,7 @@ class Demonstrations:
                 answers = dict(self._results(executor, missing, "scenes tried by the expert"))
                 for index, one in enumerate(missing):
                     answer = BROKEN if isinstance(answers[index], Outcome) else answers[index]
-                    if isinstance(answer, Solution):
+                    if isinstance(answer, np.ndarray):
                         solved.append(Solved(one, answer))
                     elif answer != UNFAIR or one.finding:  # random scenes are drawn until they are fair
                         self.left_out[answer] += 1
@@ -211,10 +204,10 @@ class _Teacher:
         for runner in self._runners.values():
             runner.close()
 
-    def _answer(self, item: WantedScene | Solved) -> Solution | str | Packed | None:
+    def _answer(self, item: WantedScene | Solved) -> Actions | str | Packed | None:
         if isinstance(item, Solved):
             wanted = item.wanted
-            return self._runner(wanted.run).record(wanted.scene, item.solution.actions, wanted.finding)
+            return self._runner(wanted.run).record(wanted.scene, item.actions, wanted.finding)
         return self._runner(item.run).solve(item.scene, item.attempt)
 
     def _runner(self, run: Manifest) -> ExpertRunner:

@@ -117,42 +117,28 @@ class DescribedFailure(Failure):
 
 def described(store: pathlib.Path, finding: Finding, run: Manifest, triaged: Triaged | None) -> DescribedFailure:
     """A failure of a store: of one that triage made minimal the minimal scene."""
-    space, lost_stage = space_of(store, run), finding.cell.partition("|")[0]
+    space, scene, lost = space_of(store, run), finding.scene, finding.cell.partition("|")[0]
+    known: dict[str, Any] = {"repeats": 1, "failures": 1, "lost_stage": lost, "bucket": "observed"}
+    known["detail"] = "failed once; not triaged"
     if triaged is None:
-        operators: tuple[str, ...] = ()
         with suppress(SceneError):  # an imported scene
-            operators = tuple(deviating(space, finding.scene))
-        return DescribedFailure(
-            scene=finding.scene,
-            found=(finding.scene.digest,),
-            run=run,
-            number=finding.run,
-            bucket="observed",
-            repeats=1,
-            failures=1,
-            lost_stage=lost_stage,
-            operators=operators,
-            deviations=deviations(space, finding.scene, Causes()),
-            detail="failed once; not triaged",
-            replay=_replay(store, finding.scene, run.policy),
-        )
-    known = _known(triaged) | {"lost_stage": triaged.lost_stage or lost_stage, "reference": triaged.reference}
-    scene, rate = triaged.shrunk, triaged.certified
-    if triaged.bucket != "minimal" or scene is None:
-        known |= {"operators": triaged.deviating, "causes": Causes(), "counterpart_rates": {}, "reference": None}
-        scene, rate = triaged.scene, triaged.rate
+            known["operators"] = tuple(deviating(space, scene))
+    else:
+        known |= _known(triaged) | {"lost_stage": triaged.lost_stage or lost, "bucket": triaged.bucket}
+        if triaged.bucket == "minimal" and triaged.shrunk:
+            scene, rate = triaged.shrunk, triaged.certified
+            known |= {"counterparts": triaged.counterparts, "reference": triaged.reference}
+        else:
+            rate = triaged.rate
+            known |= {"operators": triaged.deviating, "causes": Causes(), "counterpart_rates": {}}
+        known |= {"witness": triaged.witness, "rate": rate, "detail": _evidence(triaged, rate)}
     return DescribedFailure(
         **known,
         scene=scene,
-        found=(triaged.scene.digest,),
+        found=(finding.scene.digest,),
         run=run,
         number=finding.run,
-        bucket=triaged.bucket,
-        deviations=deviations(space, scene, known["causes"], known["reference"]),
-        counterparts=triaged.counterparts if triaged.bucket == "minimal" else {},
-        witness=triaged.witness,
-        rate=rate,
-        detail=_evidence(triaged, rate),
+        deviations=deviations(space, scene, known.get("causes", Causes()), known.get("reference")),
         replay=_replay(store, scene, run.policy),
     )
 

@@ -42,11 +42,9 @@ class Harness:
 
     def next_action(self) -> Array:
         """The next action: ``(7,)`` metres, radians, -1 or 1 for the gripper; of another width as it is."""
-        action = self._queue.popleft()
-        return self._metric(action) if self._spec.action.width == WIDTH else action
-
-    def _metric(self, action: Array) -> Array:
-        spec = self._spec.action
+        action, spec = self._queue.popleft(), self._spec.action
+        if spec.width != WIDTH:
+            return action
         with np.errstate(over="ignore"):
             _check_finite((action * _units(spec))[None], self._spec.name)
         move = metric(action, spec)

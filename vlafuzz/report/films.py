@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -80,25 +79,16 @@ def filmed(view: View, shots_of: ShotsOf, limit: int, watch: Callable[[int, int]
     return replace(view, causes=causes, failures=failures, notes=tuple(notes))
 
 
-def beside(films: Films) -> ShotsOf:
-    """What passes beside each failure, the failure, and the reference solution."""
-    return partial(_shots, films)
-
-
-def of_both(names: Sequence[str], films: Sequence[Films]) -> ShotsOf:
+def of_both(names: Sequence[str], films: Sequence[Films], card: Card, of: DescribedFailure) -> Iterator[Shot]:
     """What each of two policies does in the scene of a failure, and the reference solution."""
-
-    def shots(card: Card, of: DescribedFailure) -> Iterator[Shot]:
-        for name, one in zip(names, films, strict=True):
-            film = one(of.run, of.scene, None)
-            kind = "fails" if isinstance(film, Film) and film.failed else "passes"
-            yield _shot(kind, name, film)
-        yield from _reference(films[0], of)
-
-    return shots
+    for name, one in zip(names, films, strict=True):
+        film = one(of.run, of.scene, None)
+        kind = "fails" if isinstance(film, Film) and film.failed else "passes"
+        yield _shot(kind, name, film)
+    yield from _reference(films[0], of)
 
 
-def _shots(films: Films, card: Card, of: DescribedFailure) -> Iterator[Shot]:
+def beside(films: Films, card: Card, of: DescribedFailure) -> Iterator[Shot]:
     """What passes beside it, the failure, and the reference solution; each with a film, or why there is none."""
     neighbour = None
     for name, scene in card.neighbours[:TRIED]:

@@ -5,6 +5,7 @@ regresses to its mean. So a cause of the first policy is fixed only if the secon
 same jittered scenes, and one of the second policy is new likewise.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
@@ -41,23 +42,21 @@ class Known:
         source: store or corpus, for messages.
         model: whose failures they are.
         runs: that found them; ``Probe.run`` is an index.
-        causes: signature and title of each failing scene.
+        causes: signature of each failing scene.
         probes: the failing scenes.
     """
 
     source: Path
     model: Model
     runs: Sequence[Manifest]
-    causes: dict[Scene, tuple[str, str]]
+    causes: dict[Scene, str]
     probes: Sequence[Probe]
 
     @property
     def repeats(self) -> list[int]:
         """How often each scene is rolled out, so that each cause is ``PAIRS`` times or more."""
-        signatures = [signature for signature, _ in self.causes.values()]
-        of = {signature: ceil(PAIRS / signatures.count(signature)) for signature in signatures}
-        failing = {scene: of[signature] for scene, (signature, _) in self.causes.items()}
-        return [max(REPEATS, failing.get(probe.scene, 0)) for probe in self.probes]
+        scenes = Counter(self.causes.values())
+        return [max(REPEATS, ceil(PAIRS / scenes[self.causes[probe.scene]])) for probe in self.probes]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,7 +191,7 @@ def known(source: Path, label: str = "") -> Known:
     """
     if is_corpus(source):
         corpus = read_corpus(source)
-        causes = {case.scene: (case.signature, case.title) for case in corpus.cases}
+        causes = {case.scene: case.signature for case in corpus.cases}
         probes = [probe for probe in probes_of(corpus) if probe.group != "control"]
         model = _labelled(source, corpus.tested, label)
         return Known(source=source, model=model, runs=corpus.runs, causes=causes, probes=probes)
@@ -213,14 +212,12 @@ def _of_store(store: Store, label: str) -> Known:
     numbers = sorted(set(of.values())) or list(runs)
     if label in {runs[number].named for number in numbers}:
         numbers = [number for number in numbers if runs[number].named == label]
-    causes: dict[Scene, tuple[str, str]] = {}
-    failing: dict[Scene, Probe] = {}
+    causes, failing = dict[Scene, str](), dict[Scene, Probe]()
     for row in store.triaged():
-        if of.get(row.key) not in numbers or row.bucket != "minimal" or not (row.shrunk and row.signature):
-            continue
-        number, title = numbers.index(of[row.key]), titled(row.operators, row.causes)
-        causes.setdefault(row.shrunk, (row.signature, title))
-        failing.setdefault(row.shrunk, Probe(row.shrunk, "failing", title, number, passed=False))
+        if of.get(row.key) in numbers and row.bucket == "minimal" and row.shrunk and row.signature:
+            number, title = numbers.index(of[row.key]), titled(row.operators, row.causes)
+            causes.setdefault(row.shrunk, row.signature)
+            failing.setdefault(row.shrunk, Probe(row.shrunk, "failing", title, number, passed=False))
     if not numbers:
         raise StoreError(f"{store.path}: has no run", hint="`vlafuzz run` begins one")
     manifests = [runs[number] for number in numbers]
@@ -264,7 +261,7 @@ def diff(
 def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alpha: float) -> Iterator[CauseChange]:
     by_signature: dict[str, list[Compared]] = {}
     for scene in compared.of("failing"):
-        by_signature.setdefault(known.causes[scene.probe.scene][0], []).append(scene)
+        by_signature.setdefault(known.causes[scene.probe.scene], []).append(scene)
     for signature, scenes in by_signature.items():
         pairs = [pair for scene in scenes for pair in scene.judged]
         p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
@@ -273,18 +270,15 @@ def _changes(known: Known, compared: Comparison, where_it_passes: Standing, alph
             passes = 2 * sum(pair.policy.passed for pair in pairs) > len(pairs)
             shown: Standing = where_it_passes if p_value <= alpha else "unclear"
             standing = shown if passes else "remaining"
-        first = scenes[0].probe.scene
-        of_second = where_it_passes == "new"
-        own, other = (
-            (sum(not outcome.passed for outcome in side) for side in zip(*pairs, strict=True)) if pairs else (0, 0)
-        )
+        first, of_second = scenes[0].probe, where_it_passes == "new"
+        own, other = (sum(not pair[side].passed for pair in pairs) for side in (0, 1))
         yield CauseChange(
             signature=signature,
-            title=known.causes[first][1],
+            title=first.what,
             standing=standing,
             scenes=len(scenes),
             passes=sum(bool(scene.judged) and scene.passes for scene in scenes),
-            scene=first.digest,
+            scene=first.scene.digest,
             p_value=p_value,
             detail=next((scene.detail for scene in scenes if scene.detail), ""),
             of_second=of_second,

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -146,9 +147,9 @@ def _unwritable(folder: Path, error: OSError) -> CorpusError:
 def _write(corpus: Corpus, folder: Path) -> None:
     for part in ("witnesses", "thumbnails"):
         (folder / part).mkdir(parents=True)
-    others = [scene for case in corpus.cases for scene in _others(case)]
+    beside = ((*case.counterparts.values(), case.nominal, case.reference) for case in corpus.cases)
     write_scenes(folder / SCENES, [case.scene for case in corpus.cases])
-    write_scenes(folder / COUNTERPARTS, dict.fromkeys(others))
+    write_scenes(folder / COUNTERPARTS, dict.fromkeys(filter(None, chain.from_iterable(beside))))
     if corpus.controls:
         write_scenes(folder / CONTROLS, [control.scene for control in corpus.controls])
     for case in corpus.cases:
@@ -164,12 +165,6 @@ def _write(corpus: Corpus, folder: Path) -> None:
     )
     content = asdict(manifest) | {"runs": [as_kept(run) for run in manifest.runs]}
     (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
-
-
-def _others(case: Case) -> list[Scene]:
-    """The scenes beside the failing one."""
-    reference = [case.reference] if case.reference else []
-    return [*case.counterparts.values(), case.nominal, *reference]
 
 
 def _row(case: Case) -> _CaseRow:

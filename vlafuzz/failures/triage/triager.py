@@ -76,7 +76,10 @@ class Triager:
         try:
             spent, triaged = alone._of_cause(finding)
             if triaged is None:
-                triaged = alone._triage(finding)
+                oracle = alone._oracle()
+                confirmed, rate = alone._confirm(finding.scene, oracle)
+                triaged = replace(alone._repeated(finding, rate), policy_rollouts=oracle.spent)
+                triaged = alone._prove(triaged, oracle) if confirmed else triaged
                 triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + spent)
         except _UnjudgedError as error:
             return error.why
@@ -142,12 +145,6 @@ class Triager:
         else:
             triaged = replace(triaged, detail="the expert fails, too")
         return oracle.spent, replace(triaged, shrink_rollouts=oracle.spent, policy_rollouts=oracle.spent)
-
-    def _triage(self, finding: Finding) -> Triaged:
-        oracle = self._oracle()
-        confirmed, rate = self._confirm(finding.scene, oracle)
-        triaged = replace(self._repeated(finding, rate), policy_rollouts=oracle.spent)
-        return self._prove(triaged, oracle) if confirmed else triaged
 
     def _repeated(self, finding: Finding, rate: Rate) -> Triaged:
         """A finding of which nothing is known but how often it fails."""

@@ -16,9 +16,6 @@ WORD = re.compile(r"[a-z0-9]+")
 def encode(text: str, words: Sequence[str]) -> NDArray[np.int64]:
     """``(LENGTH,)`` token ids of the text's words, padded with zeros."""
     index = {word: number for number, word in enumerate(words, start=1)}
-    ids = [index.get(word) or _bucket(word) for word in WORD.findall(text.lower())][:LENGTH]
+    found = WORD.findall(text.lower())[:LENGTH]
+    ids = [index.get(word) or 1 + KNOWN + zlib.crc32(word.encode()) % BUCKETS for word in found]
     return np.array(ids + [0] * (LENGTH - len(ids)), dtype=np.int64)
-
-
-def _bucket(word: str) -> int:
-    return 1 + KNOWN + zlib.crc32(word.encode()) % BUCKETS
