@@ -8,9 +8,9 @@ import pytest
 from tests.doubles import manifest
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
+from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
-from vlafuzz.campaign.like import causes_like
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.causes.strategy import Causes

@@ -1,12 +1,15 @@
-"""The causes that a strategy has found, each with a stored failure that shows it."""
+"""The causes that a strategy has found, each with a stored failure that shows it, and those that a run begins with."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
 from vlafuzz.campaign.tally import Tally
+from vlafuzz.errors import UsageError
 from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
@@ -16,6 +19,7 @@ from vlafuzz.search.probability import Probability
 from vlafuzz.search.scoring import Measure
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import world_of
 
 EVERY, SHARE = 30.0, 0.02  # seconds between causes that are kept while a run goes on; of its time, at most
 HARDLY = 0.1  # severity up to which other operators may be off: strategies vary scenes that they repeat
@@ -93,3 +97,38 @@ def _has_alone(operators: Sequence[str], scene: Scene, space: Measure) -> bool:
     return all(any(severities.get(name, 0.0) > 0 for name in group) for group in members) and all(
         severities[name] <= HARDLY for name in others
     )
+
+
+def causes_like(path: Path, space: Space) -> list[Cause]:
+    """The causes of the newest run of a store, one of the same task before others; certified ones come first.
+
+    Raises:
+        StoreError: it cannot be read.
+        UsageError: it has no run of this world.
+    """
+    world, task = world_of(space.task.name), space.task.name
+    with Store.open(path) as store:
+        runs = [run for run in store.runs() if world_of(run.manifest.task) is world]
+        if not runs:
+            raise UsageError(f"--like {path}: has no run in the world of {task}", hint="name the store of one")
+        run = max(runs, key=lambda run: (run.manifest.task == task, run.id))
+        found, triaged = store.causes(run.id), {row.scene: row for row in store.triaged()}
+    before = world.stored_space(path, run.manifest)
+    certified, others = list[Cause](), list[Cause]()
+    for cause in found.causes if found else ():
+        row = triaged.get(cause.scene) if cause.scene else None
+        if row and row.bucket == "minimal" and row.shrunk:
+            certified.append(Cause(_genome(row.shrunk, before, space), row.operators, cause.failures))
+        elif cause.scene:
+            others.append(Cause(_genome(cause.scene, before, space), cause.operators, cause.failures))
+    return [*certified, *others]
+
+
+def _genome(scene: Scene, before: Space, space: Space) -> Genome:
+    """A scene in another space, as far as that has its values: all else is nominal."""
+    values = dict(space.nominal_values)
+    for path, value in before.values(scene).items():
+        gene = space.by_path.get(path)
+        if gene is not None and gene.options == before.by_path[path].options and not math.isnan(value):
+            values[path] = value
+    return space.nearest(space.compose(values))

@@ -9,8 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.fuzz import PATIENCE, Proposed
-from vlafuzz.campaign.like import causes_like
 from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT

@@ -51,8 +51,7 @@ def command(
     from vlafuzz.cli.report import write
     from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare import compare
-    from vlafuzz.lab.comparison import rows, sentences
-    from vlafuzz.lab.page import view_of_comparison
+    from vlafuzz.lab.comparison import rows, sentences, view_of_comparison
     from vlafuzz.report.sources import view_of
     from vlafuzz.worlds import default_policy, default_task
 

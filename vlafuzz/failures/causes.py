@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from typing import Any
@@ -254,7 +254,7 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
         if failure.bucket == "minimal" and cause.mechanism is None:
             taken = tuple(dict.fromkeys((*failure.operators, *[space.subject] * bool(types))))
             ranges.setdefault(key, Range(space, failure.scene, taken, failure.causes))
-    scenes = _random(store, run, kept.at_random)
+    scenes = _random(store, run, set(kept.at_random))
     failing = [scene for scene, failed in scenes if failed]
     counts, unexplained = _explained(space, merged, ranges, failing)
     shared = _shared(space, merged, ranges, scenes, kept.probability)
@@ -275,9 +275,9 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     )
 
 
-def _random(store: Store, run: Run, drawn: Collection[int]) -> list[tuple[Scene, bool]]:
+def _random(store: Store, run: Run, drawn: set[int]) -> list[tuple[Scene, bool]]:
     """The random scenes of a run that passed or failed, each with whether it failed: without events after that."""
-    trials = (trial for trial in store.trials(run.id) if trial.proposal in set(drawn) and trial.outcome.judged)
+    trials = (trial for trial in store.trials(run.id) if trial.proposal in drawn and trial.outcome.judged)
     return [(came_about(trial.scene, trial.outcome), not trial.outcome.passed) for trial in trials] if drawn else []
 
 
