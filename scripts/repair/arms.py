@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from vlafuzz.common.assets import corpus_dir
-from vlafuzz.exports.selection import FailingScene, WantedScene, around, at_random, failures_of_store
+from vlafuzz.exports.selection import FailingScene, WantedScene, around, at_random, failures_of
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.store.store import Store
 
 # Random scenes; failing ones; certified minimal ones with their passing counterparts; or failing ones that
 # the policy begins, mostly, until the expert takes over.
@@ -37,6 +36,5 @@ def wanted(store: Path, task: str, kind: Kind) -> Iterator[WantedScene]:
         corpus = read_corpus(folder)
         scenes = [(scene, case) for case in corpus.cases for scene in (case.scene, *case.counterparts.values())]
         return around(folder, [FailingScene(scene, corpus.runs[case.run], case.signature) for scene, case in scenes])
-    with Store.open(store) as opened:
-        failures = failures_of_store(opened, None)
+    failures = failures_of(store)
     return at_random(store, failures) if kind == "random" else around(store, failures)

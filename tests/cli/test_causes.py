@@ -106,7 +106,7 @@ def test_an_interrupted_certification_lists_the_causes_and_says_how_to_go_on(cap
 
 
 def test_no_cause_is_begun_for_which_there_is_no_time(capsys, monkeypatch):
-    for module in ("vlafuzz.cli.one_run", "vlafuzz.failures.triage.pipeline"):
+    for module in ("vlafuzz.cli.runs", "vlafuzz.failures.triage.pipeline"):
         monkeypatch.setattr(f"{module}.pace", lambda *_: 1e4)
     printed = typed(capsys, [*CAUSES, "--time", "5m"])
     assert "no cause is certified: one takes about" in printed.err

@@ -13,7 +13,7 @@ from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
-from vlafuzz.cli.run import note_policy
+from vlafuzz.cli.runs import checked
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.doctor import exam
 from vlafuzz.model.scene_lines import write_scenes
@@ -251,9 +251,9 @@ def test_a_ray_cluster_that_does_not_answer_has_to_be_started_first(monkeypatch,
 def test_a_run_says_why_its_policy_needs_no_pictures(capsys, monkeypatch):
     monkeypatch.setattr("vlafuzz.worlds.tabletop.renderer.probe_once", lambda: Renderer(None, None, "no device"))
     planned = plan(RunConfig(policy="frozen", strategy="random"))
-    note_policy(planned, {})
+    checked(planned, {}, unchecked=True)
     assert "nothing here draws pictures, so the policy is frozen" in capsys.readouterr().err
-    note_policy(planned, {"policy": "frozen"})
+    checked(planned, {"policy": "frozen"}, unchecked=True)
     assert capsys.readouterr().err == ""
 
 

@@ -16,7 +16,7 @@ from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner
-from vlafuzz.exports.selection import around, failures_of_store
+from vlafuzz.exports.selection import around, failures_of
 from vlafuzz.model.scene import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
@@ -80,9 +80,7 @@ def test_a_robot_that_acts_late_is_shown_actions_that_are_early():
 
 def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), CAN)
-    with Store.open(path) as store:
-        wanted = around(path, failures_of_store(store, None))
-    found = Demonstrations().solved(wanted, 3, 3)
+    found = Demonstrations().solved(around(path, failures_of(path)), 3, 3)
     assert [each.wanted.attempt for each in found] == [0, 1, 2]
     of_one = Demonstrations().solved((each.wanted._replace(scene=CAN) for each in found), 3, 3)
     assert len({each.actions.tobytes() for each in of_one}) == 3
@@ -94,9 +92,8 @@ def test_every_demonstration_of_a_scene_is_another_one(tmp_path: Path):
 
 def test_scenes_that_cannot_be_shown_are_counted(tmp_path: Path):
     path = failing(tmp_path / "a.db", tiny_pictures(), INSIDE, CAN)
-    with Store.open(path) as store:
-        demonstrations = Demonstrations()
-        found = demonstrations.solved(around(path, failures_of_store(store, None)), 2, 2)
+    demonstrations = Demonstrations()
+    found = demonstrations.solved(around(path, failures_of(path)), 2, 2)
     assert [each.wanted.scene for each in found] == [CAN]
     assert demonstrations.left_out == {"its scene is not fair": 1}
 

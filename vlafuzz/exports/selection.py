@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from vlafuzz.errors import StoreError, UsageError
-from vlafuzz.failures.corpus.corpus import Corpus
+from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.described import space_of
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
@@ -70,12 +70,23 @@ class WantedScene(NamedTuple):
     finding: str
 
 
-def failures_of_store(store: Store, run: int | None) -> list[FailingScene]:
-    """The findings of a store.
+def failures_of(source: Path, run: int | None = None) -> list[FailingScene]:
+    """The cases of a corpus, or the findings of a store.
 
     Raises:
         StoreError: there is none.
+        UsageError: a run is named, and the source is a corpus.
     """
+    if not is_corpus(source):
+        with Store.open(source) as store:
+            return _findings(store, run)
+    if run is not None:
+        raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
+    corpus = read_corpus(source)
+    return [FailingScene(case.scene, corpus.runs[case.run], case.signature) for case in corpus.cases]
+
+
+def _findings(store: Store, run: int | None) -> list[FailingScene]:
     manifests = {begun.id: begun.manifest for begun in store.runs()}
     findings = {finding: f"{finding.scene.task}|{finding.cell}" for finding in store.findings(run)}
     signatures = {row.key: row.signature for row in store.triaged() if row.signature}
@@ -87,10 +98,6 @@ def failures_of_store(store: Store, run: int | None) -> list[FailingScene]:
     if not failures:
         raise StoreError(f"{store.path}: has no failing scene", hint="`vlafuzz run` looks for some")
     return list(failures.values())
-
-
-def failures_of_corpus(corpus: Corpus) -> list[FailingScene]:
-    return [FailingScene(case.scene, corpus.runs[case.run], case.signature) for case in corpus.cases]
 
 
 def split(

@@ -8,19 +8,10 @@ from vlafuzz.common.text import plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import CorpusError, PrerequisiteError, UsageError, install
 from vlafuzz.exports.demonstrations import Demonstrations
-from vlafuzz.exports.selection import (
-    FailingScene,
-    Which,
-    around,
-    at_random,
-    failures_of_corpus,
-    failures_of_store,
-    split,
-)
-from vlafuzz.failures.corpus.folder import check_new, is_corpus, read_corpus, whole
+from vlafuzz.exports.selection import FailingScene, Which, around, at_random, failures_of, split
+from vlafuzz.failures.corpus.folder import check_new, whole
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.clients.model import Interface, interface_of
-from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
 TRIES = 4  # scenes that the expert tries for each demonstration, at most
@@ -78,7 +69,7 @@ def write_demonstrations(
     check_new(out)
     if hold_out and beside.exists():
         raise UsageError(f"{beside}: exists already", hint="give --out another name")
-    failures, held_out = split(source, _failures(source, run), hold_out)
+    failures, held_out = split(source, failures_of(source, run), hold_out)
     interface, robot, hz = _alike(source, failures)
     total = number or len(failures)
     shown = Demonstrations(workers, watch)
@@ -97,15 +88,6 @@ def write_demonstrations(
         failed = dict.fromkeys((failure.scene for failure in held_out), "failed")
         write_scenes(beside, failed, failed)
     return Written(written, shown.left_out, len(held_out), beside)
-
-
-def _failures(source: Path, run: int | None) -> list[FailingScene]:
-    if not is_corpus(source):
-        with Store.open(source) as store:
-            return failures_of_store(store, run)
-    if run is not None:
-        raise UsageError(f"--run {run}: {source} is a corpus, not a store", hint="leave out --run")
-    return failures_of_corpus(read_corpus(source))
 
 
 def _alike(source: Path, failures: Sequence[FailingScene]) -> tuple[Interface, str, int]:

@@ -5,17 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
+from vlafuzz.common import statistics as stats
 from vlafuzz.common.plugins import command
-from vlafuzz.common.statistics import (
-    Estimate,
-    SignedRank,
-    holm,
-    mean_estimate,
-    mean_ratio,
-    pairs_needed,
-    signed_rank,
-    smallest_p,
-)
+from vlafuzz.common.statistics import Estimate
 from vlafuzz.common.text import Row, interval, percent, plural
 from vlafuzz.report.tables import Table
 from vlafuzz.report.view import Head, View
@@ -65,7 +57,7 @@ class Pair:
     other: str
     measure: str
     ratio: Estimate | None
-    test: SignedRank
+    test: stats.SignedRank
     repeats: int
     p_holm: float = 1.0
     tests: int = 1
@@ -145,7 +137,9 @@ def _standing(name: str, runs: Sequence[Counted]) -> Standing:
     bounds = [(known.value, known.low or 0.0, known.high or 0.0) for known in tells]
     return Standing(
         strategy=name,
-        means={measure: mean_estimate(values) if (values := _known(runs, measure)) else None for measure in MEASURES},
+        means={
+            measure: stats.mean_estimate(values) if (values := _known(runs, measure)) else None for measure in MEASURES
+        },
         probability=Estimate(*map(fmean, zip(*bounds, strict=True))) if len(tells) == len(runs) else None,
         causes=dict(Counter(cause for run in runs for cause in run.signatures).most_common()),
     )
@@ -174,12 +168,12 @@ def against(runs: Mapping[str, Sequence[Counted]], reference: str) -> list[Pair]
                 strategy=name,
                 other=reference,
                 measure=measure,
-                ratio=mean_ratio(ours, theirs),
-                test=signed_rank(ours, theirs),
+                ratio=stats.mean_ratio(ours, theirs),
+                test=stats.signed_rank(ours, theirs),
                 repeats=len(ours),
             )
             pairs.append(pair)
-    adjusted = holm([pair.test.p for pair in pairs])
+    adjusted = stats.holm([pair.test.p for pair in pairs])
     pairs = [replace(pair, p_holm=p, tests=len(pairs)) for pair, p in zip(pairs, adjusted, strict=True)]
     return [replace(pair, verdict=_sentence(pair)) for pair in pairs]
 
@@ -190,8 +184,8 @@ def _sentence(pair: Pair) -> str:
     if ratio and ratio.low is not None:
         size = f"{ratio.value:.2g}x ({ratio.low:.2g} to {ratio.high:.2g}), "
     size += f"more in {pair.test.more} and fewer in {pair.test.fewer} of {pair.repeats} pairs"
-    if (least := pair.tests * smallest_p(pair.repeats)) > ALPHA:
-        need = pairs_needed(pair.tests, ALPHA)
+    if (least := pair.tests * stats.smallest_p(pair.repeats)) > ALPHA:
+        need = stats.pairs_needed(pair.tests, ALPHA)
         few = f"{pair.repeats} repeats are too few to tell, p is never below {_shown(min(1.0, least))}; {need} could"
         return f"{measure} beside {pair.other}: {few} ({size})"
     numbers = f"{size}, p {_shown(pair.p_holm)} after Holm over {pair.tests} tests"

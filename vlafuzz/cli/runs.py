@@ -1,8 +1,10 @@
-"""One run of ``vlafuzz run``, with what follows it: forecast, run, causes, certification.
+"""The runs of ``vlafuzz run``, each with what follows it: forecast, run, causes, certification.
 
 This is loaded after the simulator for workers has begun to load.
 """
 
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -11,15 +13,21 @@ from typing import Any, NamedTuple
 import typer
 from rich.table import Table
 
-from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.config import BUDGET, Plan, RunConfig, default_store
+from vlafuzz.campaign.config import plan as plan_of
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.launch import SEARCH, start
+from vlafuzz.campaign.options import AUTO, LEAST
+from vlafuzz.campaign.resume import begun
+from vlafuzz.campaign.resume import resume as resume_run
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
-from vlafuzz.cli.output import Bar, interruptible, print_lines, print_list, stdout
+from vlafuzz.cli.flags import typed
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows, stdout
 from vlafuzz.cli.triage import AGAIN, note_unjudged, shown_on
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import command
 from vlafuzz.common.text import duration, interval, named, percent, plural
+from vlafuzz.doctor.exam import checked_plan
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.events import told as told_early
@@ -27,12 +35,16 @@ from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.report.cards import evidence, told
-from vlafuzz.report.tables import half_in_words, half_of_run, rate_of
+from vlafuzz.report.tables import half_in_words, half_of_run, rate_of, standings_of
 from vlafuzz.search.base import looks_for_causes, said_by
 from vlafuzz.search.severity import NAME as SEVERITY
 from vlafuzz.store.records import UNFINISHED
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import default_policy, no_pictures, tasks_named, world_of
 
+# Share of the budget that is spent to find the severity at which one half fails, and the fewest rollouts for it. With
+# 60 rollouts, the 95 % interval of that severity is 0.17 to 0.28 wide in simulation.
+PROBING, FEWEST = 0.25, 20
 STARTING, FILMS = 10.0, 4  # seconds until the first film of a page; films of a card
 # The keys of ``CauseList.document`` for a strategy that does not look for causes.
 _NO_CAUSES = dict.fromkeys(("causes", "unexplained", "probability", "certification"))
@@ -226,3 +238,90 @@ def _certify(plan: Plan, summary: Summary, until: Deadline) -> bool:
     if told := note_unjudged(unjudged):
         Bar.note(f"{told}\nhint: {AGAIN}")
     return True
+
+
+def checked(plan: Plan, flags: Mapping[str, Any], *, unchecked: bool) -> tuple[Plan, Speed | None]:
+    """The plan after the check of its policy; says why a policy was chosen that needs no pictures."""
+    manifest = plan.manifest
+    usual = next(iter(world_of(manifest.task).robots))
+    if plan.resume is None and "policy" not in flags and manifest.robot == usual and no_pictures(manifest.task):
+        hint = "`vlafuzz doctor` says what to install"
+        Bar.note(f"note: nothing here draws pictures, so the policy is {manifest.policy}; {hint}")
+    with Bar() as bar:
+        return checked_plan(plan, unchecked=unchecked, watch=bar)
+
+
+def with_severity(config: RunConfig, run_plan: Callable[..., Done], until: Deadline) -> tuple[RunConfig, Done]:
+    """The configuration with the severity at which about one half fails, and the run that found it out.
+
+    What that run leaves of the budget is for the run that follows.
+    """
+    budget = config.budget or BUDGET
+    probing = replace(config, severity=1.0, strategy=SEVERITY, like=None, budget=max(FEWEST, int(budget * PROBING)))
+    plan = plan_of(probing)
+    done = run_plan(plan, None, until.after(0.5), certify=False)
+    with Store.open(plan.store) as store:
+        half = half_of_run(store, done.summary.run)
+    severity = min(max(round(half.value, 2), LEAST), 1.0)
+    Bar.note(f"severity {severity:g}: about one half fails there")
+    left = max(budget - done.summary.rollouts, config.repeats)
+    return replace(config, store=plan.store, severity=severity, budget=left), done
+
+
+def run_tasks(
+    tasks: Sequence[str],
+    flags: Mapping[str, Any],
+    run_plan: Callable[..., Done],
+    until: Deadline,
+    *,
+    resume: bool,
+    unchecked: bool,
+    json: bool,
+) -> tuple[list[Done], str]:
+    """Run each task with the same flags, up to the first interruption, and print how policies do in them.
+
+    All share one store and the time that is left, and the policy is checked once. With ``resume``, runs that ended
+    early are taken up again, and those that are over are not repeated.
+
+    Returns:
+        The runs, and in a sentence which tasks were not begun as the time was over.
+    """
+    policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
+    name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
+    path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
+    shared = {**flags, "store": path, "policy": policy}
+    config = RunConfig(**{**shared, "task": None}, command=typed())
+    again = command(*(word for word in sys.argv[1:] if word != "--resume"), "--resume")
+    first, left = None, ""
+    runs: list[Done] = []
+    for number, task in enumerate(tasks):
+        if until.passed:
+            left = f"--time was over before these tasks began: {', '.join(tasks[number:])}"
+            break
+        Bar.note(f"task {number + 1} of {len(tasks)}: {task}")
+        asked = {**shared, "task": task}
+        before = begun(asked) if resume else None
+        if before and before.status not in UNFINISHED:
+            Bar.note(f"run {before.id} of it is over")
+            continue
+        ready = replace(config, task=task)
+        if config.severity == AUTO and not before:
+            ready, _ = with_severity(ready, run_plan, until.after(1 / (len(tasks) - number)))
+        plan = resume_run(asked) if before else plan_of(ready)
+        foreseen, remaining = 0, len(tasks) - number
+        if first is None:
+            first, foreseen = checked(plan, flags, unchecked=unchecked), remaining
+            plan = first[0]
+        elif plan.resume is None:
+            plan = replace(plan, manifest=replace(plan.manifest, checkup=first[0].manifest.checkup))
+        runs.append(run_plan(plan, first[1], until.after(1 / remaining), tasks=foreseen, again=again))
+        if runs[-1].interrupted:
+            Bar.note(f"hint: `{again}` does the other tasks")
+            break
+    with Store.open(path) as store:
+        rows = standings_of(store)
+    if json:
+        print_json({"tasks": [done.document for done in runs], "standings": [one.document() for one in rows]})
+    else:
+        print_rows([one.row() for one in rows], title=f"policies and tasks of {path}")
+    return runs, left
