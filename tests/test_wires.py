@@ -9,14 +9,14 @@ import zmq
 from scipy.spatial.transform import Rotation
 
 from tests.documentation import text
-from tests.policies.clients.served import black, seen, start
+from tests.policies.clients.served import asked, black, seen
 from vlafuzz.policies.clients.conventions import OWN
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.openvla import OpenVla
 from vlafuzz.policies.clients.options import ProfiledOptions, known_profiles, profile_options
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.rollouts.policies import client, make_policy
+from vlafuzz.rollouts.policies import client
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.sim.env import WRIST_CAMERA
@@ -101,11 +101,8 @@ def test_the_sample_server_of_groot_answers_a_request():
         thread = threading.Thread(target=serve)
         thread.start()
         try:
-            policy = make_policy(f"groot:tcp://127.0.0.1:{port}")
-            policy.reset([start("one")])
-            (chunk,) = policy.act([seen("one", images=black(policy.spec))])
-            policy.close()
+            actions = asked(f"groot:tcp://127.0.0.1:{port}")
         finally:
             over.set()
             thread.join()
-    assert chunk.actions.tolist() == [[pytest.approx(0.01)] * 7]
+    assert actions == [[pytest.approx(0.01)] * 7]

@@ -6,10 +6,11 @@ A reader may raise vlafuzz's own errors and nothing else.
 import json
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import yaml
@@ -55,19 +56,6 @@ def operators(rng: Rng, folder: Path) -> None:
     space.encode(space.nominal())
     for _ in range(2):
         space.severities(space.decode(rng.random(space.dim)))
-
-
-@contextmanager
-def cache_in(folder: Path) -> Iterator[None]:
-    """Build objects here instead of in the user's cache."""
-    before = os.environ.get("VLAFUZZ_CACHE")
-    os.environ["VLAFUZZ_CACHE"] = str(folder)
-    try:
-        yield
-    finally:
-        del os.environ["VLAFUZZ_CACHE"]
-        if before is not None:
-            os.environ["VLAFUZZ_CACHE"] = before
 
 
 def profile(rng: Rng, folder: Path) -> None:
@@ -160,7 +148,7 @@ def mesh(rng: Rng, folder: Path) -> None:
         path.with_name("textured.glb").write_bytes(mutators.data(rng, shape.export(file_type="glb")))
     if rng.random() < 0.2:
         path.with_name("texture.png").write_bytes(mutators.data(rng, b"\x89PNG\r\n\x1a\n" + bytes(60)))
-    with cache_in(folder):
+    with mock.patch.dict(os.environ, VLAFUZZ_CACHE=str(folder)):  # objects are built here
         load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
 
 

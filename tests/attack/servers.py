@@ -1,10 +1,10 @@
 """Requests to our own model servers."""
 
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
+from unittest import mock
 
 from websockets.sync.client import connect
 
@@ -29,29 +29,20 @@ def stop() -> None:
     _server.cache_clear()
 
 
-@contextmanager
-def _no_thread_dies() -> Iterator[None]:
-    crashes: list[str] = []
-    hook, threading.excepthook = threading.excepthook, lambda crash: crashes.append(repr(crash.exc_value))
-    try:
-        yield
-    finally:
-        threading.excepthook = hook
-    assert not crashes, crashes
-
-
 def requests(rng: Rng, folder: Path) -> None:
     """Mutated requests to a server of ours, which must take the next client as ever."""
     kind = str(rng.choice(["hello", "episode_start", "observation", "episode_end"]))
     payload = {"images": {}, "task_description": "go", "state": STATE, "task": {"name": "go", "seed": 3}}
     frame = frame_of(rng, {"type": kind, "payload": payload, "seq": 1, "timestamp": 0.0}, "vla-eval")
     address = _server().partition(":")[2].partition("?")[0]
-    with _no_thread_dies():
+    crashes: list[str] = []
+    with mock.patch.object(threading, "excepthook", lambda crash: crashes.append(repr(crash.exc_value))):
         with suppress(Exception), connect(address, open_timeout=5, close_timeout=0.2) as line:
             line.send(frame)
             line.recv(0.2)
         with connect(address, open_timeout=5, close_timeout=0.2) as line:
             line.ping().wait(5)
+    assert not crashes, crashes  # of threads
 
 
 SERVERS: dict[str, tuple[Reader, int]] = {"requests to serve": (requests, 1500)}

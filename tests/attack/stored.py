@@ -130,7 +130,6 @@ def _read_store(rng: Rng, path: Path) -> None:
         ("export", "--format", "store", path, samples.store(), "--out", path.with_name("merged.db")),
         ("export", path, "--out", path.with_name("out.jsonl")),
         ("report", path, "--no-videos", "--out", path.with_name("out.html")),
-        ("export", path, "--format", "vlatest", "--out", path.with_name("out.json")),
         ("replay", path, "nosuch"),
     )
     if rng.random() < 0.25:

@@ -46,6 +46,13 @@ def runs(store: str = "a.db") -> list[tuple[str, int, str]]:
         return [(run.manifest.strategy, run.manifest.seed, run.status) for run in opened.runs()]
 
 
+def told_by(capsys, *flags: str) -> dict[str, Any]:
+    """The JSON of a comparison."""
+    capsys.readouterr()
+    compare(*flags, "--json")
+    return json.loads(capsys.readouterr().out)
+
+
 def refused(capsys, *flags: str, code: int = 2) -> str:
     return complaint(capsys, ["compare", *SMALL, *HERE, *flags], code=code)
 
@@ -94,8 +101,7 @@ def test_every_strategy_has_the_same_seeds_and_all_runs_are_in_one_store(plain: 
 
 
 def test_every_run_pays_for_its_own_rollouts(capsys):
-    compare("--strategies", "random,python:tests.doubles:make_random_again", "--json")
-    document = json.loads(capsys.readouterr().out)
+    document = told_by(capsys, "--strategies", "random,python:tests.doubles:make_random_again")
     assert [row["rollouts"] for row in document["runs"]] == [12] * 4
     failures = [row["failures"] for row in document["runs"]]
     assert failures[:2] == failures[2:]  # the same scenes were proposed
@@ -134,8 +140,7 @@ def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(tria
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
-    compare("--strategies", "random,nsga2,causes", "--triage-rollouts", "0", "--json")
-    document = json.loads(capsys.readouterr().out)
+    document = told_by(capsys, "--strategies", "random,nsga2,causes", "--triage-rollouts", "0")
     random, nsga2, causes = document["standings"]
     assert random["probability"]["value"] == pytest.approx(random["means"]["failures"]["value"] / 12)
     assert nsga2["probability"] is None
@@ -164,8 +169,7 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         patched.setattr(PlantedRunner, "evaluate", lambda _, scenes, numbers: [Outcome.error("refused")] * len(scenes))
         compare(*flags)
     assert "failures could not be judged: the policy broke" in capsys.readouterr().err
-    compare(*flags, "--json")
-    assert all(run["triaged"] for run in json.loads(capsys.readouterr().out)["runs"])
+    assert all(run["triaged"] for run in told_by(capsys, *flags)["runs"])
 
 
 @pytest.mark.parametrize(
@@ -219,20 +223,15 @@ def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     assert [row.seconds for row in both[: len(first)]] == [row.seconds for row in first]
     assert len(both) > len(first) > 0
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
-    capsys.readouterr()
-    compare("--triage-rollouts", "50", "--json")
-    assert all(run["triage_rollouts"] <= 50 for run in json.loads(capsys.readouterr().out)["runs"])
+    assert all(run["triage_rollouts"] <= 50 for run in told_by(capsys, "--triage-rollouts", "50")["runs"])
 
 
 def test_triage_goes_on_after_an_interruption(capsys):
-    compare("--store", "whole.db", "--triage-rollouts", "200", "--json")
-    whole = json.loads(capsys.readouterr().out)
+    whole = told_by(capsys, "--store", "whole.db", "--triage-rollouts", "200")
     with interrupted():
         compare("--triage-rollouts", "200", code=130)
     assert "hint: the same command continues" in capsys.readouterr().err
-    compare("--triage-rollouts", "200", "--json")
-    document = json.loads(capsys.readouterr().out)
-    assert document["runs"] == whole["runs"]
+    assert told_by(capsys, "--triage-rollouts", "200")["runs"] == whole["runs"]
 
 
 def test_more_repeats_and_strategies_only_add_runs():
@@ -244,16 +243,14 @@ def test_more_repeats_and_strategies_only_add_runs():
 
 
 def test_the_same_command_goes_on_after_an_interruption(monkeypatch, capsys):
-    compare("--store", "whole.db", "--json")
-    whole = json.loads(capsys.readouterr().out)
+    whole = told_by(capsys, "--store", "whole.db")
     with monkeypatch.context() as patched:
         stopping = Raising(KeyboardInterrupt(), after=20)  # scenes of all runs
         patched.setattr(launch, "make_evaluator", lambda *_: stopping)
         compare(code=130)
     assert "hint: the same command continues" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]
-    compare("--json")
-    document = json.loads(capsys.readouterr().out)
+    document = told_by(capsys)
     assert [row[:2] for row in runs()] == [row[:2] for row in runs("whole.db")]
     assert document["runs"] == whole["runs"]
 
