@@ -163,6 +163,17 @@ def test_a_dot_opens_its_card(page: "sync.Page"):
     eventually(page, f"location.hash === '{card}'")
 
 
+def test_a_dot_shows_the_picture_of_its_card_while_it_is_pointed_at(page: "sync.Page"):
+    dot = page.locator(".plot").first.locator("a").last  # no other one lies on it
+    dot.hover(force=True)
+    card = dot.get_attribute("href")
+    assert page.locator("img.preview").get_attribute("src") == page.locator(f"{card} .fails video").get_attribute(
+        "poster"
+    )
+    page.mouse.move(0, 0)
+    assert page.locator("img.preview").count() == 0
+
+
 def test_method_is_folded_up_until_it_is_asked_for(page: "sync.Page"):
     assert not page.get_by_text("stages reached").is_visible()
     page.get_by_role("link", name="Method").click()

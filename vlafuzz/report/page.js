@@ -221,11 +221,35 @@ function scatter(plot, xAxis, yAxis, map = null) {
     if (known) {
       const link = svg("a", { href: `#${card}` }, dot);
       link.addEventListener("click", () => open(card));
+      preview(link, known);
       layer.append(link);
     } else layer.append(dot);
   });
   picture.append(layer);
   return picture;
+}
+
+// What a dot's card shows, beside the dot as long as it is pointed at or has the focus.
+function preview(link, card) {
+  const shown = card.querySelector(".fails video") || card.querySelector("video, .still img");
+  const source = shown?.poster || shown?.src;
+  if (!source) return;
+  let picture = null;
+  const show = () => {
+    if (picture) return;
+    picture = html("img", { class: "preview", src: source, alt: "" });
+    const dot = link.getBoundingClientRect();
+    const right = dot.right + 168 > document.documentElement.clientWidth;
+    picture.style.left = `${scrollX + (right ? dot.left - 168 : dot.right + 8)}px`;
+    picture.style.top = `${scrollY + Math.max(dot.top - 80, 0)}px`;
+    document.body.append(picture);
+  };
+  const hide = () => {
+    picture?.remove();
+    picture = null;
+  };
+  for (const event of ["pointerenter", "focus"]) link.addEventListener(event, show);
+  for (const event of ["pointerleave", "blur", "click"]) link.addEventListener(event, hide);
 }
 
 // Parallel coordinates, with an axis a row: each random scene is a line from the first axis to the last.
