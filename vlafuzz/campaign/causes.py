@@ -86,17 +86,14 @@ def keeping_causes(
 
 def _shown_by(cause: Cause, failures: Sequence[Failure], space: Measure) -> Scene | None:
     """The failure nearest to a cause's own scene, of those with its operators alone."""
-    nearest = sorted(failures, key=lambda failure: float(np.abs(failure[1] - cause.genome).sum()))
-    return next((scene for scene, _ in nearest if _has_alone(cause.operators, scene, space)), None)
-
-
-def _has_alone(operators: Sequence[str], scene: Scene, space: Measure) -> bool:
-    severities = space.severities(scene)
-    members = [space.groups.get(operator, (operator,)) for operator in operators]
-    others = severities.keys() - {name for group in members for name in group}
-    return all(any(severities.get(name, 0.0) > 0 for name in group) for group in members) and all(
-        severities[name] <= HARDLY for name in others
-    )
+    members = [space.groups.get(operator, (operator,)) for operator in cause.operators]
+    own = {name for group in members for name in group}
+    for scene, _ in sorted(failures, key=lambda failure: float(np.abs(failure[1] - cause.genome).sum())):
+        severities = space.severities(scene)
+        has_all = all(any(severities.get(name, 0.0) > 0 for name in group) for group in members)
+        if has_all and all(far <= HARDLY for name, far in severities.items() if name not in own):
+            return scene
+    return None
 
 
 def causes_like(path: Path, space: Space) -> list[Cause]:

@@ -147,7 +147,11 @@ class Campaign:
         self._told = self._errors = 0  # rollouts of which the strategy knows; errors in a row
         status: Status = "failed"
         try:
-            self._loop()
+            for number, outcomes in self.executor.run(self._scenes()):
+                self._take(self._running.pop(number), outcomes[0])
+            if self._todo:
+                raise TimeOverError
+            self.past.check_empty()
             status = "stopped" if self.tally.stopped else "finished"
         except TimeOverError:
             status, self.tally.stopped = "interrupted", self.tally.stopped or TIME_OVER
@@ -159,13 +163,6 @@ class Campaign:
             if looks_for_causes(strategy) and not self.past.left:
                 store.keep_causes(run, attribution(strategy, self.space, store, run))
         return self.tally.summary(str(store.path))
-
-    def _loop(self) -> None:
-        for number, outcomes in self.executor.run(self._scenes()):
-            self._take(self._running.pop(number), outcomes[0])
-        if self._todo:
-            raise TimeOverError
-        self.past.check_empty()
 
     def _scenes(self) -> Iterator[tuple[int, list[Scene]] | None]:
         """Scenes as they are proposed; None when outcomes are needed before there are more."""

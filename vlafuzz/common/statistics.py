@@ -212,20 +212,17 @@ def mean_ratio(ours: Sequence[float], theirs: Sequence[float]) -> Estimate | Non
     ratios = without[0] / without[1] if (without > 0).all() else np.zeros(1)
     if np.ptp(ratios) <= _TINY * value:
         return Estimate(value)
-    factor = math.exp((len(mine) - 1) * _half_width(np.log(ratios)))
+    from scipy.stats import t
+
+    logs = np.log(ratios)
+    half = float(t.ppf(_TAIL, len(logs) - 1) * logs.std(ddof=1) / math.sqrt(len(logs)))
+    factor = math.exp((len(logs) - 1) * half)
     return Estimate(value, value / factor, value * factor)
 
 
 def mean_estimate(values: Sequence[float]) -> Estimate | None:
     """Mean of values, none of them negative, with the interval of ``mean_ratio``."""
     return mean_ratio(values, [1.0] * len(values))
-
-
-def _half_width(values: NDArray[np.float64]) -> float:
-    """Half the width of Student's 95 % interval of the mean."""
-    from scipy.stats import t
-
-    return float(t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / math.sqrt(len(values)))
 
 
 def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:

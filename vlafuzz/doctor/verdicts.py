@@ -183,7 +183,7 @@ def on_rollouts(outcomes: Sequence[Outcome], breaks: Sequence[Break]) -> Check:
 
 def on_nominal(outcomes: Sequence[Outcome]) -> Check:
     """Whether the policy can do the task at all, by the rollouts that did not break."""
-    judgeable = [outcome for outcome in outcomes if outcome.verdict >= Verdict.PASSED]
+    judgeable = [outcome for outcome in outcomes if outcome.judged]
     passed = sum(outcome.verdict is Verdict.PASSED for outcome in judgeable)
     low, high = wilson(passed, len(judgeable))
     detail = f"succeeds in {passed} of {len(judgeable)} nominal scenes, 95 % interval {low:.0%} to {high:.0%}"

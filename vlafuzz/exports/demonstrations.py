@@ -54,7 +54,7 @@ class ExpertRunner:
         for attempt in ((first + number) % tries for number in range(tries)):
             self._demonstrator.attempt = attempt
             (outcome,) = evaluate_safely(self._solving, [prompt])
-            if outcome.verdict < Verdict.PASSED:
+            if not outcome.judged:
                 return UNFAIR if outcome.verdict is Verdict.INVALID else BROKEN
             if outcome.verdict is Verdict.PASSED:
                 actions = np.stack(self._demonstrator.written)

@@ -12,7 +12,6 @@ import numpy as np
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.described import space_of
-from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Manifest
@@ -43,7 +42,7 @@ def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -
             verdict = trial.outcome.verdict.name.lower()
             if chosen == "all" or verdict == chosen:
                 before = verdicts.get(trial.scene)
-                judged = trial.outcome.verdict >= Verdict.PASSED
+                judged = trial.outcome.judged
                 verdicts[trial.scene] = verdict if judged and before != "failed" else before
         return verdicts
 

@@ -381,7 +381,7 @@ def _certify(store: Store, run: Run, causes: Sequence[ListedCause]) -> str:
 def _nominal(store: Store, run: Run) -> str:
     """Say how often a policy fails in a run's nominal scenes, jittered ones included; empty if it passes."""
     near = (trial for trial in store.trials(run.id) if trial.severity < NEARLY_NOMINAL)
-    outcomes = [trial.outcome for trial in near if trial.outcome.verdict >= Verdict.PASSED]
+    outcomes = [trial.outcome for trial in near if trial.outcome.judged]
     lost = Counter(outcome.lost_stage for outcome in outcomes if outcome.lost_stage)
     if not lost:
         return ""

@@ -63,7 +63,7 @@ def mechanisms(
     """
     if not causes or not space.quantities:
         return []
-    judged = (trial for trial in trials if trial.outcome.verdict >= Verdict.PASSED)
+    judged = (trial for trial in trials if trial.outcome.judged)
     run = _Run(space, causes, [trial for trial in judged if not trial.duplicate and trial.genome is not None])
     found, left = list[Merged](), frozenset(range(len(causes)))
     explained = np.zeros(len(run.failed), dtype=bool)
@@ -234,7 +234,10 @@ def _merged(run: _Run, best: _Candidate, at_random: Collection[int]) -> Merged:
             ways.setdefault(operator, _way(run.space, row.scene, operator, best.name))
     threshold, above = best.sign * best.threshold, best.sign > 0
     mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()), _swapped(run, best, list(ways)))
-    return Merged(mechanism, best.members, _share(run, best.beyond, at_random))
+    drawn = np.array([trial.proposal in at_random for trial in run.trials], dtype=bool)
+    failing, scenes = int((best.beyond & run.failed & drawn).sum()), int(drawn.sum())
+    share = Probability(failing / scenes, *wilson(failing, scenes)) if scenes else None
+    return Merged(mechanism, best.members, share)
 
 
 def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
@@ -248,15 +251,6 @@ def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
         most = max(axes, key=lambda axis: abs(space.measured(without[axis])[quantity] - here))
         scene = space.without_axes(scene, operator, axes.keys() - {most}, start)
     return f"{operator} {direction(space, scene, operator, start)}"
-
-
-def _share(run: _Run, beyond: Mask, at_random: Collection[int]) -> Probability | None:
-    """The share of random scenes beyond a threshold that fail."""
-    drawn = np.array([trial.proposal in at_random for trial in run.trials], dtype=bool)
-    if not drawn.any():
-        return None
-    failing, scenes = int((beyond & run.failed & drawn).sum()), int(drawn.sum())
-    return Probability(failing / scenes, *wilson(failing, scenes))
 
 
 def _swapped(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:

@@ -52,8 +52,8 @@ class SharedPolicy(StandIn):
             self._pipe.close()
             self._pipe = None
         for key, (process, sharers) in list(_processes.items()):
-            if any(sharer is self for sharer in sharers):
-                sharers[:] = [sharer for sharer in sharers if sharer is not self]
+            if self in sharers:
+                sharers.remove(self)
                 if not sharers:
                     del _processes[key]
                     process.close()
@@ -176,11 +176,9 @@ def _main(make: Callable[[], Policy], address: Address, key: bytes, parent: Any,
     with connection.Listener(address, backlog=128, authkey=key) as listener:
         try:
             policy = make()
-        except VlafuzzError as error:
-            parent.send(error)
-            return
         except Exception as error:
-            parent.send(UsageError(f"the policy cannot be made: {type(error).__name__}: {error}"))
+            broken = UsageError(f"the policy cannot be made: {type(error).__name__}: {error}")
+            parent.send(error if isinstance(error, VlafuzzError) else broken)
             return
         Thread(target=_accept, args=(listener, ServedPolicy(policy, longest=longest)), daemon=True).start()
         parent.send((listener.address, policy.spec))

@@ -124,23 +124,18 @@ class WorkerPool:
         return False
 
     def _collect(self, slot: _Slot) -> Iterator[tuple[int, list[Outcome]]]:
-        assert slot.batch is not None
+        """The outcomes of a batch if they are there. A lost worker is replaced; its batch is queued again, or ERROR."""
+        batch = slot.batch
+        assert batch is not None
         try:
             outcomes = slot.worker.answer()
         except Lost as cause:
-            outcomes = self._replace(slot, str(cause))
+            slot.worker.kill()
+            slot.worker, slot.batch = self._start(), None
+            if batch.tries < TRIES:
+                self._retries.append(batch)
+                return
+            outcomes = [Outcome.error(f"worker: {cause}, {TRIES} times")] * len(batch.scenes)
         if outcomes is not None:
-            batch, slot.batch = slot.batch, None
+            slot.batch = None
             yield batch.tag, outcomes
-
-    def _replace(self, slot: _Slot, cause: str) -> list[Outcome] | None:
-        """Replace a lost worker; its batch is queued again, or becomes ERROR."""
-        batch = slot.batch
-        assert batch is not None
-        slot.worker.kill()
-        slot.worker = self._start()
-        if batch.tries >= TRIES:
-            return [Outcome.error(f"worker: {cause}, {TRIES} times")] * len(batch.scenes)
-        slot.batch = None
-        self._retries.append(batch)
-        return None

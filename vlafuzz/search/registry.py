@@ -9,7 +9,7 @@ import numpy as np
 from vlafuzz.common.plugins import is_reference, load_factory, users_code
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import check_choice
-from vlafuzz.search.base import POOL, Genome, Proposal, Source, Strategy
+from vlafuzz.search.base import POOL, Proposal, Source, Strategy
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.feedback import Feedback
 from vlafuzz.search.nsga2 import Nsga2
@@ -71,9 +71,11 @@ class Own:
         for number, proposal in enumerate(proposals, self._asked):
             if proposal.id != number:
                 raise self._wrong(f"proposal {number} has the id {proposal.id}")
-            flaw = _flaw(proposal.genome, self._dim)
-            if flaw:
-                raise self._wrong(f"the genome of proposal {number} {flaw}")
+            genome, shape = f"the genome of proposal {number}", np.shape(proposal.genome)
+            if shape != (self._dim,):
+                raise self._wrong(f"{genome} has the shape {shape}, not {(self._dim,)}")
+            if outside := [float(gene) for gene in proposal.genome if not 0 <= gene <= 1]:
+                raise self._wrong(f"{genome} has {outside[0]:g}, which is not in [0, 1]")
         self._asked += len(proposals)
         return proposals
 
@@ -84,10 +86,3 @@ class Own:
 
     def _wrong(self, what: str) -> UsageError:
         return UsageError(f"strategy {self._name!r}: {what}", hint=_HINT)
-
-
-def _flaw(genome: Genome, dim: int) -> str | None:
-    if np.shape(genome) != (dim,):
-        return f"has the shape {np.shape(genome)}, not {(dim,)}"
-    outside = [float(gene) for gene in genome if not 0 <= gene <= 1]
-    return f"has {outside[0]:g}, which is not in [0, 1]" if outside else None

@@ -69,7 +69,7 @@ class Score:
 def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
     """How a scene ended, as strategies are told."""
     severities = space.severities(scene)
-    known = outcome.verdict >= Verdict.PASSED and math.isfinite(outcome.progress)
+    known = outcome.judged and math.isfinite(outcome.progress)
     passed, failed = outcome.verdict is Verdict.PASSED, outcome.verdict is Verdict.FAILED
     return Score(
         verdict=outcome.verdict,

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from pydantic import ValidationError
 
-from vlafuzz.common.files import closed_on_error
+from vlafuzz.common.files import closed_on_error, reason
 from vlafuzz.common.reading import first_problem
 from vlafuzz.errors import StoreError, VlafuzzError
 from vlafuzz.store.migrations import STEPS, migrate, shape_at, shape_of
@@ -218,9 +218,8 @@ class WriterLock:
         except OSError as error:
             if error.errno == errno.ENOSPC:
                 raise _problem(path, "SQLITE_FULL") from None
-            reason = (error.strerror or "unknown reason").lower()
             hint = _EXPLAINED["SQLITE_READONLY"][1]
-            raise StoreError(f"{path}: cannot be written: {reason}", hint) from None
+            raise StoreError(f"{path}: cannot be written: {reason(error)}", hint) from None
 
     def release(self) -> None:
         # Removed before the lock is released: afterwards it may be another process's file.

@@ -81,13 +81,10 @@ def _copy(path: Path, target: sqlite3.Connection) -> None:
         source = connect_to_read(path)
     with closing(source):
         source.execute("BEGIN")  # one consistent state of a store that may be being written
-        shift = {table: _last(target, table) for table in ("run", "trial")}
+        queries = {table: f"SELECT coalesce(max(id), 0) FROM {table}" for table in ("run", "trial")}
+        shift = {table: int(target.execute(query).fetchone()[0]) for table, query in queries.items()}
         for table, numbers in NUMBERS.items():
             _copy_table(source, target, table, {column: shift[of] for column, of in numbers.items()})
-
-
-def _last(connection: sqlite3.Connection, table: str) -> int:
-    return int(connection.execute(f"SELECT coalesce(max(id), 0) FROM {table}").fetchone()[0])
 
 
 def _copy_table(source: sqlite3.Connection, target: sqlite3.Connection, table: str, shift: Mapping[str, int]) -> None:

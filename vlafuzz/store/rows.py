@@ -114,7 +114,7 @@ def to_scene(row: sqlite3.Row, key: str = "digest") -> Scene:
 def trial_row(run: int, trial: Trial) -> Row:
     """Columns of ``trial``."""
     outcome = trial.outcome
-    known = outcome.verdict >= Verdict.PASSED
+    known = outcome.judged
     return {
         "run": run,
         "proposal": trial.proposal,

@@ -56,7 +56,7 @@ def record(runner: SceneRunner, seed: int, count: int, watch: Watch) -> list[Con
         scenes = [draw(runner.space, seed, number) for number in numbers]
         outcomes = runner.evaluate(scenes, [number_of(scene) for scene in scenes])
         for scene, outcome in zip(scenes, outcomes, strict=True):
-            if outcome.verdict >= Verdict.PASSED:
+            if outcome.judged:
                 controls.append(Control(scene, outcome.verdict is Verdict.PASSED))
         watch.progress("controls run", len(controls), max(count, len(controls)))
     return controls

@@ -55,20 +55,14 @@ def pace(store: Store, workers: int) -> float:
     """Seconds per rollout in the newest runs; of a policy behind a server as many at a time as there."""
     runs = store.runs()
     newest_first = chain.from_iterable(_seconds(store, run) for run in reversed(runs))
-    seconds = list(islice(newest_first, SAMPLE)) or [0.0]
-    at_once = max(workers, _at_once(store, runs[-1]) if runs else 0.0)
+    seconds, at_once = list(islice(newest_first, SAMPLE)) or [0.0], float(workers)
+    if runs and "://" in runs[-1].manifest.policy and runs[-1].seconds:
+        at_once = max(at_once, sum(_seconds(store, runs[-1])) / runs[-1].seconds)
     return sum(seconds) / len(seconds) / at_once
 
 
 def _seconds(store: Store, run: Run) -> Iterator[float]:
     return (rollout.seconds for trial in store.trials(run.id) for rollout in trial.outcome.rollouts)
-
-
-def _at_once(store: Store, run: Run) -> float:
-    """How many rollouts a run had at a time behind a server; else none."""
-    if "://" not in run.manifest.policy or not run.seconds:
-        return 0.0
-    return sum(_seconds(store, run)) / run.seconds
 
 
 def triage(
