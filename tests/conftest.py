@@ -55,6 +55,17 @@ def pytest_terminal_summary(terminalreporter) -> None:
         terminalreporter.write_line("\n".join(sorted(figures)))
 
 
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
+    from tests.doubles import ClosedForm
+    from vlafuzz.campaign import launch
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    return tmp_path
+
+
 @pytest.fixture(scope="session")
 def env():
     """One physics-only environment for everybody; whoever uses it begins a scene first."""

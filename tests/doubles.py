@@ -190,7 +190,7 @@ class Scripted:
 
 
 class Idle:
-    """A policy that is never called."""
+    """A policy without memory; as it is, it is never called."""
 
     spec = PolicySpec("idle")
 

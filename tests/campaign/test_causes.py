@@ -1,4 +1,4 @@
-"""A run whose strategy looks for causes ends with them, each shown by a stored failure."""
+"""A run that looks for causes ends with them, each shown by a stored failure; another one may begin with them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -12,16 +12,21 @@ from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
 from vlafuzz.campaign import causes as keeping
+from vlafuzz.campaign.causes import causes_like
+from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
+from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Cause, Genome
+from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.registry import Own, strategy_factory
 from vlafuzz.store.records import Attribution
 from vlafuzz.store.store import Store
+from vlafuzz.worlds import world_of
 
 VALUES = Reacher().space("reach", "own")  # whose random scenes take no time
 
@@ -41,12 +46,12 @@ class Cut(Raising, Faulty):
     """Raises after so many scenes."""
 
 
-def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume: int | None = None, watch=lambda _: None):
+def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume=None, watch=lambda _: None, about={}):  # noqa: B006
     """The causes of a run of 100 rollouts, and its last tally."""
     tallies = []
     with Store.open(path, "write") as store:
         Campaign(
-            manifest=manifest(strategy="causes", budget=100, batch=4),
+            manifest=replace(manifest(strategy="causes", budget=100, batch=4), **about),
             space=space,
             strategy=strategy or strategy_factory("causes")(space, 0, 100),
             executor=executor or LocalExecutor(Faulty()),
@@ -212,3 +217,44 @@ def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):
     (cause,) = found.causes
     assert (cause.mechanism.quantity, cause.failures) == ("down", 6)
     assert cause.scene in (tilted, nearer)
+
+
+@pytest.fixture(scope="module")
+def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The store of a run that found causes in scenes on a table."""
+    path = tmp_path_factory.mktemp("old") / "old.db"
+    faulty = LocalExecutor(PlantedEvaluator([lambda scene: DARK(scene) or TILTED(scene)]))
+    run(path, faulty, space=SPACE, strategy=Causes(SPACE, 0, 100), about=SPACE.conditions)
+    return path
+
+
+def test_a_store_tells_the_next_run_its_causes_with_their_scenes(old: Path):
+    like = causes_like(old, SPACE)
+    with Store.open(old) as store:
+        found = store.causes(1)
+    assert found is not None
+    assert [cause.operators for cause in like] == [cause.operators for cause in found.causes]
+    assert {DARK(SPACE.decode(cause.genome)) for cause in like if cause.operators == ("light",)} == {True}
+
+
+def test_scenes_of_another_task_keep_what_both_tasks_have(old: Path):
+    other = world_of("put-on").space(task="put-on", robot="panda")
+    (cause,) = [cause for cause in causes_like(old, other) if cause.operators == ("light",)]
+    scene = other.decode(cause.genome)
+    assert DARK(scene)
+    assert scene.task == "put-on"
+    assert replace(scene, light=other.nominal().light) == other.nominal()
+
+
+def test_a_store_without_a_run_and_one_that_is_missing_are_refused(tmp_path: Path):
+    Store.open(tmp_path / "empty.db", "write").close()
+    with pytest.raises(UsageError, match="has no run in the world of pick-up"):
+        causes_like(tmp_path / "empty.db", SPACE)
+    with pytest.raises(StoreError):
+        causes_like(tmp_path / "none.db", SPACE)
+
+
+def test_strategies_that_learn_nothing_from_it_are_refused(old: Path, tmp_path: Path):
+    asked = RunConfig(policy="frozen", task="pick-up", strategy="random", like=old, store=tmp_path / "new.db")
+    with pytest.raises(UsageError, match="strategy 'random' learns nothing from it"):
+        plan(asked)

@@ -6,9 +6,7 @@ from shutil import copy
 
 import pytest
 
-from tests.doubles import ClosedForm
 from tests.policies.clients.faults import Drifting
-from vlafuzz.campaign import launch
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
@@ -19,6 +17,7 @@ from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.merge import merge
 from vlafuzz.store.store import Store
 
+pytestmark = pytest.mark.usefixtures("folder")
 FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12")
 
 
@@ -26,14 +25,6 @@ FLAGS = ("--unchecked", "--no-certify", "--strategy", "random", "--budget", "12"
 def server() -> Iterator[str]:
     with serving(Drifting()) as name:
         yield name
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 def run(policy: str, *flags: str, store: str = "a.db") -> list[bool]:

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.doubles import ClosedForm, ended, stored
+from tests.doubles import ended, stored
 from tests.failures.triage.planted import TILTED, Planted
-from vlafuzz.campaign import launch
 from vlafuzz.failures import regions
 from vlafuzz.search.causes import draws
 
@@ -16,14 +15,6 @@ def _few_random_scenes(monkeypatch) -> None:
     """Shares of causes rest on hundreds of random scenes, which take seconds; tests of commands do with fewer."""
     monkeypatch.setattr(draws, "FIRST", 60)
     monkeypatch.setattr(regions, "DRAWN", 100)
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch) -> Path:
-    """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    return tmp_path
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@ import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from shutil import copy
+from unittest.mock import Mock
 
 import pytest
 
@@ -81,10 +82,8 @@ def test_without_a_renderer_the_page_says_why_there_are_no_videos(monkeypatch, c
 
 
 def test_a_policy_that_cannot_be_had_costs_the_videos_only(monkeypatch, capsys):
-    def unreachable(*_):
-        raise PrerequisiteError("ws://here: nothing answers")
-
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", unreachable)
+    unreachable = PrerequisiteError("ws://here: nothing answers")
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", Mock(side_effect=unreachable))
     assert main(["report", "a.db", "--out", "page.html"]) == 0
     assert "No videos: ws://here: nothing answers." in Path("page.html").read_text()
 
@@ -120,10 +119,7 @@ def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, c
 
 
 def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
-    def interrupt(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(FilmDesk, "film", interrupt)
+    monkeypatch.setattr(FilmDesk, "film", Mock(side_effect=KeyboardInterrupt))
     assert main(["report", "a.db", "--out", "page.html"]) == 130
     assert not [path for path in place.iterdir() if "page" in path.name]
 

@@ -1,6 +1,7 @@
 """What every executor keeps, wherever it evaluates."""
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from functools import partial
 
 import pytest
@@ -23,10 +24,6 @@ class Losing(ClosedForm):
         return [passed()]
 
 
-def processes(evaluator: Evaluator) -> ProcessExecutor:
-    return ProcessExecutor(partial(same, evaluator), workers=1)
-
-
 def on_ray(evaluator: Evaluator) -> Executor:
     from vlafuzz.rollouts.ray import RayExecutor
 
@@ -36,7 +33,7 @@ def on_ray(evaluator: Evaluator) -> Executor:
 MAKERS: dict[str, Callable[[Evaluator], Executor]] = {
     "local": LocalExecutor,
     "lockstep": lambda evaluator: LockstepExecutor(lambda _: evaluator, Idle(), lanes=2),
-    "processes": processes,
+    "processes": lambda evaluator: ProcessExecutor(partial(same, evaluator), workers=1),
     "ray": on_ray,
 }
 DARK, BRIGHT, FAR = scene(light=0.25), scene(light=4.0), scene(x=0.1)
@@ -57,15 +54,8 @@ def kind(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def make(kind: str) -> Iterator[Callable[[Evaluator], Executor]]:
     """Makes executors of a kind, and closes them."""
-    executors: list[Executor] = []
-
-    def maker(evaluator: Evaluator) -> Executor:
-        executors.append(MAKERS[kind](evaluator))
-        return executors[-1]
-
-    yield maker
-    for executor in executors:
-        executor.close()
+    with ExitStack() as stack:
+        yield lambda evaluator: stack.enter_context(closing(MAKERS[kind](evaluator)))
 
 
 here = pytest.mark.parametrize("kind", ["local", "lockstep", "processes"], indirect=True)

@@ -101,10 +101,7 @@ def test_nothing_is_shown_by_a_swap_where_one_operator_was_tried_once():
 
 
 def test_operators_that_do_not_act_through_one_quantity_stay_apart():
-    def plain(scene: Scene) -> bool:
-        return scene.camera.pitch < -3 or scene.targets[0].x > 0.04
-
-    trials = run(plain, [PITCHED, NEARER])
+    trials = run(lambda scene: scene.camera.pitch < -3 or scene.targets[0].x > 0.04, [PITCHED, NEARER])
     assert mechanisms(SPACE, causes(camera_orientation=PITCHED, target_position=NEARER), trials) == []
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from tests.doubles import Idle
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.controls import Random
@@ -16,7 +17,7 @@ START = EpisodeStart("one", "pick up apple", "pick-up", 7)
 SEEN = Observation("one", 0, "pick up apple")
 
 
-class Dictated:
+class Dictated(Idle):
     """Answers with prescribed chunks, repeating the last one; raises exceptions. ``over``: ended rollouts."""
 
     def __init__(self, *answers: object, execute: int | None = 1, **action: object) -> None:
@@ -35,9 +36,6 @@ class Dictated:
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         self.over += episodes
-
-    def close(self) -> None:
-        pass
 
 
 def numbered(*values: float) -> list[ActionChunk]:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tests.doubles import Idle
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
@@ -41,7 +42,7 @@ class Mortal(Common):
             os.abort()
 
 
-class Counter:
+class Counter(Idle):
     """Answers with the number of calls in a rollout; raises for some words."""
 
     shared = True
@@ -69,9 +70,6 @@ class Counter:
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         self.finished += [start.episode for start in episodes]
-
-    def close(self) -> None:
-        pass
 
 
 class Sleeper(Counter):

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing
 from functools import partial
 from multiprocessing import active_children
 from pathlib import Path
@@ -80,15 +81,8 @@ def missing() -> Evaluator:
 
 @pytest.fixture
 def executor() -> Iterator[Callable[..., ProcessExecutor]]:
-    executors: list[ProcessExecutor] = []
-
-    def make(factory: Callable[[], Evaluator], workers: int = 2, **options: float) -> ProcessExecutor:
-        executors.append(ProcessExecutor(factory, workers, **options))  # type: ignore[arg-type]
-        return executors[-1]
-
-    yield make
-    for executor in executors:
-        executor.close()
+    with ExitStack() as stack:
+        yield lambda make, workers=2, **more: stack.enter_context(closing(ProcessExecutor(make, workers, **more)))
 
 
 def of_bright(executor: WorkerPool) -> Outcome:

@@ -4,8 +4,10 @@ import importlib.util
 import os
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -26,15 +28,12 @@ MODELS = "python:tests.rollouts.models"
 
 @pytest.fixture
 def executor() -> Iterator[Callable[..., RayExecutor]]:
-    executors: list[RayExecutor] = []
+    with ExitStack() as stack:
 
-    def make(evaluator: Evaluator, workers: int = 1, **options: float) -> RayExecutor:
-        executors.append(RayExecutor(partial(same, evaluator), workers, **options))  # type: ignore[arg-type]
-        return executors[-1]
+        def make(evaluator: Evaluator, workers: int = 1, **more: Any) -> RayExecutor:
+            return stack.enter_context(closing(RayExecutor(partial(same, evaluator), workers, **more)))
 
-    yield make
-    for executor in executors:
-        executor.close()
+        yield make
 
 
 def kill_actor() -> None:

@@ -6,9 +6,11 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from functools import partial
 from multiprocessing import Process, active_children, get_context
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -28,15 +30,13 @@ MODELS = "python:tests.rollouts.models"
 @pytest.fixture
 def hosted() -> Iterator[Callable[..., Callable[[], SharedPolicy]]]:
     """``hosted(make)()``: a shared policy of a process."""
-    processes: list[PolicyProcess] = []
+    with ExitStack() as stack:
 
-    def start_process(make: Callable[[], Counter], **options: float) -> Callable[[], SharedPolicy]:
-        processes.append(PolicyProcess("counter", make, **options))  # type: ignore[arg-type]
-        return partial(SharedPolicy, "counter", processes[-1].address, processes[-1].key, processes[-1].spec)
+        def start_process(make: Callable[[], Counter], **options: Any) -> Callable[[], SharedPolicy]:
+            process = stack.enter_context(closing(PolicyProcess("counter", make, **options)))
+            return partial(SharedPolicy, "counter", process.address, process.key, process.spec)
 
-    yield start_process
-    for process in processes:
-        process.close()
+        yield start_process
 
 
 def start(name: str = "scene", instruction: str = "move") -> EpisodeStart:

@@ -158,10 +158,7 @@ def test_a_cause_at_the_ends_of_two_ranges_is_found_though_few_random_scenes_sho
 
 
 def test_a_policy_that_fails_in_the_nominal_scene_is_compared_with_a_scene_that_it_passes():
-    def fails(scene: Scene) -> bool:
-        return scene.targets[0].x < 0.0
-
-    assert ("target-position",) in operators(played(fails, 200))
+    assert ("target-position",) in operators(played(lambda scene: scene.targets[0].x < 0.0, 200))
 
 
 def test_a_failure_that_is_not_attributed_yet_counts_as_unexplained():
@@ -244,11 +241,8 @@ def test_a_cause_is_found_beside_failures_by_chance():
 
 def test_causes_of_one_operator_are_found_where_two_of_five_other_scenes_fail_by_chance():
     rng = np.random.default_rng(6)
-
-    def fails(scene: Scene) -> bool:
-        return dark(scene) or scene.camera.yaw > 4 or rng.random() < 0.4
-
-    assert operators(played(fails, 300, 3)) == {("light",), ("camera-orientation",)}
+    found = played(lambda scene: dark(scene) or scene.camera.yaw > 4 or rng.random() < 0.4, 300, 3)
+    assert operators(found) == {("light",), ("camera-orientation",)}
 
 
 def test_a_number_is_tried_alone_at_both_ends_of_its_range():

@@ -15,6 +15,7 @@ import traceback
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -132,10 +133,7 @@ def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path:
 
 
 def test_a_disk_without_room_for_a_lock_is_full_and_nothing_is_left_there(path: Path, monkeypatch):
-    def full(file: int, data: bytes) -> int:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(os, "write", full)
+    monkeypatch.setattr(os, "write", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
     with pytest.raises(StoreError, match="the disk is full"):
         Store.open(path, "write")
     assert not list(path.parent.iterdir())

@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import asdict, replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -149,10 +150,8 @@ def test_a_folder_that_is_there_is_left_alone(folder: Path) -> None:
 
 
 def test_nothing_is_left_where_it_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, os.strerror(28))
-
-    monkeypatch.setattr("vlafuzz.failures.corpus.folder.write_scenes", full)
+    full = OSError(28, os.strerror(28))
+    monkeypatch.setattr("vlafuzz.failures.corpus.folder.write_scenes", Mock(side_effect=full))
     with pytest.raises(CorpusError, match="no space left on device"):
         write_corpus(make_corpus(), tmp_path / "a")
     assert list(tmp_path.iterdir()) == []

@@ -69,11 +69,9 @@ def test_a_finding_with_another_cause_is_shrunk_to_its_own(tmp_path):
 
 
 def test_a_known_cause_in_the_other_direction_is_none(tmp_path):
-    def extreme(scene: Scene) -> bool:
-        return not 0.4 <= scene.light.intensity <= 3
-
     bright = scenes([lambda scene: scene.light.intensity > 3], 1)
-    found = results(tmp_path, [*scenes([DARK], FIRST), *bright], PlantedRunner([extreme]))
+    extreme = PlantedRunner([lambda scene: not 0.4 <= scene.light.intensity <= 3])
+    found = results(tmp_path, [*scenes([DARK], FIRST), *bright], extreme)
     assert found[-1].signature == "pick-up|grasp|light:bright"
     assert found[-1].causes.thresholds
 

@@ -11,27 +11,22 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.doubles import Idle
 from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, parts, served
 from tests.policies.clients.served import websocket
-from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
+from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 
 GARBAGE = b"\xc1garbage"
 
 
-class Drifting:
+class Drifting(Idle):
     """Moves as a function of instruction and proprioception, 20 steps at a time, without memory."""
 
     spec = PolicySpec("drifting", state=True, execute=None)
 
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        pass
-
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self.moves(seen.instruction, seen.state)) for seen in observations]
-
-    def close(self) -> None:
-        pass
 
     def moves(self, instruction: str, state: np.ndarray) -> np.ndarray:
         rng = np.random.default_rng([zlib.crc32(instruction.encode()), zlib.crc32(state.tobytes())])

@@ -17,6 +17,7 @@ from vla_eval.specs import DimSpec
 from websockets.protocol import State
 from websockets.sync.server import serve
 
+from tests.doubles import Idle
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.rollouts.policies import make_policy
@@ -111,7 +112,7 @@ class Rounded:
         ]
 
 
-class Attentive:
+class Attentive(Idle):
     """Moves as a function of instruction, proprioception, pictures and steps so far, 3 steps at a time."""
 
     def __init__(self, *cameras: CameraRequest, **more: Any) -> None:
@@ -123,9 +124,6 @@ class Attentive:
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self._decide(seen)) for seen in observations]
-
-    def close(self) -> None:
-        pass
 
     def _decide(self, seen: Observation) -> np.ndarray:
         self._calls[seen.episode] += 1

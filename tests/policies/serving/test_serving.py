@@ -20,6 +20,7 @@ from vla_eval.connection import Connection
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from tests.doubles import Idle
 from tests.policies.clients.served import STATE, Attentive, asked, failure, seen, start
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
@@ -58,7 +59,7 @@ def test_whole_rollouts_are_those_in_process_action_for_action(served):
         check_same_as_in_process(name, SERVED[served], Verdict.FAILED)
 
 
-class Echo:
+class Echo(Idle):
     """Answers with its observation: the picture's corner, the state, and the number of calls."""
 
     def __init__(self, *cameras: CameraRequest) -> None:
@@ -75,9 +76,6 @@ class Echo:
         (seen,) = observations
         corner = [float(picture[0, 0, 0]) for picture in seen.images.values()]
         return [ActionChunk(np.array([[*corner, *seen.state[len(corner) : 6], seen.step]]))]
-
-    def close(self) -> None:
-        pass
 
 
 def url(name: str) -> str:
