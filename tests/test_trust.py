@@ -80,9 +80,24 @@ def test_a_strategy_of_a_run_is_not_loaded_either(folder: Path, capsys):
     assert not (folder / RAN).exists()
 
 
-@pytest.mark.parametrize("names", ["random, python:a:b", "python:a:b,random", "lerobot:./sent?profile=libero"])
-def test_no_name_that_loads_code_is_overlooked(names: str):
-    with pytest.raises(UsageError, match="the file names"):
+CODE, SERVER = "code, which is not run", "a server elsewhere, which is not asked"
+
+
+@pytest.mark.parametrize(
+    ("names", "kind"),
+    [
+        ("random, python:a:b", CODE),
+        ("python:a:b,random", CODE),
+        ("lerobot:./sent?profile=libero", CODE),
+        ("openpi:ws://gpu:8000", SERVER),
+        ("http://127.0.0.1.example.org:1/act", SERVER),
+        ("http://127.0.0.1,.example.org:1/act", SERVER),
+        ("openpi:ws:\t//gpu:8000", SERVER),
+        ("groot:tcp://[2001:db8::1]:5555?state_key=x,y", SERVER),
+    ],
+)
+def test_no_name_that_loads_code_or_asks_a_server_elsewhere_is_overlooked(names: str, kind: str):
+    with pytest.raises(UsageError, match=f"the file names .*: {kind}"):
         check_trusted(names)
     with trusting(names):
         check_trusted(names)
@@ -149,23 +164,6 @@ def test_a_file_that_is_named_like_code_is_no_code(folder: Path, capsys):
     Path(OWN).touch()  # as `bisect corpus --checkpoints *` would name it
     assert "is the name of a file here" in typed(capsys, ["bisect", "corpus", "--checkpoints", "mini", OWN], code=2).err
     assert not (folder / RAN).exists()
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "openpi:ws://gpu:8000",
-        "http://127.0.0.1.example.org:1/act",
-        "http://127.0.0.1,.example.org:1/act",
-        "openpi:ws:\t//gpu:8000",
-        "groot:tcp://[2001:db8::1]:5555?state_key=x,y",
-    ],
-)
-def test_a_server_elsewhere_needs_trust(name: str):
-    with pytest.raises(UsageError, match="a server elsewhere"):
-        check_trusted(name)
-    with trusting(name):
-        check_trusted(name)
 
 
 @pytest.mark.parametrize("host", ["localhost", "127.0.0.1", "[::1]"])
