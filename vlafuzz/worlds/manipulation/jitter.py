@@ -56,14 +56,12 @@ def _placed(rng: np.random.Generator, placement: Placement) -> Placement:
 def _moved(rng: np.random.Generator, camera: Camera) -> Camera:
     x, y, z = (np.array(camera.offset) + _uniform(rng, CAMERA_POSITION, 3)).tolist()
     roll, pitch, yaw = _uniform(rng, CAMERA_ORIENTATION, 3).tolist()
-    return Camera(
-        math.hypot(x, y, z),
-        math.degrees(math.atan2(y, x)),
-        math.degrees(math.atan2(z, math.hypot(x, y))),
-        roll=camera.roll + roll,
-        pitch=camera.pitch + pitch,
-        yaw=camera.yaw + yaw,
-    )
+    return Camera(*polar(x, y, z), roll=camera.roll + roll, pitch=camera.pitch + pitch, yaw=camera.yaw + yaw)
+
+
+def polar(x: float, y: float, z: float) -> tuple[float, float, float]:
+    """A camera's distance, azimuth and elevation by its offset; metres and degrees."""
+    return math.hypot(x, y, z), math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
 
 
 def _uniform(rng: np.random.Generator, amount: float, size: int) -> Array:

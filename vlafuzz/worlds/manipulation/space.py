@@ -20,7 +20,7 @@ from vlafuzz.worlds.base import SceneMap, World
 from vlafuzz.worlds.manipulation import extras
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.composer import camera
-from vlafuzz.worlds.manipulation.jitter import jittered
+from vlafuzz.worlds.manipulation.jitter import jittered, polar
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, load_operators
 from vlafuzz.worlds.manipulation.rigs import Rig, View, rig
 
@@ -135,15 +135,10 @@ class TableSpace(Space):
 
     def without_axes(self, scene: Scene, group: str, axes: Collection[str], start: Scene) -> Scene:
         offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
-        x, y, z = (there if axis in axes else here for axis, here, there in offsets)
-        level = math.hypot(x, y)
-        polar = {
-            "distance": math.hypot(level, z),
-            "azimuth": math.degrees(math.atan2(y, x)),
-            "elevation": math.degrees(math.atan2(z, level)),
-        }
-        grids = {name: self.by_path[f"camera.{name}"].grid for name in polar}
-        placed = {f"camera.{name}": grids[name].value(grids[name].snap(value)) for name, value in polar.items()}
+        moved = polar(*(there if axis in axes else here for axis, here, there in offsets))
+        paths = [f"camera.{name}" for name in ("distance", "azimuth", "elevation")]
+        grids = [self.by_path[path].grid for path in paths]
+        placed = {path: grid.value(grid.snap(value)) for path, grid, value in zip(paths, grids, moved, strict=True)}
         return self.compose(self.values(scene) | placed)
 
     def option(self, scene: Scene, gene: Gene, value: float) -> str:

@@ -79,7 +79,10 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     """The problems in a sentence each. Only the first is used: later checks assume that there is none."""
-    yield from _unknown(scene)
+    if scene.task not in TASKS:
+        yield f"unknown task {scene.task!r}"
+    if scene.robot not in RIGS:
+        yield f"unknown robot {scene.robot!r}"
     if not scene.instruction.strip():
         yield "an instruction is empty"
     if scene.light.intensity < 0:
@@ -97,13 +100,6 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     problem = cannot_grasp(*first, rig(scene.robot).hand)
     if problem or (task.onto and (problem := cannot_place(task.onto, *first, *more[0]))):
         yield problem
-
-
-def _unknown(scene: Scene) -> Iterator[str]:
-    if scene.task not in TASKS:
-        yield f"unknown task {scene.task!r}"
-    if scene.robot not in RIGS:
-        yield f"unknown robot {scene.robot!r}"
 
 
 def _placement_problems(placement: Placement, catalogue: Catalogue) -> Iterator[str]:

@@ -56,11 +56,6 @@ def use_shaders() -> ShaderConfig:
     sapien.render.set_camera_shader_dir(str(pack))
     for name, format_ in _FORMATS.items():
         sapien.render.set_picture_format(name, format_)
-    return _config(pack)
-
-
-@cache
-def _config(pack: Path) -> ShaderConfig:
     return ShaderConfig(
         shader_pack=str(pack),
         texture_names={"Color": ["rgb"]},
