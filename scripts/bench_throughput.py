@@ -6,7 +6,8 @@ These loops alternate scene by scene, so that other load on the machine affects 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
              ``gym.make``, ``reset`` and ``close`` for every scene. It follows the TCP positions and gripper commands of
              the expert's rollout in the same scene, without rendering.
-ours         ``ManiSkillEvaluator`` with the expert, without and with the validity checks.
+ours         ``ManiSkillEvaluator`` with the expert: without and with the validity checks, and without them in a scene with
+             two events that change nothing which is timed.
 bare PhysX   the same objects and robot with the drive targets of our rollout; only physics steps are timed.
              It must end in the same state as ours.
 """
@@ -23,7 +24,7 @@ import json
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from typing import Any
@@ -40,9 +41,8 @@ from numpy.typing import NDArray
 
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene import LightSwitch, PictureLoss, Scene
 from vlafuzz.model.task import Monitor
-from vlafuzz.policies.harness import Harness
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
@@ -56,6 +56,7 @@ from vlafuzz.worlds.tabletop.tasks import TASKS, State
 STOCK_ID = "VlaFuzzBenchStock-v1"
 HZ = Expert().spec.action.hz
 STOCK, OURS, CHECKED, BARE = "stock", "ours", "ours, with validity", "bare PhysX"
+EVENTFUL = "ours, with events"
 FASTER_THAN_STOCK, SLOWER_THAN_BARE = 5.0, 1.3  # the goals
 PARTS: dict[str, tuple[type, str]] = {
     "PhysX": (World, "step"),
@@ -63,7 +64,7 @@ PARTS: dict[str, tuple[type, str]] = {
     "contacts": (World, "_contacts"),
     "state": (World, "_read"),
     "stages": (Monitor, "observe"),
-    "expert": (Harness, "action"),
+    "expert": (Expert, "act"),
     "reset": (TabletopEnv, "begin"),
     "validity": (ManiSkillEvaluator, "check"),
     "rest": (ManiSkillEvaluator, "evaluate"),
@@ -142,6 +143,7 @@ class Loops:
             STOCK: self._play_stock,
             OURS: partial(self._play_ours, self._ours),
             CHECKED: partial(self._play_ours, self._checked),
+            EVENTFUL: self._play_events,
             BARE: self._play_bare,
         }
 
@@ -149,6 +151,10 @@ class Loops:
         gc.collect()
         gc.freeze()  # as in a process that only has this evaluator
         return lambda: evaluator.evaluate([course.scene])
+
+    def _play_events(self, course: Course) -> Callable[[], object]:
+        events: Any = {"picture_loss": PictureLoss("carry", 5), "light_switch": LightSwitch("carry", 2.0)}
+        return self._play_ours(self._ours, replace(course, scene=replace(course.scene, **events)))
 
     def _play_stock(self, course: Course) -> Callable[[], None]:
         gc.unfreeze()  # stock does not freeze
