@@ -6,8 +6,8 @@ These loops alternate scene by scene, so that other load on the machine affects 
 stock        the stock Panda with all its meshes, ``pd_ee_delta_pose``, ``is_grasping`` at every step, and
              ``gym.make``, ``reset`` and ``close`` for every scene. It follows the TCP positions and gripper commands of
              the expert's rollout in the same scene, without rendering.
-ours         ``ManiSkillEvaluator`` with the expert: without and with the validity checks, and without them in a scene with
-             two events that change nothing which is timed.
+ours         ``ManiSkillEvaluator`` with the expert: without and with the validity checks, and without them in a scene
+             with two events that change nothing which is timed.
 bare PhysX   the same objects and robot with the drive targets of our rollout; only physics steps are timed.
              It must end in the same state as ours.
 """

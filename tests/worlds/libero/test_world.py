@@ -15,7 +15,20 @@ from vlafuzz.failures.triage.path import directed
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.evidence import Causes
 from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, LightSwitch, Placement, Scene, Slide, Start
+from vlafuzz.model.scene import (
+    Backdrop,
+    Camera,
+    ControlStall,
+    GripSlip,
+    GripWeak,
+    InitialPose,
+    Light,
+    LightSwitch,
+    Placement,
+    Scene,
+    Slide,
+    Start,
+)
 from vlafuzz.policies.base import Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
@@ -233,6 +246,24 @@ class TestEvaluator:
         gripper = solved.rollouts[0].actions[:, 6]
         assert solved.verdict is Verdict.PASSED
         assert np.count_nonzero(np.diff(gripper) < 0) == 1
+
+    def test_the_expert_notices_that_the_soup_slipped_out_of_its_hand_and_goes_back_for_it(self, soup, varied):
+        scene = replace(varied.nominal(), grip_slip=GripSlip("carry", 10))
+        (solved,) = soup.evaluate([scene])
+        closings = np.flatnonzero(np.diff(solved.rollouts[0].actions[:, 6]) < 0)
+        assert (solved.verdict, len(closings)) == (Verdict.PASSED, 2)
+        assert closings[1] - closings[0] < 80  # not after a way of 60 steps without it
+
+    def test_a_lift_goes_on_after_a_stall(self, soup, varied):
+        (solved,) = soup.evaluate([replace(varied.nominal(), control_stall=ControlStall("grasp", 10))])
+        assert solved.verdict is Verdict.PASSED
+
+    def test_a_grip_that_has_no_force_any_more_holds_nothing_and_has_it_back_in_the_next_scene(self, soup, varied):
+        usual = varied.nominal()
+        weak = replace(usual, grip_weak=GripWeak("approach", 0.01))
+        before, failed, after = soup.evaluate([usual, weak, usual])
+        assert (failed.verdict, failed.rollouts[0].success_once) == (Verdict.FAILED, False)
+        assert before.rollouts[0].states_hash == after.rollouts[0].states_hash
 
     def test_what_happens_at_the_approach_happens_in_mid_episode_at_20_cm(self, soup, varied):
         scene = replace(varied.nominal(), light_switch=LightSwitch("approach", 0.5))

@@ -3,7 +3,7 @@
 Also as a policy, and in the place of a policy whose actions it writes.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,12 +21,15 @@ HOVER = 0.08  # metres above a grasp, from where the hand comes down
 CARRY = 0.06  # metres between what is carried and all that stands around
 DROP = 0.01  # metres above its place at which a thing is let go
 FAST = 2.0  # errors are asked for that many times: the controller covers a part of them in a step
+DROPPED = 0.05  # metres by which a thing that was grasped is farther below the hand; in the hand, it turns by less
 SLID = 0.01  # metres by which a thing has been moved, and is grasped anew, while the hand comes near
 CLOSE = 0.008  # metres from a place that count as there
 PATIENCE = 60  # control steps for one move
 STUCK = 8  # control steps without a millimetre of movement that end a move, too
+FAR, STALLED = 0.03, 12  # metres from a place from which on it takes more of them than those that an event takes away
 SPREAD = 0.6  # of half a region's size: how far from its middle things go that share it
 TRIES = 4  # for each thing
+Check = Callable[[], bool]
 
 
 class Expert:
@@ -42,7 +45,7 @@ class Expert:
 
     def __init__(self, env: LiberoEnv, attempt: int = 0, *, pace: int = 1, tries: int = TRIES) -> None:
         self._env, self._pace = env, pace
-        self._attempts = range(attempt, attempt + tries)
+        self._attempt, self._tries = attempt, tries
         self._gain = 1.0 if pace == 1 else 2.0
         self._site = env.robosuite.robots[0].eef_site_id
         self._upright = _level(env.data.site_xmat[self._site].reshape(3, 3))
@@ -50,52 +53,60 @@ class Expert:
     def actions(self) -> Iterator[Array]:
         """Actions ``(7,)`` until everything is at its place, or no try is left."""
         for atom in self._env.task.goal:
-            for attempt in self._attempts:
+            attempt = self._attempt
+            for _ in range(self._tries):
                 if atom[0] not in PLACING or self._env.holds(atom):
                     break
-                yield from self._place(atom, attempt)
+                grasped = yield from self._place(atom, attempt)
+                attempt += not grasped
         yield from self._wait(10, gripper=-1.0)
 
-    def _place(self, atom: Atom, attempt: int) -> Iterator[Array]:
+    def _place(self, atom: Atom, attempt: int) -> Generator[Array, None, bool]:
+        """Bring a thing to its place; whether it was grasped."""
         _, name, goal = atom
         if self._holds(name):
             yield from self._bring(name, goal, self._yaw())
-            return
+            return True
         while True:
             grasps = find_grasps(self._env, name)
             if not grasps:
                 yield from self._wait(5, gripper=-1.0)
-                return
+                return False
             grasp, there = grasps[0] if attempt == 0 else _other(grasps, attempt), self._env.place(name)
-            yield from self._approach(grasp)
+            above = grasp.position + np.array([0.0, 0.0, HOVER])
+            high = np.array([*above[:2], max(above[2], self._hand()[2])])
+            yield from self._move(high, grasp.yaw, gripper=-1.0, close=0.03)
+            yield from self._move(above, grasp.yaw, gripper=-1.0)
             if np.linalg.norm(self._env.place(name) - there) < SLID:
                 break
         yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
         yield from self._wait(10, gripper=1.0)
         if not self._holds(name):
             yield from self._move(self._shifted(up=HOVER), grasp.yaw, gripper=-1.0)
-            return
+            return False
         yield from self._bring(name, goal, grasp.yaw)
-
-    def _approach(self, grasp: Grasp) -> Iterator[Array]:
-        above = grasp.position + np.array([0.0, 0.0, HOVER])
-        high = np.array([*above[:2], max(above[2], self._hand()[2])])
-        yield from self._move(high, grasp.yaw, gripper=-1.0, close=0.03)
-        yield from self._move(above, grasp.yaw, gripper=-1.0)
+        return True
 
     def _bring(self, name: str, goal: str, yaw: float) -> Iterator[Array]:
-        """Carry what the hand holds over its goal, lower it and let go."""
+        """Carry what the hand holds over its goal, lower it and let go; end at once if it falls on the way."""
+        below = self._below(name)
+
+        def dropped() -> bool:
+            return self._below(name) - below > DROPPED
+
         place, clear = self._goal(goal)
-        place = place + self._share(name, goal)
+        share = self._share(name, goal)
         around = obstacles(self._env, name)  # such as the drawer that it lies in
         clear = max([clear, *around[:, 2]])
         up = max(clear + CARRY - self._lowest(name), 0.05)
-        yield from self._move(self._shifted(up=up), yaw, gripper=1.0, close=0.015)
-        if not self._holds(name):
-            return
+        yield from self._move(self._shifted(up=up), yaw, gripper=1.0, close=0.015, until=dropped)
         for _ in range(2):  # a thing may turn in the hand on its way
-            aside = (place - self._env.place(name))[:2]
-            yield from self._move(self._shifted(aside), yaw, gripper=1.0, close=0.01)
+            if dropped():
+                return
+            if np.linalg.norm((now := self._goal(goal)[0]) - place) > SLID:
+                place = now
+            aside = (place + share - self._env.place(name))[:2]
+            yield from self._move(self._shifted(aside), yaw, gripper=1.0, close=0.01, until=dropped)
         down = place[2] + DROP - self._lowest(name)
         yield from self._move(self._shifted(up=down), yaw, gripper=1.0)
         yield from self._wait(8, gripper=-1.0)
@@ -131,16 +142,19 @@ class Expert:
         share = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
         return np.asarray(share * np.eye(3)[narrow])
 
-    def _move(self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE) -> Iterator[Array]:
-        stuck = max(STUCK // self._pace, 2)
-        earlier = [np.full(3, np.inf)] * stuck
+    def _move(
+        self, target: Array, yaw: float, *, gripper: float, close: float = CLOSE, until: Check = lambda: False
+    ) -> Iterator[Array]:
+        near = max(STUCK // self._pace, 2)
+        earlier = [(np.full(3, np.inf), np.zeros(3))] * max(near, STALLED)
         for _ in range(PATIENCE // self._pace):
             hand, turn = self._hand(), self._turn(yaw)
             away = target - hand
-            arrived = np.linalg.norm(away) < close and np.linalg.norm(turn) < 0.1
-            if arrived or (np.linalg.norm(hand - earlier[-stuck]) < 0.001 and np.linalg.norm(turn) < 0.1):
+            before, tilt = earlier[-near if np.linalg.norm(away) < FAR else -STALLED]
+            level = min(np.linalg.norm(turn), 10 * np.linalg.norm(turn - tilt)) < 0.1  # or it can turn no further
+            if until() or (level and (np.linalg.norm(away) < close or np.linalg.norm(hand - before) < 0.001)):
                 return
-            earlier.append(hand)
+            earlier.append((hand, turn))
             gain = self._gain / self._pace
             moved, turned = gain * FAST * away / METRES, gain * turn / RADIANS
             yield np.concatenate([np.clip(moved, -1, 1), np.clip(turned, -1, 1), [gripper]])
@@ -151,6 +165,10 @@ class Expert:
 
     def _hand(self) -> Array:
         return np.array(self._env.data.site_xpos[self._site])
+
+    def _below(self, name: str) -> float:
+        """Metres by which a thing is below the hand."""
+        return float(self._hand()[2] - self._env.place(name)[2])
 
     def _shifted(self, aside: Array | tuple[float, float] = (0.0, 0.0), *, up: float = 0.0) -> Array:
         return np.asarray(self._hand() + np.array([*aside, up]))

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Camera, CameraBump, Event, LightSwitch, Placement, Scene
+from vlafuzz.model.scene import Camera, CameraBump, Event, GripWeak, LightSwitch, Placement, Scene
 from vlafuzz.worlds.events import turned
 from vlafuzz.worlds.libero.casts import cast
 from vlafuzz.worlds.libero.env import LiberoEnv
@@ -35,6 +35,8 @@ class Setting:
         self.env, self._task, model = env, env.task, env.model
         lamps = [(model, f"light_{part}") for part in _LIT] + [(model.vis.headlight, part) for part in _LIT]
         self._lamps = [(owner, name, getattr(owner, name).copy()) for owner, name in lamps]
+        self._fingers = env.robosuite.robots[0]._ref_joint_gripper_actuator_indexes
+        self._press = model.actuator_forcerange[self._fingers].copy()
         self._camera = model.camera(VIEW).id
         self._eye, self._turn = model.cam_pos[self._camera].copy(), model.cam_quat[self._camera].copy()
         self._standing = Standing(env) if env.more else None
@@ -60,6 +62,7 @@ class Setting:
                 _turned(positions, at, place, placed)
         self._light(scene.light.intensity)
         self._aim(scene.camera)
+        self._grip(1.0)
         env.restore(state)
 
     def happen(self, scene: Scene, event: Event) -> None:
@@ -68,6 +71,8 @@ class Setting:
             self._aim(turned(scene.camera, event))
         elif isinstance(event, LightSwitch):
             self._light(scene.light.intensity * event.intensity)
+        elif isinstance(event, GripWeak):
+            self._grip(event.force)
 
     def slide(self, slot: int, shift: Array) -> None:
         """Move a thing of the task by ``(2,)`` metres; it keeps its height and does not begin to roll."""
@@ -75,6 +80,9 @@ class Setting:
         at, free = self._addresses[name], self.env.away.freedoms[name]
         data.qpos[at : at + 2] += shift
         data.qvel[free] *= [0, 0, 1, 0, 0, 0]
+
+    def _grip(self, force: float) -> None:
+        self.env.model.actuator_forcerange[self._fingers] = force * self._press
 
     def _light(self, intensity: float) -> None:
         for owner, name, usual in self._lamps:
