@@ -56,7 +56,7 @@ def _threshold(
         low=values(located.low),
         high=values(located.high),
         direction=direction(space, scene, name, start),
-        ranges=tuple((values(first), values(last)) for first, last in located.ranges),
+        ranges=((values(located.crossing), values(located.until)),),
     )
 
 
