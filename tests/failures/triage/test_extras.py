@@ -8,22 +8,21 @@ from tests.failures.triage.planted import DARK, EXTRA_CONDITIONS, WITH_EXTRAS, P
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.model.evidence import Causes
-from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Slide
 
 CHECKERED = "table checker, wall red", "table planks, wall sage"
-# The threshold of each planted condition, where it is one of a single number.
+# The value from which on each planted condition fails, where it is one of a single number.
 FAILS_FROM = {
-    "initial-pose": "initial-pose: fails from j2 1.5° (",
-    "sensor-noise": "sensor-noise: fails from blur 1.25 px (",
-    "control-latency": "control-latency: fails from delay 2 steps (",
-    "target-slide": "target-slide: fails from distance 0.045 m (",
-    "camera-bump": "camera-bump: fails from pitch 2.25° (",
-    "light-switch": "light-switch: fails from intensity × 0.",
-    "picture-loss": "picture-loss: fails from duration 7 steps (",
-    "control-stall": "control-stall: fails from duration 4 steps (",
-    "grip-slip": "grip-slip: fails from duration 2 steps (",
-    "grip-weak": "grip-weak: fails from force × 0.",
+    "initial-pose": ("initial_pose.j2", 1.5),
+    "sensor-noise": ("noise.blur", 1.25),
+    "control-latency": ("latency.delay", 2),
+    "target-slide": ("target_slide.distance", 0.045),
+    "camera-bump": ("camera_bump.pitch", 2.25),
+    "light-switch": ("light_switch.intensity", 0.4),
+    "picture-loss": ("picture_loss.duration", 7),
+    "control-stall": ("control_stall.duration", 4),
+    "grip-slip": ("grip_slip.duration", 2),
+    "grip-weak": ("grip_weak.force", 0.5),
 }
 
 
@@ -37,9 +36,12 @@ def test_shrinking_leaves_the_planted_extra_and_attribution_finds_its_threshold(
     causes = attribute(shrunk, oracle, WITH_EXTRAS)
     assert set(shrunk.operators) == set(causes.necessary) == {name, *beside}
     assert causes.sufficient == (() if beside else (name,))
-    thresholds = {threshold.operator: describe(threshold) for threshold in causes.thresholds}
-    assert (name in thresholds) == (name in FAILS_FROM)
-    assert thresholds.get(name, "").startswith(FAILS_FROM.get(name, ""))
+    found = {threshold.operator: dict(threshold.at) for threshold in causes.thresholds}
+    assert (name in found) == (name in FAILS_FROM)
+    if name in found:
+        path, first = FAILS_FROM[name]
+        grid = WITH_EXTRAS.by_path[path].grid
+        assert abs(grid.snap(found[name][path]) - grid.snap(first)) <= 1
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,8 @@ from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path
 from vlafuzz.model.evidence import Rate
 
-NARROW = 2  # grid steps, about the width of a jitter: no interval needs to be narrower,
-NARROW_SHARE = 0.1  # nor than this share of the way to the scene that fails
+NARROW = 1  # grid step: no interval needs to be narrower,
+NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
 MOST = 16  # rollouts that narrow down a crossing, where the failure rate rises slowly
 FEW, SELDOM = 8, 0.25  # outcomes of a run that say how it is beyond the scene; of those there, so few pass
 CLEAR = 2  # failures more than passes at one place, or the reverse, that say how it is there
@@ -105,7 +105,7 @@ def _fails(path: Path, oracle: Oracle, step: int) -> bool | None:
 def _narrow(path: Path, oracle: Oracle, crossing: Crossing) -> bool:
     """Roll out where the crossing may be, until its interval is narrow; whether there were enough rollouts left."""
     spent, unfair = 0, set[int]()
-    narrow = max(min(NARROW, max(path.length, 3) / 2), NARROW_SHARE * path.length)
+    narrow = max(NARROW, NARROW_SHARE * path.length)
     while spent < MOST:
         low, high = crossing.quantiles(*_INTERVAL)
         fair = [step for step in range(math.floor(low), math.ceil(high) + 1) if step not in unfair]
