@@ -1,6 +1,7 @@
 """Contrast: whether a policy fails more often in one scene than in another, by a test that may stop early."""
 
 from functools import cache
+from itertools import count
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,12 @@ def shown(failures: int, without: int, pairs: int) -> bool:
         without: failures in as many rollouts of the scene it is compared with.
     """
     return evidence(failures, without, pairs) >= LEVEL and likely(failures, pairs, without, pairs) >= LIKELY
+
+
+@cache
+def missing(failures: int, without: int, pairs: int) -> int:
+    """The fewest further pairs after which it may be shown: if the scene fails in all of them, and the other passes."""
+    return next(more for more in count(1) if shown(failures + more, without, pairs + more))
 
 
 def evidence(failures: int, without: int, pairs: int) -> float:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
 
-from vlafuzz.failures.triage.contrast import HOPELESS, likely, shown
+from vlafuzz.failures.triage.contrast import HOPELESS, likely, missing, shown
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Scene
@@ -24,6 +24,7 @@ SLACK = 0.2  # share of the way from the background to a failing scene's rate th
 MOST = 20  # rollouts to answer for a scene
 FAILURES_A_PASS = 5  # of a scene that holds
 MOST_TO_CERTIFY = 200  # rollouts to certify one
+AT_ONCE = 4  # pairs that are rolled out together at most, for several workers: as many as suffice without chance
 
 
 Roll = Callable[[Sequence[Scene], Sequence[int]], Sequence[Judged]]
@@ -204,9 +205,13 @@ class Oracle:
         tallies = [self._tally(other, CERTIFYING) for other in others]
 
         def needed(tally: Tally) -> int:
-            if tally is subject:
-                return max((one.rollouts for one in tallies if is_open(one)), default=-1) + 1 - tally.rollouts
-            return int(is_open(tally) and tally.rollouts <= subject.rollouts)
+            ends = map(until, tallies if tally is subject else [tally])
+            return max(max(ends, default=0) - tally.rollouts, 0)
+
+        def until(tally: Tally) -> int:
+            """The pairs after which it is looked again whether it passes."""
+            counts = self._pairs(subject, tally, stages)
+            return min(counts[2] + min(missing(*counts), AT_ONCE), most) if is_open(tally) else 0
 
         def is_open(tally: Tally) -> bool:
             answer = self._contrast(subject, tally, stages)
@@ -225,12 +230,15 @@ class Oracle:
         return self._rate(self._tally(scene, CERTIFYING), None)
 
     def _contrast(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> Answer | None:
-        pairs = min(scene.rollouts, other.rollouts)
-        failures = scene.failures(self.counted, pairs)
-        without = other.failures(stages or self.counted, pairs)
+        failures, without, pairs = self._pairs(scene, other, stages)
         if shown(failures, without, pairs):
             return Answer.PASSES
         return Answer.FAILS if likely(failures, pairs, without, pairs) < HOPELESS else None
+
+    def _pairs(self, scene: Tally, other: Tally, stages: Sequence[str] | None) -> tuple[int, int, int]:
+        """Failures of the scene and of the other one in as many rollouts of both, and this number."""
+        pairs = min(scene.rollouts, other.rollouts)
+        return scene.failures(self.counted, pairs), other.failures(stages or self.counted, pairs), pairs
 
     def lost(self, scene: Scene, stages: Sequence[str] | None = None) -> str:
         """The stage that is mostly lost in a scene which is known to fail."""
