@@ -225,24 +225,6 @@ def mean_estimate(values: Sequence[float]) -> Estimate | None:
     return mean_ratio(values, [1.0] * len(values))
 
 
-def paired_difference(cases: Sequence[tuple[Hashable, int]]) -> Interval:
-    """95 % interval of the mean of differences of -1, 0 or 1, given the group of each pair.
-
-    Bonett, Price 2012 <https://doi.org/10.3102/1076998611411915>, for the effective number of pairs.
-    """
-    number = len(cases)
-    groups: dict[Hashable, list[int]] = {}
-    for of, difference in cases:
-        groups.setdefault(of, []).append(difference)
-    counts = [(len(group), sum(group), sum(map(abs, group))) for group in groups.values()]
-    pairs = number if len(groups) == number else _effective(counts)
-    more, fewer = (
-        (sum(difference == sign for _, difference in cases) / number * pairs + 1) / (pairs + 2) for sign in (1, -1)
-    )
-    half = _Z * math.sqrt((more + fewer - (more - fewer) ** 2) / (pairs + 2))
-    return Interval(max(-1.0, more - fewer - half), min(1.0, more - fewer + half))
-
-
 def _effective(groups: Sequence[tuple[int, int, int]]) -> float:
     """The number of independent cases whose mean would vary as that of groups: size, sum, sum of squares."""
     number, total, squares = (sum(count) for count in zip(*groups, strict=True))
@@ -263,15 +245,3 @@ def sign_p(worse: Counts, better: Counts) -> NDArray[np.float64]:
     from scipy.special import betainc
 
     return np.where(np.asarray(worse) > 0, betainc(np.maximum(worse, 1), better + 1, 0.5), 1.0)
-
-
-def sign_test(worse: int, better: int) -> float:
-    """Two-sided p-value of the exact sign test, which is McNemar's for pairs of yes and no."""
-    return min(1.0, 2 * float(sign_p(max(worse, better), min(worse, better))))
-
-
-def fisher(k: int, n: int, other_k: int, other_n: int) -> float:
-    """Two-sided p-value of Fisher's exact test of two shares."""
-    from scipy.stats import fisher_exact
-
-    return float(fisher_exact([[k, n - k], [other_k, other_n - other_k]]).pvalue)
