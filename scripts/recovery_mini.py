@@ -25,7 +25,7 @@ from repair.steps import SCRIPTS, call, old_demonstrations, once, train
 from vlafuzz.policies.mini.policy import SHIPPED
 
 ARMS = {"recoveries": ("--events", *EVENTS["moved"]), "plain": ()}
-JUDGED = ("nominal", "clutter", *EVENTS)
+JUDGED = ("clutter", *EVENTS)
 FIRST = 600_000  # number of the first demonstration, after those of the first training
 
 
