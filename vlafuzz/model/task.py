@@ -58,6 +58,10 @@ class Monitor:
             self.reached.append(stage.name)
         self._trace.append(self._progress(situation))
 
+    def cancel(self, stages: tuple[Stage, ...]) -> None:
+        """Success is something else from now on; the other stages stay as they are."""
+        self.stages, self._streaks[-1] = stages, 0
+
     @property
     def success_now(self) -> bool:
         """Whether success holds at the last step, and has for long enough."""

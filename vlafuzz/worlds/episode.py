@@ -14,18 +14,17 @@ from vlafuzz.model.outcome import Rollout
 from vlafuzz.model.scene import Latency, Noise, Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import EpisodeStart, Observation
-from vlafuzz.worlds.events import recovery
+from vlafuzz.worlds.events import STAY, recovery
 
 Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``ActionSpec``
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
-_HOLD: Command = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), "target"  # stay, with the gripper open
 
 
 class DelayedCommands:
     """A queue of commands on their way to the robot, which holds still until the first one arrives."""
 
     def __init__(self, latency: Latency) -> None:
-        self._commands: deque[Command] = deque([_HOLD] * latency.delay)
+        self._commands: deque[Command] = deque([(STAY, "target")] * latency.delay)
 
     @property
     def latency(self) -> Latency:

@@ -1,22 +1,29 @@
 """Events: what happens in the middle of an episode, when it is due, and what a scene is like afterwards."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
+from vlafuzz.model.task import Stage
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = {"first": 1, "second": 2, "third": 3}  # of confounders, where the instruction names them
+STAY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # the action with which a robot stands still, its gripper open
 STOP = "stop"  # what is said where the task is cancelled
 START = 1.0  # seconds after which what happens at the start does
 NEARING = 0.2  # of the way to the grasp; half-way, at 10 cm a step, a hand is already around what would slide
 NEAR = 0.5  # of the way to a stage before that, as in LIBERO: at 20 cm, where the hand starts at 23 to 31 cm
+REACTION = 1.0  # seconds until a hand that is told to stop has to stand still: of the longest chunks of actions
+STANDING = 3.0  # seconds for which it stands still then: more than the two for which commands can be lost
+STILL = 0.05  # metres by which it may move meanwhile: with a thing in it and no commands it sinks by 1.5 cm a second
+FALLEN, UPRIGHT = 0.02, math.cos(math.radians(30.0))  # metres; of the angle by which a thing leans that stands upright
+FALLING = {"grip_slip", "grip_weak", "target_topple"}  # events by which something falls
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -111,6 +118,44 @@ def recovery(scene: Scene, trace: NDArray[np.float32], stages: Sequence[str], hz
 def _lasts(event: Event, hz: int) -> int:
     """For how many control steps an event goes on."""
     return max(1, round(SLIDING * hz)) if isinstance(event, Slide) else getattr(event, "duration", 0)
+
+
+def unstoppable(scene: Scene) -> str | None:
+    """Why nothing can be told from what happens after ``STOP``, if so."""
+    falls = scene.instruction_change.to == STOP and scene.events.keys() & FALLING
+    return f"instruction-change: after {STOP!r}, another event would let something fall" if falls else None
+
+
+class Looked(NamedTuple):
+    """What tells whether a robot stands still: its hand ``(3,)``; of each thing height, upward axis, whether held."""
+
+    hand: Array
+    heights: Array
+    upward: Array
+    held: NDArray[np.bool_]
+
+
+def cancelled(
+    stages: tuple[Stage, ...], look: Callable[[Any], Looked], told: Looked, hz: int, left: int
+) -> tuple[Stage, ...]:
+    """The stages of a task that is cancelled: success is to stand still from now on, and not to solve it.
+
+    Nothing that is not held may fall: lie lower than when the hand came to rest, or tip over. ``told``: the situation
+    at the word. ``left``: control steps, of which there are ``hz`` a second.
+    """
+    reacting, rested = round(REACTION * hz), told
+
+    def stands_still(situation: Any) -> bool:
+        nonlocal reacting, rested
+        now = look(situation)
+        if reacting:
+            reacting, rested = reacting - 1, now
+        tipped = np.einsum("ij,ij->i", now.upward, told.upward) < UPRIGHT
+        fallen = (tipped | (rested.heights - now.heights > FALLEN)) & ~now.held
+        return math.dist(now.hand, rested.hand) <= STILL and not (fallen.any() or stages[-1].holds(situation))
+
+    steps = min(reacting + round(STANDING * hz), left)
+    return *stages[:-1], Stage(stages[-1].name, stands_still, lambda _: 0.0, steps)
 
 
 def displacement(slide: Slide) -> Array:

@@ -1,7 +1,7 @@
 """LIBERO as a world: its scenes, also with swapped and additional things, what is fair of them, and rollouts."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from vlafuzz.model.scene import (
     GripSlip,
     GripWeak,
     InitialPose,
+    InstructionChange,
     Light,
     LightSwitch,
     Placement,
@@ -29,7 +30,7 @@ from vlafuzz.model.scene import (
     Slide,
     Start,
 )
-from vlafuzz.policies.base import Observation, PolicySpec
+from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.servers import parse
@@ -223,6 +224,13 @@ def test_the_changes_of_libero_max_have_its_severities_and_happen_as_the_hand_co
     assert not any(path.endswith(".when") for path in levels)  # one moment leaves nothing to choose
 
 
+class Deaf(LiberoExpert):
+    """Does not hear what it is told."""
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        return super().act([replace(seen, instruction="") for seen in observations])
+
+
 class TestEvaluator:
     def test_the_expert_solves_the_nominal_scene_and_one_in_which_the_target_is_elsewhere(self, soup, varied):
         scenes = [varied.nominal(), moved(varied.nominal(), "alphabet_soup_1", x=-0.04, y=0.02)]
@@ -264,6 +272,17 @@ class TestEvaluator:
         before, failed, after = soup.evaluate([usual, weak, usual])
         assert (failed.verdict, failed.rollouts[0].success_once) == (Verdict.FAILED, False)
         assert before.rollouts[0].states_hash == after.rollouts[0].states_hash
+
+    def test_whoever_is_told_to_stop_with_the_soup_in_the_hand_passes_by_standing_still_alone(self, soup, varied):
+        scene = replace(varied.nominal(), instruction_change=InstructionChange("grasp", "stop"))
+        (solved,) = soup.evaluate([scene])
+        assert (solved.verdict, solved.rollouts[0].success_at_end) == (Verdict.PASSED, True)
+        still = (solved.rollouts[0].actions[:, :6] == 0).all(axis=1)
+        assert still[-80:].all()  # four seconds
+        deaf = make_evaluator(Conditions(task=SOUP, robot="libero"), Deaf())
+        (gone_on,) = deaf.evaluate([scene])
+        deaf.close()
+        assert (gone_on.verdict, gone_on.lost_stage) == (Verdict.FAILED, "goal")
 
     def test_what_happens_at_the_approach_happens_in_mid_episode_at_20_cm(self, soup, varied):
         scene = replace(varied.nominal(), light_switch=LightSwitch("approach", 0.5))

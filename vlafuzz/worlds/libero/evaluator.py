@@ -13,19 +13,19 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.scene import InstructionChange, Scene
 from vlafuzz.model.task import Monitor
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
 from vlafuzz.worlds.evaluator import SceneEvaluator
-from vlafuzz.worlds.events import Events
+from vlafuzz.worlds.events import STOP, Events, cancelled
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.fairness import Fairness
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
 from vlafuzz.worlds.libero.setting import VIEW, Setting
-from vlafuzz.worlds.libero.stages import Moment, find_stages
+from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
@@ -44,7 +44,7 @@ class LiberoEpisode(Episode):
         setting.begin(scene)
         self._env.settle(SETTLING)
         self._moment = Moment(self._env)
-        self._substeps = HZ // spec.action.hz
+        self._substeps, self._instruction = HZ // spec.action.hz, scene.instruction
         self._setting, self._events = setting, Events(scene, spec.action.hz, task_named(scene.task).stage_names)
         self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
         self.states_hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
@@ -63,7 +63,7 @@ class LiberoEpisode(Episode):
         return Observation(
             episode=self.start.episode,
             step=len(self.actions),
-            instruction=self.scene.instruction,
+            instruction=self._instruction,
             images={camera.name: self._seen(camera) for camera in spec.cameras},
             state=state,
             fingers=fingers,
@@ -83,6 +83,10 @@ class LiberoEpisode(Episode):
         if events.parts:
             for event in events.begin(len(self.actions) - 1, self.monitor.progress):
                 self._setting.happen(self.scene, event)
+                if isinstance(event, InstructionChange):
+                    self._instruction, left = STOP, self._last - len(self.actions) + 1
+                    told = looked_at(self._moment)
+                    self.monitor.cancel(cancelled(self.monitor.stages, looked_at, told, self.hz, left))
             due, slides = events.executed(due), events.slides()
         own = due / UNITS
         own[:6] /= self._substeps

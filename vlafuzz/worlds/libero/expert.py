@@ -12,6 +12,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
+from vlafuzz.worlds.events import STAY, STOP
 from vlafuzz.worlds.libero.env import HZ, METRES, RADIANS, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.worlds.libero.stages import held
@@ -217,9 +218,11 @@ class LiberoExpert:
     def __init__(self) -> None:
         self.attempt = 0
         self._plans: dict[str, Iterator[Array] | None] = {}
+        self._last: dict[str, Array] = {}
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         self._plans = {start.episode: None for start in episodes}
+        self._last = dict.fromkeys(self._plans, STAY)
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self._next(seen)[None]) for seen in observations]
@@ -234,9 +237,12 @@ class LiberoExpert:
         plan = self._plans[seen.episode]
         if plan is None:
             plan = self._plans[seen.episode] = Expert(seen.privileged, self.attempt, pace=pace).actions()
+        if seen.instruction == STOP:
+            return np.asarray(self._last[seen.episode] * STAY)
         action = next(plan, None)
-        metric = np.array([0.0] * 6 + [1.0]) if action is None else action * UNITS
+        metric = STAY.copy() if action is None else action * UNITS
         metric[:6] *= pace
+        self._last[seen.episode] = metric
         return metric
 
 

@@ -10,7 +10,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import EXTRAS, Light, Placement, Scene
-from vlafuzz.worlds.events import afterwards
+from vlafuzz.worlds.events import NUMBERS, afterwards, unstoppable
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
@@ -91,6 +91,10 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
     for part in LACKING:
         if getattr(scene, part.replace("-", "_")) != EXTRAS[part.replace("-", "_")]:
             return f"{part}: scenes of {nominal.task} have none of their own"
+    if scene.instruction_change.to in NUMBERS:
+        return f"instruction-change: it names no other thing in {nominal.task}"
+    if problem := unstoppable(scene):
+        return problem
     if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.placements):
         return "things: LIBERO's have one size, and rest as LIBERO places them"
     return f"light: an intensity of {scene.light.intensity:g}" if scene.light.intensity < 0 else None

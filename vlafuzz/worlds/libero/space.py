@@ -36,7 +36,7 @@ WORDINGS = (
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 # Of the suite's own things; other operators have the genes of the tabletop.
-LACKING = ("backdrop", "target-topple", "instruction-change")  # which the tabletop alone has
+LACKING = ("backdrop", "target-topple")  # which the tabletop alone has
 _OWN = (
     kinds.TargetPosition.name,
     kinds.TargetOrientation.name,

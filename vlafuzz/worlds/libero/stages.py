@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from vlafuzz.model.task import Stage, Task
+from vlafuzz.worlds.events import Looked
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import LiberoTask, find_task
 
@@ -61,6 +62,15 @@ def _carrying(thing: int, suffix: str) -> Iterator[Stage]:
     yield Stage(f"reach{suffix}", lambda now: now.away(thing) < NEAR, lambda now: 1 - now.away(thing) / FAR)
     yield Stage(f"grasp{suffix}", lambda now: now.held(thing), lambda now: 0.5 * (now.away(thing) < NEAR))
     yield Stage(f"move{suffix}", lambda now: now.moved(thing) > MOVED, lambda now: now.moved(thing) / MOVED)
+
+
+def looked_at(now: Moment) -> Looked:
+    """What tells whether the robot stands still."""
+    env, names = now.env, now.env.task.things
+    bodies, data = [env.bodies[name] for name in names], env.data
+    hand = data.site_xpos[env.robosuite.robots[0].eef_site_id].copy()
+    holding = np.array([held(env, name) for name in names])
+    return Looked(hand, data.xpos[bodies, 2], data.xmat[bodies].reshape(-1, 3, 3)[:, 2], holding)
 
 
 def held(env: LiberoEnv, name: str) -> bool:

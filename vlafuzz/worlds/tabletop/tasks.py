@@ -17,6 +17,7 @@ from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
 from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.task import Monitor, Stage, Task
+from vlafuzz.worlds.events import UPRIGHT, Looked, cancelled
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
 TABLE, HAND, ARM = "table", "hand", "arm"
@@ -25,10 +26,6 @@ LIFTED = 0.02  # height above the start, metres
 MOVED = 0.03  # displacement, metres
 NEAR = 0.05  # gap between two footprints, metres
 ON_TABLE = 0.004  # gap between an object and the table, due to contact offset and settling, metres
-REACTION = 1.0  # seconds until a hand that is told to stop has to stand still: of the longest chunks of actions
-STANDING = 3.0  # seconds for which it stands still then: more than the two for which commands can be lost
-STILL = 0.05  # metres by which it may move meanwhile: with a thing in it and no commands it sinks by 1.5 cm a second
-UPRIGHT = np.cos(np.radians(30.0))
 INSIDE = 0.005  # overlap of a hull with a container's wall, as collision parts are slightly rounded, metres
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 32)
 _DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 64)
@@ -117,24 +114,14 @@ class StateMonitor(Monitor):
         self._models, self._start, self._streaks, self.reached = models, start, [0] * len(self.stages), []
 
     def stop(self, told: State, hz: int, left: int) -> None:
-        """The task is cancelled in a state: success is to stand still from now on, and not to solve it.
+        """The task is cancelled in a state, see ``cancelled``."""
+        now = _looked_at(Situation(self._models, self._start, told))
+        self.cancel(cancelled(self.stages, _looked_at, now, hz, left))
 
-        Nothing that is not held may fall: lie lower than when the hand came to rest, or tip over. ``left``: control
-        steps, of which there are ``hz`` a second.
-        """
-        goal, reacting, rested = self.stages[-1], round(REACTION * hz), told
 
-        def stands_still(s: Situation) -> bool:
-            nonlocal reacting, rested
-            if reacting:
-                reacting, rested = reacting - 1, s.now
-            fallen = rested.positions[:, 2] - s.now.positions[:, 2] > LIFTED
-            fallen |= np.einsum("ij,ij->i", s.now.rotations[:, 2], told.rotations[:, 2]) < UPRIGHT
-            fallen[[] if s.now.held is None else s.now.held] = False
-            return math.dist(s.now.tcp, rested.tcp) <= STILL and not (fallen.any() or goal.holds(s))
-
-        steps = min(reacting + round(STANDING * hz), left)
-        self.stages, self._streaks[-1] = (*self.stages[:-1], Stage("success", stands_still, lambda s: 0.0, steps)), 0
+def _looked_at(s: Situation) -> Looked:
+    held = np.arange(len(s.models)) == s.now.held
+    return Looked(s.now.tcp, s.now.positions[:, 2], s.now.rotations[:, 2], held)
 
 
 def _toward(remaining: float, whole: float) -> float:

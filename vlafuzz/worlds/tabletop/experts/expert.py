@@ -16,7 +16,7 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.model.scene import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
-from vlafuzz.worlds.events import STOP
+from vlafuzz.worlds.events import STAY, STOP
 from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
@@ -24,7 +24,6 @@ from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
 
-_STAND = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])  # with the gripper open
 Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
@@ -61,12 +60,12 @@ class Scripted(ABC):
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         for start in episodes:
-            self._acting[start.episode], self._last[start.episode] = self.begin(start), _STAND
+            self._acting[start.episode], self._last[start.episode] = self.begin(start), STAY
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         for seen in observations:
             told, last = seen.instruction == STOP, self._last[seen.episode]
-            self._last[seen.episode] = last * _STAND if told else self._acting[seen.episode](seen)
+            self._last[seen.episode] = last * STAY if told else self._acting[seen.episode](seen)
         return [ActionChunk(self._last[seen.episode][None]) for seen in observations]
 
     def close(self) -> None:

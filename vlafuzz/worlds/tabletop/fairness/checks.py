@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.common.text import ambiguous
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import Camera, Placement, Scene
-from vlafuzz.worlds.events import NUMBERS, STOP, afterwards
+from vlafuzz.worlds.events import NUMBERS, STOP, afterwards, unstoppable
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
@@ -26,7 +26,6 @@ MARGIN = 0.004  # clearance on each side of an object inside a container, metres
 DISH = 0.003  # height of a rim that keeps a rolling object in place, metres
 IN_VIEW = 0.9  # least share of a target's hull vertices in the image; its centre must be in it as well
 SLID = (0.25, 0.5, 0.75)  # of its way, where sliding things are looked at: every 3 cm of the longest
-FALLING = {"grip_slip", "grip_weak", "target_topple"}  # events by which something falls
 _ROUNDING = 1e-9
 
 
@@ -55,8 +54,8 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
     change = scene.instruction_change
     if NUMBERS.get(change.to, 0) > len(scene.confounders):
         return Rejection("semantic", f"instruction-change: there is no {change.to} other thing")
-    if change.to == STOP and scene.events.keys() & FALLING:
-        return Rejection("semantic", f"instruction-change: after {STOP!r}, another event would let something fall")
+    if problem := unstoppable(scene):
+        return Rejection("semantic", problem)
     if change.to == STOP and change.when != "approach" and TASKS[scene.task].targets == 1:
         # what is in the hand by then, and a second later in the air, is there if one goes on as well
         return Rejection("semantic", f"instruction-change: {scene.task} may end as after {STOP!r} at the {change.when}")
