@@ -135,21 +135,17 @@ class Looked(NamedTuple):
     held: NDArray[np.bool_]
 
 
-def cancelled(
-    stages: tuple[Stage, ...], look: Callable[[Any], Looked], told: Looked, hz: int, left: int
-) -> tuple[Stage, ...]:
-    """The stages of a task that is cancelled: success is to stand still from now on, and not to solve it.
+def cancelled(stages: tuple[Stage, ...], look: Callable[[Any], Looked], hz: int, left: int) -> tuple[Stage, ...]:
+    """The stages of a task that is cancelled now: success is to stand still from now on, and not to solve it.
 
-    Nothing that is not held may fall: lie lower than when the hand came to rest, or tip over. ``told``: the situation
-    at the word. ``left``: control steps, of which there are ``hz`` a second.
+    Nothing that is not held may fall: lie lower than when the hand came to rest, or tip over. ``left``: control steps,
+    of which there are ``hz`` a second.
     """
-    reacting, rested = round(REACTION * hz), told
+    reacting, looks = round(REACTION * hz), list[Looked]()
 
     def stands_still(situation: Any) -> bool:
-        nonlocal reacting, rested
-        now = look(situation)
-        if reacting:
-            reacting, rested = reacting - 1, now
+        looks.append(now := look(situation))
+        told, rested = looks[0], looks[:reacting][-1]
         tipped = np.einsum("ij,ij->i", now.upward, told.upward) < UPRIGHT
         fallen = (tipped | (rested.heights - now.heights > FALLEN)) & ~now.held
         return math.dist(now.hand, rested.hand) <= STILL and not (fallen.any() or stages[-1].holds(situation))

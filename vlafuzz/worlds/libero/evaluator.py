@@ -85,8 +85,7 @@ class LiberoEpisode(Episode):
                 self._setting.happen(self.scene, event)
                 if isinstance(event, InstructionChange):
                     self._instruction, left = STOP, self._last - len(self.actions) + 1
-                    told = looked_at(self._moment)
-                    self.monitor.cancel(cancelled(self.monitor.stages, looked_at, told, self.hz, left))
+                    self.monitor.cancel(cancelled(self.monitor.stages, looked_at, self.hz, left))
             due, slides = events.executed(due), events.slides()
         own = due / UNITS
         own[:6] /= self._substeps

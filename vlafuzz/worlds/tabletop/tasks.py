@@ -17,7 +17,7 @@ from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
 from vlafuzz.model.conditions import check_choice
 from vlafuzz.model.task import Monitor, Stage, Task
-from vlafuzz.worlds.events import UPRIGHT, Looked, cancelled
+from vlafuzz.worlds.events import UPRIGHT, Looked
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
 TABLE, HAND, ARM = "table", "hand", "arm"
@@ -113,13 +113,9 @@ class StateMonitor(Monitor):
         """The first target is another one: no stage is reached with it. The progress so far remains on record."""
         self._models, self._start, self._streaks, self.reached = models, start, [0] * len(self.stages), []
 
-    def stop(self, told: State, hz: int, left: int) -> None:
-        """The task is cancelled in a state, see ``cancelled``."""
-        now = _looked_at(Situation(self._models, self._start, told))
-        self.cancel(cancelled(self.stages, _looked_at, now, hz, left))
 
-
-def _looked_at(s: Situation) -> Looked:
+def looked_at(s: Situation) -> Looked:
+    """What tells whether the robot stands still."""
     held = np.arange(len(s.models)) == s.now.held
     return Looked(s.now.tcp, s.now.positions[:, 2], s.now.rotations[:, 2], held)
 

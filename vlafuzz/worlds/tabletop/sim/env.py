@@ -19,14 +19,14 @@ from vlafuzz.model import scene as kinds
 from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Scene, Start
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
-from vlafuzz.worlds.events import NUMBERS, STOP, Events, afterwards, turned
+from vlafuzz.worlds.events import NUMBERS, STOP, Events, afterwards, cancelled, turned
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, models_of, place, substeps
-from vlafuzz.worlds.tabletop.tasks import State, StateMonitor, load_wordings, say
+from vlafuzz.worlds.tabletop.tasks import State, StateMonitor, load_wordings, looked_at, say
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
@@ -111,7 +111,7 @@ class TabletopEnv(BaseEnv):
         start = self.world.begin(self.models, scene.placements, scene.initial_pose)
         self.scene.sub_scenes = [self.world.scene]
         self.scene.px = self.world.scene.physx_system
-        self._scene, self._state, self.instruction = scene, start, scene.instruction
+        self._scene, self.instruction = scene, scene.instruction
         self.view = camera_pose(self.rig.view, scene.camera)
         self.light, self.table_colour = scene.light.intensity, self._painter.paint(scene.backdrop)
         if self.scene.can_render():
@@ -136,10 +136,10 @@ class TabletopEnv(BaseEnv):
                 self._happen(event)
             slides = events.slides()
         command, relative_to = self._commands.exchange(action, relative_to)
-        self._state = self.world.step(events.executed(command), relative_to, slides)
-        self.monitor.observe(self._state)
+        state = self.world.step(events.executed(command), relative_to, slides)
+        self.monitor.observe(state)
         self._step += 1
-        return self._state
+        return state
 
     def _happen(self, event: Event) -> None:
         """What begins with an event, and stays."""
@@ -159,8 +159,8 @@ class TabletopEnv(BaseEnv):
         elif isinstance(event, kinds.GripWeak):
             self.world.controller.grip(event.force)
         elif isinstance(event, kinds.InstructionChange) and event.to == STOP:
-            self.instruction = STOP
-            self.monitor.stop(self._state, self.control_hz, self.rig.seconds * self.control_hz - self._step)
+            self.instruction, left = STOP, self.rig.seconds * self.control_hz - self._step
+            self.monitor.cancel(cancelled(self.task.stages, looked_at, self.control_hz, left))
         elif isinstance(event, kinds.InstructionChange):
             self.models = models_of(afterwards(self._scene).placements, self.catalogue)
             self.instruction = say(load_wordings()[self.task.name][0], [model.spoken for model in self.models])
