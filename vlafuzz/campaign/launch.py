@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
+from typing import Any
 
 from vlafuzz.campaign.config import Plan
 from vlafuzz.campaign.fuzz import Campaign
@@ -20,31 +21,13 @@ def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None 
     """Run a plan; after the deadline no scene is begun, and the run can be resumed."""
     # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
     with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
-        return fuzz(plan, store, executor, watch, deadline=deadline)
+        return fuzz(plan, store, executor, watch, deadline=deadline or Deadline())
 
 
-def fuzz(
-    plan: Plan,
-    store: Store,
-    executor: Executor,
-    watch: Callable[[Tally], None],
-    *,
-    alone: bool = False,
-    deadline: Deadline | None = None,
-) -> Summary:
-    """Run a plan in an open store with an existing executor; see ``Campaign``."""
-    return Campaign(
-        manifest=plan.manifest,
-        space=plan.space,
-        strategy=plan.strategy,
-        executor=executor,
-        store=store,
-        patience=plan.patience,
-        resume=plan.resume,
-        alone=alone,
-        deadline=deadline or Deadline(),
-        watch=watch,
-    ).run()
+def fuzz(plan: Plan, store: Store, executor: Executor, watch: Callable[[Tally], None], **options: Any) -> Summary:
+    """Run a plan in an open store with an existing executor; ``options``: see ``Campaign``."""
+    planned = {name: getattr(plan, name) for name in ("manifest", "space", "strategy", "patience", "resume")}
+    return Campaign(**planned, executor=executor, store=store, watch=watch, **options).run()
 
 
 def make_executor(plan: Plan) -> Executor:

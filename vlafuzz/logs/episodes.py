@@ -1,12 +1,9 @@
 """Episodes of an evaluation as its log tells them, and their success rates."""
 
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 from vlafuzz.common.statistics import Share
-
-Key = TypeVar("Key", bound=Hashable)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,14 +60,12 @@ def rates(episodes: Sequence[LoggedEpisode]) -> list[SuccessRate]:
     """The rates by suite, by condition and by task, where there are several; the first one is of all episodes."""
 
     def by(*names: str) -> list[SuccessRate]:
-        def key(episode: LoggedEpisode) -> tuple[str, str, str]:
-            suite, task, condition = (
-                getattr(episode, name) if name in names else "" for name in ("suite", "task", "condition")
-            )
-            return suite, task, condition
-
-        groups = grouped(episodes, key).items()
-        return [SuccessRate(*those, share(group), len(group) - len(judged(group))) for those, group in groups]
+        groups = dict[tuple[str, str, str], list[LoggedEpisode]]()
+        for episode in episodes:
+            kept = {name: getattr(episode, name) for name in names}
+            key = kept.get("suite", ""), kept.get("task", ""), kept.get("condition", "")
+            groups.setdefault(key, []).append(episode)
+        return [SuccessRate(*key, share(some), len(some) - len(judged(some))) for key, some in groups.items()]
 
     suites, conditions, tasks = by("suite"), by("condition"), by("suite", "task")
     return [
@@ -87,11 +82,3 @@ def share(episodes: Iterable[LoggedEpisode]) -> Share:
     if len({episode.start for episode in counted}) == len(counted):
         return Share.of_counts(sum(bool(episode.success) for episode in counted), len(counted))
     return Share.grouped([(episode.start, bool(episode.success)) for episode in counted])
-
-
-def grouped(episodes: Iterable[LoggedEpisode], key: Callable[[LoggedEpisode], Key]) -> dict[Key, list[LoggedEpisode]]:
-    """The episodes by a key, in order."""
-    groups: dict[Key, list[LoggedEpisode]] = {}
-    for episode in episodes:
-        groups.setdefault(key(episode), []).append(episode)
-    return groups
