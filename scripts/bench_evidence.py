@@ -34,7 +34,7 @@ from vlafuzz.model.evidence import Threshold
 from vlafuzz.model.scene import Scene
 from vlafuzz.search import registry
 from vlafuzz.search.base import looks_for_causes, said_by
-from vlafuzz.store.records import Finding, Triaged
+from vlafuzz.store.records import Finding, Repeats, Triaged
 
 EFFECT = 0.2  # by which a reset lowers the rate where a row is true
 Row = dict[str, float]
@@ -70,18 +70,21 @@ def run(job: Job) -> Row:
 def certify(here: World, scenes: Mapping[Scene, Sequence[str]], trials: list[tuple[Scene, bool]], left: int) -> Row:
     """Certify scenes in turn until no rollouts are left; how many hold, are true, and have a true threshold."""
     done, true, takes, distinct, located = list[Triaged](), 0, list[int](), set[int](), list[bool]()
+    repeats: Repeats = {}
     for scene in scenes:
         if left <= 0:
             break
         runner = Runner(here)
         runner.deterministic = runner.deterministic and not here.background
         known = certified(done[: known_to(len(done))])
-        triager = Triager(runner, trials=trials, blamed=scenes, known=known)
+        triager = Triager(runner, trials=trials, blamed=scenes, known=known, repeats=repeats)
         triaged = triager.triage(Finding(scene, "", 0, ""))
         if not isinstance(triaged, Triaged):
             continue
-        left -= triaged.policy_rollouts
-        takes.append(triaged.policy_rollouts)
+        takes.append(
+            sum(one.rollouts for one in repeats.values()) - sum(takes)
+        )  # those of the nominal scene are shared
+        left -= takes[-1]
         if triaged.bucket == "minimal" and triaged.shrunk and left >= 0:
             done.append(triaged)
             true += is_true(here, triaged.shrunk, triaged.operators)

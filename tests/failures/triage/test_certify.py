@@ -11,10 +11,11 @@ from tests.doubles import failed, manifest, passed
 from tests.failures.triage.planted import DARK, SPACE, STAGES, TILTED, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import Shrunk
+from vlafuzz.failures.triage.certify import Shrunk, certify_one
 from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
+from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Outcome, Verdict
 from vlafuzz.model.scene import Scene
@@ -84,6 +85,21 @@ def test_a_policy_that_fails_two_times_in_five_anyway_can_be_certified():
     usual, same = SPACE.reset(scene, ["light"]), SPACE.reset(scene, ["camera-position"])
     answers = [one.answer for one in oracle.contrasts(scene, [usual, same])]
     assert answers == [Answer.PASSES, Answer.FAILS]
+
+
+def test_operators_that_each_matter_are_not_reset_together_as_well():
+    scene, nominal = Planted([DARK, TILTED]).finding(0), SPACE.nominal()
+    dark_and_tilted = SPACE.reset(scene, set(SPACE.severities(scene)) - {"light", "camera-orientation"})
+    rolled = list[Scene]()
+
+    def roll(scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        rolled.extend(scenes)
+        return [FAILED if DARK(scene) and TILTED(scene) else PASSED for scene in scenes]
+
+    oracle = Oracle(roll, STAGES, None, budget=100)
+    shrunk = certify_one(dark_and_tilted, oracle, SPACE, Reference(None, STAGES))
+    assert (shrunk.minimal, set(shrunk.operators)) == (True, {"light", "camera-orientation"})
+    assert not any(scene.light == nominal.light and scene.camera == nominal.camera for scene in rolled)
 
 
 SLIGHT = replace(SPACE.nominal(), camera=replace(SPACE.nominal().camera, yaw=3.0))

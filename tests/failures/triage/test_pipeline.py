@@ -193,7 +193,7 @@ def test_a_policy_that_leaves_while_a_finding_is_shrunk_says_nothing_of_it(store
 def test_a_policy_that_fails_half_the_time_is_flaky_with_its_rate(store):
     found = triaged(store(scenes([DARK], 6)), PlantedRunner([DARK], rate=0.3))
     flaky = [each for each in found if each.bucket == "flaky"]
-    assert len(flaky) >= 4
+    assert len(flaky) >= 3
     assert all(each.failures < each.repeats for each in flaky)
 
 

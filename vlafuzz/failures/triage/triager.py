@@ -13,7 +13,7 @@ from vlafuzz.failures.triage.known import by_known_cause
 from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Oracle
 from vlafuzz.failures.triage.path import deviating, directed, free_genes, outward
 from vlafuzz.failures.triage.reference import Reference, find_reference
-from vlafuzz.failures.triage.shrink import drop_values, shrink
+from vlafuzz.failures.triage.shrink import drop_confounders, drop_values, shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model.evidence import Rate
 from vlafuzz.model.outcome import Verdict
@@ -79,7 +79,8 @@ class Triager:
                 oracle = alone._oracle()
                 confirmed, rate = alone._confirm(finding.scene, oracle)
                 triaged = replace(alone._repeated(finding, rate), policy_rollouts=oracle.spent)
-                triaged = alone._prove(triaged, oracle) if confirmed else triaged
+                most = alone._most(finding.scene) - spent
+                triaged = alone._prove(triaged, oracle, most) if confirmed else triaged
                 triaged = replace(triaged, policy_rollouts=triaged.policy_rollouts + spent)
         except _UnjudgedError as error:
             return error.why
@@ -113,7 +114,7 @@ class Triager:
         if not names + subject or deviating is None:
             return 0, None
         oracle = self._oracle()
-        oracle.budget = round(self._most(scene) * TO_SHRINK)
+        oracle.budget = round(self._most(scene) * TO_CERTIFY)
         others = [operator for name in deviating if name not in names for operator in space.group(name)]
         alone = space.reset(scene, others)
         farther = [alone, *outward(space, alone, names)]
@@ -124,7 +125,9 @@ class Triager:
         farther_out = firm != alone
         free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
         if CONFOUNDERS in names or len(free) > len(names):
-            firm = drop_values(firm, oracle, space)
+            # A confounder has many values: of a policy that fails by chance, cheap answers drop one that matters.
+            drop = drop_confounders if CONFOUNDERS in names and oracle.lead > 1 else drop_values
+            firm = drop(firm, oracle, space)
         shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
         if not shrunk.minimal:
             return oracle.spent, None
@@ -183,7 +186,7 @@ class Triager:
         lead = 1 if self.runner.deterministic else LEAD
         return Oracle(self.roll, self.runner.stages, self.runner.space.jittered, budget=MOST + UNFAIR, lead=lead)
 
-    def _prove(self, triaged: Triaged, oracle: Oracle) -> Triaged:
+    def _prove(self, triaged: Triaged, oracle: Oracle, most: int) -> Triaged:
         """Witness, shrink, certify and attribute a confirmed failure."""
         search = self._search(triaged.scene)
         lost = oracle.lost(triaged.scene)
@@ -195,12 +198,12 @@ class Triager:
             return replace(triaged, detail="not shrunk: it has a value that no operator gives")
         oracle.count_up_to(lost)
         before = oracle.spent
-        triaged = self._shrink(triaged, oracle)
+        triaged = self._shrink(triaged, oracle, most)
         spent = oracle.spent - before
         return replace(triaged, shrink_rollouts=spent, policy_rollouts=triaged.policy_rollouts + spent)
 
-    def _shrink(self, triaged: Triaged, oracle: Oracle) -> Triaged:
-        space, confirmed, most = self.runner.space, oracle.spent, self._most(triaged.scene)
+    def _shrink(self, triaged: Triaged, oracle: Oracle, most: int) -> Triaged:
+        space, confirmed = self.runner.space, oracle.spent
         oracle.budget = confirmed + round(most * TO_SHRINK)
         reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
