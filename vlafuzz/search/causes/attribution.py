@@ -14,7 +14,7 @@ SURE = 0.95  # probability of a set of units from which on it only has to be sho
 LARGEST = 4  # units of a cause
 FEW, MOST = (12, 30), (22, 45)  # tests of a firm failure and of others: by suspicion, and in all
 ALONE = 24  # tests of a scene that deviates in one unit, in all
-LONGER = 1.0  # times the background: so much longer do attributions take where policies fail by chance
+LONGER = 2.0  # times the background: so much longer do attributions take where policies fail by chance
 BY_CHANCE = 0.95  # probability that a failure is one by chance from which it is given up
 REPEATED = 4  # rollouts of a scene before it is said to show a cause
 WITHOUT = 2  # and of it without one of its units: of rows from 300 rollouts 98 % are true, with one rollout 93 %
@@ -28,7 +28,7 @@ class Attribution:
     Then units are removed one by one from the smallest set that failed, until it takes all of them. That answer, which
     was chosen for its outcomes, is confirmed by tests that it does not rest on: with all of its units the scene fails
     more often than by chance, and without any one of them it does not. Of a policy that seems never to fail by chance,
-    the latter may rest on any tests.
+    the latter may rest on any tests. After an answer that is refuted, another one is looked for.
 
     Args:
         confirmed: log likelihood ratio that tests of the answer have to show.
@@ -56,6 +56,7 @@ class Attribution:
         self._background, self._confirmed, self._quiet = background, confirmed, quiet
         self._longer = 1 + LONGER * background.rate
         self.waiting, self._sure = False, False
+        self._looked = 0.0  # number of tests when the last answer was refuted
         self.cause: Mask | None = None
         self.scene: Mask | None = None
         self._answer, self.inherited = answer, answer is not None
@@ -65,29 +66,32 @@ class Attribution:
     @property
     def answered(self) -> bool:
         """Whether there was an answer to confirm, of several that were possible."""
-        return self._answer is not None and int(self.suspects.deviating.sum()) > 1
+        return (self._answer is not None or self._looked > 0) and int(self.suspects.deviating.sum()) > 1
 
     def next_test(self, rng: np.random.Generator) -> Mask | None:
         """The units to keep in the next test; None if no further one is needed."""
-        suspects = self.suspects
+        suspects, is_alone = self.suspects, self.suspects.deviating.sum() == 1
         few, most = (self._longer * tests for tests in (FEW if suspects.rate > FIRM else MOST))
-        if suspects.by_chance > BY_CHANCE:
-            return None
-        is_alone = suspects.deviating.sum() == 1
-        if self._answer is None and is_alone:
-            self._propose(suspects.deviating)
-        if self._answer is None:
-            kept = None
-            if not self._sure and suspects.tests < few:
-                kept = suspects.next_test(rng)
-            if kept is None and suspects.tests < most:
-                kept = suspects.without_one()
-            if kept is not None or not (self._sure or suspects.tests < most):
+        while suspects.by_chance <= BY_CHANCE and suspects.tests < (ALONE if is_alone else 2 * most):
+            if self._answer is None:
+                kept = None if is_alone else self._look(few, most, rng)
+                if kept is not None:
+                    return kept
+                answer = suspects.deviating if is_alone else suspects.smallest
+                if answer.sum() > LARGEST or not (is_alone or self._sure or suspects.tests - self._looked < most):
+                    return None
+                self._propose(answer)
+            kept = self._confirm()
+            if kept is not None or self.cause is not None or is_alone or self.inherited:
                 return kept
-            if suspects.smallest.sum() > LARGEST:
-                return None
-            self._propose(suspects.smallest)
-        return self._confirm() if suspects.tests < (ALONE if is_alone else 2 * most) else None
+            self._answer, self._looked = None, suspects.tests  # refuted: what was learnt may show another one
+        return None
+
+    def _look(self, few: float, most: float, rng: np.random.Generator) -> Mask | None:
+        """The next test without an answer: by suspicion, then with a unit less than the smallest set that failed."""
+        tests = self.suspects.tests - self._looked
+        kept = self.suspects.next_test(rng) if not self._sure and tests < few else None
+        return self.suspects.without_one() if kept is None and tests < most else kept
 
     def learn(self, kept: Mask, *, failed: bool) -> None:
         """Learn the outcome of a test."""

@@ -10,6 +10,12 @@ Numbers = NDArray[np.float64]
 RATES = np.array([0.04, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])  # of failure by chance; one holds
 PRIOR = np.array([0.5, 0.1, 0.08, 0.07, 0.06, 0.05, 0.05, 0.04, 0.03, 0.02])
 BEYOND, WORTH = 0.3, 4.0  # prior of the share of scenes that fail for a cause, and how many draws it is worth
+# Rollouts of the reference at most, and at first; more only of a policy that fails there. With four, and with
+# 50 in place of CONFIRMED_ALONE, four of 40 lists of failures without a cause were not empty; with these, one.
+NOMINAL, SOON = 20, 8
+SHORT = 40  # proposals, of which two alone are spent on the reference at first
+SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
+PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 RAREST, SUREST = 0.05, 0.98  # least such share, and most probability that a failure is one by chance
 
 
@@ -50,6 +56,16 @@ class Background:
     def is_known(self, rollouts: int) -> bool:
         """Whether the reference was rolled out as often as a scene that is compared with it."""
         return not self.failures or self.failures + self.passes >= rollouts
+
+    def due(self, asked: int, budget: int | None, *, known: bool) -> int:
+        """How many rollouts of the reference are due after so many proposals; ``known``: whether there is one."""
+        few = asked // SHARE + 1
+        if self.failures or not known:
+            few = min(NOMINAL, (budget or NOMINAL * OFTEN) // OFTEN)
+        soon = SOON
+        if budget:
+            soon = PASSED if budget < SHORT else min(SOON, budget // OFTEN)
+        return min(NOMINAL, max(few, soon))
 
     def learn(self, *, failed: bool) -> None:
         """Learn an outcome of the reference."""

@@ -15,6 +15,7 @@ from vlafuzz.search.proposals import ProposalFactory
 
 SUPPLY = 8  # candidates for a severe scene
 TOGETHER = 6  # units at the end of their ranges in a severe scene: few make its failure cheap to attribute
+ENDS, FEW_ENDS = 10, 20  # proposals for each scene with one unit at an end, and in runs of fewer than 100
 PLAIN = 0.5  # of all proposals are random scenes as they are: the probability rests on them alone
 AVERSE = 3  # exponent: the larger, the less often a candidate is taken whose failure a rule may explain
 # Random scenes without a rollout, by which shares are estimated: at first, for each proposal, and at most. One takes 2
@@ -44,20 +45,27 @@ class Draws:
         """Whether there are fewer random scenes among so many proposals than the probability needs."""
         return self._plain < PLAIN * asked
 
-    def alone(self, units: Units) -> list[Levels]:
-        """The reference with a single unit at an end of its range; categories are left to random scenes."""
+    def alone(self, units: Units, budget: int | None) -> list[Levels]:
+        """The reference with a single unit at an end of its range, in a random order, as many as the budget allows.
+
+        Categories are left to random scenes.
+        """
         if not self.severe:
             return []
         columns = np.arange(len(units.units))
-        return [
+        scenes = [
             units.keep(end, columns == column)
             for column, ends in enumerate(self._farthest(units))
             if units.units[column].kind != "category"
             for end in ends
         ]
+        most = len(scenes) if budget is None else budget // (ENDS if budget >= 100 else FEW_ENDS)
+        return [scenes[index] for index in np.random.default_rng([self._seed, 3]).permutation(len(scenes))[:most]]
 
     def draw(self, number: int, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
-        """A scene for the proposal with this number."""
+        """A scene for the proposal with this number, of which the first is the reference."""
+        if number == 0:
+            return self._proposals.registered(units.genome(units.reference))
         self._keep(min(FIRST + MORE * number, MOST), units)
         if self.severe and not self.due(number):
             return self._severe(rng, units, rules)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,6 +72,14 @@ class Rule:
                 rising = np.clip((along - safe) / max(inner - safe, 1e-9), 0.0, 1.0)
                 chances.append(np.where(along >= inner, 0.98, rising))
         return np.array(chances)
+
+    def halfway(self, units: Units) -> Iterator[Levels]:
+        """Its scene with one of its numbers halfway back to the reference, where its range is probed."""
+        for unit in units.numbers(self.kept):
+            levels = self.levels.copy()
+            levels[unit] -= round(int(levels[unit] - units.reference[unit]) / 2)
+            if levels[unit] != self.levels[unit]:
+                yield levels
 
     def same_kind(self, other: Rule) -> bool:
         """Whether it takes the same units, deviating in the same directions."""

@@ -11,8 +11,8 @@ import numpy as np
 
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import LONGER, Attribution
-from vlafuzz.search.causes.background import Background
-from vlafuzz.search.causes.draws import TOGETHER, Draws
+from vlafuzz.search.causes.background import PASSED, Background
+from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
@@ -24,17 +24,9 @@ LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to 
 ROUNDS = 150  # of outcomes to learn from: with twice as many outstanding, a run finds a tenth fewer causes
 TESTS = 20  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure
-HALFWAY = 0.5  # back to the reference: where a new rule's range is probed
 MEMORY = 400  # scenes that an attribution learns from
 REPEATS = 3  # of the first failures as they are: they show how often a fault makes the policy fail
 ELSEWHERE = 0.1  # least chance that a scene fails for a reason other than a suspected one
-# Rollouts of the reference at most, and at first; more only of a policy that fails there. With four, and with
-# 50 in place of CONFIRMED_ALONE, four of 40 lists of failures without a cause were not empty; with these, one.
-NOMINAL, SOON = 20, 8
-SHORT = 40  # proposals, of which two alone are spent on the reference at first
-SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
-ENDS, FEW_ENDS = 10, 20  # proposals for each scene with one unit at an end, and in runs of fewer than 100
-PASSED = 2  # rollouts that have to pass for the nominal scene to be the reference
 TRIALS = 3  # of a rule on a failure, at most: with 6, a run finds 5 % fewer causes at 20 % background
 ALONE, SEVERE = 0.15, 0.3  # share of scenes with one unit at an end, and of severe ones, that fail for a cause
 RATE_WORTH = 3  # causes that the prior of failure rates inside of causes is worth
@@ -93,7 +85,7 @@ class Causes:
         taken = ((levels, self._units.taken(levels, operators)) for levels, operators in found)
         self._inherited = deque((levels, kept) for levels, kept in taken if kept.any())
         self._has_reference = False
-        self._background, self._nominal, self._passed = Background(), 0, 0
+        self._background, self._nominal = Background(), 0
         self._rules = Rules()
         self._pending: deque[Levels] = deque()
         self._promising: deque[Levels] = deque()  # failures in which few units deviate: they come first
@@ -103,6 +95,7 @@ class Causes:
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
         self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
+        self._tried: set[bytes] = set()  # failures that the likeliest rule was tried on, and does not explain
         self._alone: deque[Levels] | None = None  # scenes with one unit at an end; None without a reference
         self._refuted = 0  # answers that did not hold when they were tested
 
@@ -116,7 +109,7 @@ class Causes:
             test = self._nominal_test(rng) or (None if due else self._alone_test(rng) or self._next_test(rng))
             if not (test or due or self._may_draw(len(proposals))):
                 break
-            genome = test[1] if test else self._draw(rng)
+            genome = test[1] if test else self._draws.draw(self._asked, rng, self._units, self._rules)
             self._out[self._asked] = test[0] if test else None, genome
             proposals.append(Proposal(self._asked, genome))
             self._asked += 1
@@ -175,20 +168,15 @@ class Causes:
         """
         return self._draws.probability(over=self._budget is not None and self._rolled_out >= self._budget)
 
-    def _draw(self, rng: np.random.Generator) -> Genome:
-        if self._asked == 0:
-            return self._proposals.registered(self._units.genome(self._units.reference))
-        return self._draws.draw(self._asked, rng, self._units, self._rules)
-
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
         return not already or (not self._promising and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
-        """How many attributions there may be: one for each outstanding outcome, fewer at the end."""
-        left = math.inf if self._budget is None else self._budget - self._asked
+        """How many attributions there may be: one that awaits no outcome, and fewer at the end."""
+        left = math.inf if self._budget is None else (self._budget - self._asked) * (1 - PLAIN)
         takes = TESTS * (1 + LONGER * self._background.rate)
-        return int(max(1, min(len(self._out) + 1, left // takes)))
+        return int(min(sum(each.waiting for each in self._active) + 1, max(2, left // takes)))
 
     def _nominal_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         """The reference again, a few times: how often the policy fails there is the background."""
@@ -209,29 +197,13 @@ class Causes:
                 return Test(self._units.levels(genome), kept, alone=True), genome
         return None
 
-    def _list_alone(self) -> None:
-        """Once there is a reference, list the scenes that differ from it in one unit, in a random order."""
-        if self._has_reference and self._alone is None:
-            scenes, rng = self._draws.alone(self._units), np.random.default_rng([self._seed, 3])
-            most = len(scenes)
-            if self._budget is not None:
-                most = self._budget // (ENDS if self._budget >= 100 else FEW_ENDS)
-            self._alone = deque(scenes[index] for index in rng.permutation(len(scenes))[:most])
-
     def _nominal_due(self) -> int:
         """How often the reference is to be rolled out so far, without its first time."""
-        few = self._asked // SHARE + 1
-        if self._background.failures or not self._has_reference:
-            few = min(NOMINAL, (self._budget or NOMINAL * OFTEN) // OFTEN)
-        soon = SOON
-        if self._budget:
-            soon = PASSED if self._budget < SHORT else min(SOON, self._budget // OFTEN)
-        return min(NOMINAL, max(few, soon)) - 1
+        return self._background.due(self._asked, self._budget, known=self._has_reference) - 1
 
     def _learn_nominal(self, *, failed: bool) -> None:
         self._background.learn(failed=failed)
-        self._passed += not failed
-        self._has_reference = self._has_reference or self._passed >= PASSED
+        self._has_reference = self._has_reference or self._background.passes >= PASSED
 
     def _learn_alone(self, levels: Levels, score: Score) -> None:
         if score.rolled_out:
@@ -244,11 +216,10 @@ class Causes:
         """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
         while self._has_reference and self._inherited and len(self._active) < self._at_once():
             self._attribute(*self._inherited.popleft())
-        self._list_alone()
-        coin = np.random.default_rng([self._seed, self._rolled_out, 2]).random()
-        prefers_severe = self._draws.severe and coin < self._background.by_chance  # failures of random scenes tell less
+        if self._has_reference and self._alone is None:
+            self._alone = deque(self._draws.alone(self._units, self._budget))
         while self._alone is not None and not self._alone and len(self._active) < self._at_once():
-            waiting = self._promising or (deque[Levels]() if prefers_severe else self._pending)
+            waiting = self._promising or self._pending
             if not waiting:
                 return
             best = int(np.argmax([self._promise(each) for each in waiting]))
@@ -256,12 +227,12 @@ class Causes:
             del waiting[best]
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
-            if rule is None or chance < POSSIBLE:
-                self._attribute(levels)
-            elif chance < KNOWN:
-                self._tests.append(Test(levels, rule.kept, rule=rule, failure=True, chance=chance))
-            else:
+            if rule is not None and chance >= KNOWN:
                 rule.hits += 1
+            elif rule is None or chance < POSSIBLE or levels.tobytes() in self._tried:
+                self._attribute(levels)
+            else:
+                self._tests.append(Test(levels, rule.kept, rule=rule, failure=True, chance=chance))
 
     def _attribute(self, levels: Levels, answer: Mask | None = None) -> None:
         """Look for the cause of a failure; with ``answer`` whether a predecessor's cause is one here."""
@@ -300,7 +271,7 @@ class Causes:
         _, chance = self._rules.likeliest(self._units.deviations(levels[None])[0], self._units)
         if chance >= KNOWN or self._count(levels) < 2:
             return math.inf
-        if chance >= POSSIBLE:
+        if chance >= POSSIBLE and levels.tobytes() not in self._tried:
             return -chance
         suspects = self._suspects(levels)
         return (1 - suspects.by_chance) / (suspects.entropy + CONFIRMING)
@@ -311,8 +282,7 @@ class Causes:
             genome = self._fair(self._units.keep(test.scene, test.kept), rng)
             if genome is not None:
                 return test, genome
-            if test.failure:
-                self._attribute(test.scene)
+            self._miss(test)
         for attribution in list(self._active):
             if attribution.waiting or attribution not in self._active:  # the end of one may stop another
                 continue
@@ -395,7 +365,8 @@ class Causes:
             test.attribution.waiting = False
             test.attribution.suspects.rule_out(test.kept)
         elif test.failure:
-            self._attribute(test.scene)
+            self._tried.add(test.scene.tobytes())
+            self._promising.append(test.scene)
 
     def _learn_trial(self, test: Test, rule: Rule, levels: Levels, score: Score) -> None:
         """Learn whether a scene is in a rule's range; again until that is clear."""
@@ -423,10 +394,9 @@ class Causes:
         """Make a rule of what an attribution has found."""
         self._active.remove(attribution)
         if attribution.cause is None or attribution.scene is None:
-            if attribution.inherited:
-                return
-            self._refuted += attribution.answered
-            self._given_up.append(attribution.levels)
+            if not attribution.inherited:
+                self._refuted += attribution.answered
+                self._given_up.append(attribution.levels)
             return
         self._rates = self._rates + attribution.suspects.rates
         levels = self._units.keep(attribution.levels, attribution.scene)
@@ -434,21 +404,12 @@ class Causes:
         new = Rule.of(attribution.cause, levels, deviations, self._units)
         rule = self._rules.add(new, deviations, self._units)
         if rule is new:
-            self._probe(rule)
+            self._tests += [Test(halfway, rule.kept, rule=rule) for halfway in rule.halfway(self._units)]
         else:
             rule.hits += 1
         for other in [active for active in self._active if not active.waiting]:
             chance = rule.chance(self._units.deviations(other.levels[None]), self._units)[0]
             if chance >= POSSIBLE:  # the same cause was being looked into twice
                 self._active.remove(other)
-                if other.inherited:
-                    continue
-                self._pending.appendleft(other.levels)
-
-    def _probe(self, rule: Rule) -> None:
-        """Try each number of a rule halfway back to the reference."""
-        for unit in self._units.numbers(rule.kept):
-            levels = rule.levels.copy()
-            levels[unit] -= round(HALFWAY * int(levels[unit] - self._units.reference[unit]))
-            if levels[unit] != rule.levels[unit]:
-                self._tests.append(Test(levels, rule.kept, rule=rule))
+                if not other.inherited:
+                    self._pending.appendleft(other.levels)

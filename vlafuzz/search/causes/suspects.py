@@ -18,7 +18,7 @@ SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
 RATES = np.array([0.98, 0.75, 0.5])  # of failure due to a fault, inside of it; one of them holds
 RATE_PRIOR = np.array([0.6, 0.25, 0.15])
 HALVES = 100  # random sets of units that are considered as a test
-EXACT = 0.3  # worth in bits of a test that may end the attribution
+EXACT = 0.4  # worth of a test that may end the attribution, as a share of the most that a test can tell
 UNFAIR = 0.25  # of a test, in the number of tests: it takes time, but no rollout
 RIVALS = 12  # most likely suspects whose unions and differences are considered
 FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to three
@@ -190,7 +190,7 @@ class Suspects:
         exact = (inside & (candidates.sum(axis=1)[:, None] == sizes)) @ chances
         rate = float(self._row @ self._inside / self._row.sum())
         gains = _information(inside @ chances, rate, float(self.backgrounds @ BACKGROUNDS))
-        return np.asarray(candidates[int(np.argmax(gains + EXACT * exact))])
+        return np.asarray(candidates[int(np.argmax(gains + EXACT * gains.max() * exact))])
 
     def _weigh(self) -> None:
         """Turn logarithms into probabilities: of the sets, of the rows, and of chance by background."""
