@@ -47,20 +47,15 @@ class Random:
         self._rngs.clear()
 
 
-class Player:
+class Player(Frozen):
     """Executes ``actions``, ``(steps, width)``, which are set before a rollout, whatever it sees; then holds still."""
 
     def __init__(self, like: PolicySpec) -> None:
         self.spec = PolicySpec("witness", action=like.action)
         self.actions: NDArray[np.floating[Any]] = np.zeros((0, like.action.width), dtype=np.float32)
 
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        """Do nothing: observations have the number of their step."""
-
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return [ActionChunk(self._at(observation.step)[None]) for observation in observations]
-
-    def close(self) -> None: ...
 
     def _at(self, step: int) -> Array:
         if step < len(self.actions):

@@ -35,11 +35,8 @@ def by_known_cause(
     Returns:
         None where the scene deviates as no known cause does, or that does not explain the failure.
     """
-    tried = list(
-        dict.fromkeys(
-            filter(None, (_alike(scene, one, space, reference) for one in known if space.subject not in one.operators))
-        )
-    )
+    alike = (_alike(scene, one, space, reference) for one in known if space.subject not in one.operators)
+    tried = list(dict.fromkeys(filter(None, alike)))
     failing = [one for one, fails in zip(tried, oracle.fails(tried), strict=True) if fails]
     if not failing:
         return None

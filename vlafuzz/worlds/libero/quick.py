@@ -7,18 +7,14 @@ samples. A picture depends on nothing but the state, as LIBERO's own do.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image as Pillow
 
-from vlafuzz.common import assets
 from vlafuzz.worlds.libero.collapse import Mesh, collapsed
 from vlafuzz.worlds.libero.packages import load
 
@@ -27,7 +23,6 @@ SAMPLES = 4  # of a pixel in LIBERO's own pictures
 SMOOTH = 2  # pixels a side that are drawn for one where the camera moves
 STILL, MOVING = 0.9, 1.1  # pixels by which meshes may be off before a camera that stands still or moves
 Array = NDArray[np.float32]
-VERSION = 3  # raise it when the same mesh results in other ones
 LEVELS = (0.00075, 0.0015, 0.003, 0.006)  # metres by which each may move the surface
 SMALL = 100  # triangles that are not worth it
 _CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
@@ -270,28 +265,11 @@ def _shown(model: Any) -> dict[int, bool]:
 
 
 def _coarser(model: Any, mesh: int, *, textured: bool) -> list[Mesh]:
-    """One mesh by ``LEVELS``. The first call for a large one takes half a second, later ones read the cache."""
+    """One mesh by ``LEVELS``, in half a second where it is large."""
     rows = slice(model.mesh_faceadr[mesh], model.mesh_faceadr[mesh] + model.mesh_facenum[mesh])
     points = model.mesh_vert[model.mesh_vertadr[mesh] + model.mesh_face[rows]]
     normals = model.mesh_normal[model.mesh_normaladr[mesh] + model.mesh_facenormal[rows]]
     textures = np.zeros((*points.shape[:2], 2), np.float32)
     if textured:
         textures = model.mesh_texcoord[model.mesh_texcoordadr[mesh] + model.mesh_facetexcoord[rows]]
-    parts = (points, normals, textures)
-    digest = hashlib.sha256(f"{VERSION} {LEVELS}".encode())
-    for part in parts:
-        digest.update(part.tobytes())
-    folder = assets.made_once(
-        f"libero/{digest.hexdigest()[:20]}", partial(_fill, parts), lambda folder: (folder / "meshes.npz").is_file()
-    )
-    with np.load(folder / "meshes.npz") as kept:
-        return [Mesh(*(kept[f"{level} {name}"] for name in Mesh._fields)) for level in range(len(LEVELS))]
-
-
-def _fill(parts: tuple[Array, Array, Array], folder: Path) -> None:
-    arrays = {
-        f"{level} {name}": part
-        for level, mesh in enumerate(collapsed(*parts, LEVELS))
-        for name, part in mesh._asdict().items()
-    }
-    np.savez(folder / "meshes.npz", **arrays)
+    return list(collapsed(points, normals, textures, LEVELS))
