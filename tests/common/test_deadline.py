@@ -17,7 +17,7 @@ def test_a_time_has_hours_minutes_and_seconds(text: str, seconds: int):
 def test_anything_else_is_refused_in_one_sentence(text: str):
     with pytest.raises(UsageError, match=f"--time: expected a time, got '{text}'") as caught:
         deadline("--time", text)
-    assert caught.value.hint == "give hours, minutes or seconds: 1h, 30m, 90s, 1h30m"
+    assert caught.value.hint == "such as 1h, 30m, 90s or 1h30m"
 
 
 def test_without_a_time_there_is_no_end():

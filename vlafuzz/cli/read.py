@@ -33,7 +33,8 @@ def command(
     from vlafuzz.logs.episodes import rates
     from vlafuzz.logs.formats import read_logs
 
-    name, found = _name(logs), rates(read_logs(logs))
+    found = rates(read_logs(logs))
+    name = str(logs[0]) if len(logs) == 1 else f"{logs[0]} and {len(logs) - 1} more"
     if json:
         print_json({"log": name, "rates": list(map(asdict, found))})
         return
@@ -42,10 +43,6 @@ def command(
     _print(name, [rate for rate in found if not (rate.condition or rate.task)], "suite")
     _print("Conditions", [rate for rate in found if rate.condition], "condition")
     _print(some, tasks[:_MOST], "suite", "task")
-
-
-def _name(paths: list[Path]) -> str:
-    return str(paths[0]) if len(paths) == 1 else f"{paths[0]} and {len(paths) - 1} more"
 
 
 def _print(title: str, rates: Sequence[SuccessRate], *names: str) -> None:

@@ -45,7 +45,5 @@ def deadline(flag: str, text: str | None) -> Deadline:
     numbers = parts.groups(default="0") if parts else ()
     seconds = sum(float(number) * unit for number, unit in zip(numbers, _SECONDS, strict=False))
     if not seconds:
-        raise UsageError(
-            f"{flag}: expected a time, got {text!r}", hint="give hours, minutes or seconds: 1h, 30m, 90s, 1h30m"
-        )
+        raise UsageError(f"{flag}: expected a time, got {text!r}", hint="such as 1h, 30m, 90s or 1h30m")
     return Deadline(seconds)

@@ -184,11 +184,6 @@ class Oracle:
         self._draw_until([self._tally(scene)], lambda tally: max(rollouts - tally.rollouts, 0))
         return self.rate(scene, stages)
 
-    def share(self, scene: Scene, stages: Sequence[str] | None = None) -> float:
-        """The failure rate of a scene in all rollouts so far, those that certify included; 0 where there is none."""
-        failures, rollouts = self._counts(scene, stages)
-        return failures / max(rollouts, 1)
-
     def rate(self, scene: Scene, stages: Sequence[str] | None = None) -> Rate:
         """Of the rollouts that gave a scene's answer."""
         return self._rate(self._tally(scene), stages)

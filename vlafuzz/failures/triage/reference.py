@@ -57,7 +57,7 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
 
 def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
     """Let the oracle expect failures of the nominal scene, or passes of the finding, where this has clearly more."""
-    usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.share(scene)
+    usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.rate(scene).share
     background = usual.failures / max(usual.rollouts, 1)
     if (background < FREQUENT and found > 1 - FREQUENT) or found - background < EFFECT:
         return False

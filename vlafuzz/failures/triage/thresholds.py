@@ -85,10 +85,8 @@ def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: See
     if not _narrow(path, oracle, crossing):
         return None
     low, middle, high = crossing.quantiles(_INTERVAL[0], 0.5, _INTERVAL[1])
-    until = None if on else path.length
-    return Located(
-        max(math.ceil(middle), 1), math.floor(low + _SLACK), min(math.ceil(high - _SLACK), path.length), until
-    )
+    end = min(math.ceil(high - _SLACK), path.length)
+    return Located(max(math.ceil(middle), 1), math.floor(low + _SLACK), end, None if on else path.length)
 
 
 def _fails(path: Path, oracle: Oracle, step: int) -> bool | None:

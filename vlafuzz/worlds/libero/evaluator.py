@@ -157,9 +157,7 @@ def _check_spec(spec: PolicySpec) -> None:
         problem = f"policy {spec.name!r} works on the tabletop only"
         raise UsageError(problem, hint="LIBERO gives pictures and the robot's state")
     if HZ % spec.action.hz:
-        raise UsageError(
-            f"policy {spec.name!r} acts {spec.action.hz} times a second, LIBERO {HZ} times or a part of it"
-        )
+        raise UsageError(f"policy {spec.name!r} acts {spec.action.hz} times a second, LIBERO {HZ} or a part of it")
     for camera in spec.cameras:
         if camera.width != camera.height:
             raise UsageError(f"camera {camera.name!r}: {camera.width} x {camera.height}, LIBERO's pictures are square")
