@@ -58,10 +58,9 @@ def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable
 def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
     """Let the oracle expect failures of the nominal scene, or passes of the finding, where this has clearly more."""
     usual, found = oracle.repeated(nominal, BACKGROUND, oracle.stages), oracle.rate(scene).share
-    background = usual.failures / max(usual.rollouts, 1)
-    if (background < FREQUENT and found > 1 - FREQUENT) or found - background < EFFECT:
+    if (usual.share < FREQUENT and found > 1 - FREQUENT) or found - usual.share < EFFECT:
         return False
-    oracle.expect(background, min(max(found, background + LEAST), SUREST))
+    oracle.expect(usual.share, min(max(found, usual.share + LEAST), SUREST))
     return True
 
 
