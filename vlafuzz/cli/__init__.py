@@ -67,7 +67,7 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "vlafuzz replay first.db --video failure.mp4",
         "vlafuzz replay failing.jsonl 3f2a --policy expert --video solved.mp4",
     ),
-    "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read new.csv --against old.csv"),
+    "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read evaluation.csv --json"),
 }
 
 app = typer.Typer(
