@@ -127,7 +127,7 @@ def unstoppable(scene: Scene) -> str | None:
 
 
 class Looked(NamedTuple):
-    """What tells whether a robot stands still: its hand ``(3,)``; of each thing height, upward axis, whether held."""
+    """These tell whether a robot stands still: the hand ``(3,)``; of each thing height, upward axis, whether held."""
 
     hand: Array
     heights: Array

@@ -35,7 +35,7 @@ WORDINGS = (
 # What keys of LIBERO's runs hold for objects: the digest of a catalogue that they never read.
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
-# Of the suite's own things; other operators have the genes of the tabletop.
+# These operators move the suite's own things; others have the genes of the tabletop.
 LACKING = ("backdrop", "target-topple")  # which the tabletop alone has
 _OWN = (
     kinds.TargetPosition.name,

@@ -65,7 +65,7 @@ def _carrying(thing: int, suffix: str) -> Iterator[Stage]:
 
 
 def looked_at(now: Moment) -> Looked:
-    """What tells whether the robot stands still."""
+    """Look at what tells whether the robot stands still."""
     env, names = now.env, now.env.task.things
     bodies, data = [env.bodies[name] for name in names], env.data
     hand = data.site_xpos[env.robosuite.robots[0].eef_site_id].copy()

@@ -115,7 +115,7 @@ class StateMonitor(Monitor):
 
 
 def looked_at(s: Situation) -> Looked:
-    """What tells whether the robot stands still."""
+    """Look at what tells whether the robot stands still."""
     held = np.arange(len(s.models)) == s.now.held
     return Looked(s.now.tcp, s.now.positions[:, 2], s.now.rotations[:, 2], held)
 
