@@ -21,6 +21,7 @@ ROWS = (
     "worlds",  # the protocol, and what simulators of all worlds share
     "worlds.manipulation",
     "worlds.tabletop worlds.libero",  # found by the folders' names: no other room needs to know them
+    "worlds.tabletop_mujoco",  # the tabletop's scenes, in another simulator
     "store rollouts",
     "failures",
     "campaign report",
@@ -28,7 +29,7 @@ ROWS = (
     "api cli",
     "__main__",
 )
-WORLDS = ("worlds.manipulation", "worlds.tabletop", "worlds.libero")
+WORLDS = ("worlds.manipulation", "worlds.tabletop", "worlds.tabletop_mujoco", "worlds.libero")
 ROW_OF = {name: number for number, row in enumerate(ROWS) for name in row.split()}
 ROOT = Path(vlafuzz.__file__).parent
 LOADED = re.compile(r"vlafuzz(\.\w+)+(:\w+)?")  # a string that import_module may get

@@ -19,7 +19,7 @@ from vlafuzz.policies.clients.servers import parse
 from vlafuzz.rollouts.policies import client
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, WIDOWX, Rig
-from vlafuzz.worlds.tabletop.sim.env import WRIST_CAMERA
+from vlafuzz.worlds.tabletop.room import WRIST_CAMERA
 
 PAGE = text("docs/wires.md")
 HEIGHTS = {"panda": 224, "widowx": 480, "google": 512}

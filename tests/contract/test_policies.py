@@ -13,8 +13,8 @@ from vlafuzz.policies.harness import check_chunks
 from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import CONTROLS, built_in, known_policies, make_policy
 from vlafuzz.worlds import world_of
+from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
-from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ
 from vlafuzz.worlds.tabletop.tasks import task
 

@@ -58,8 +58,8 @@ def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
     from tests.worlds.tabletop.sim.scenes import make_env
     from vlafuzz.worlds.manipulation.camera import camera_pose
     from vlafuzz.worlds.manipulation.rigs import PANDA
+    from vlafuzz.worlds.tabletop.evaluator import outlines
     from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer
-    from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 
     model = CATALOGUE[name]
     env = make_env()

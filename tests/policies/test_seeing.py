@@ -14,10 +14,11 @@ from vlafuzz.model.scene import Camera
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.operator_set import visible_json
+from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import Look, SeeingExpert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator, outlines
+from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

@@ -10,7 +10,7 @@ from vlafuzz.worlds import known_worlds, task_of, world_of
 def test_a_tasks_name_says_which_world_it_is_of():
     assert world_of("pick-up") is known_worlds()["tabletop"]
     assert world_of("libero_object/0") is known_worlds()["libero"]
-    assert [world.usual for world in known_worlds().values()] == [True, False]
+    assert [world.usual for world in known_worlds().values()] == [True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -22,6 +22,8 @@ def test_a_tasks_name_says_which_world_it_is_of():
         ("tabletop", "put-on", "put-on"),
         ("tabletop:put-on", None, "put-on"),
         ("libero:libero_object/0", None, "libero_object/0"),
+        ("tabletop-mujoco", "put-on", "tabletop-mujoco/put-on"),
+        ("tabletop-mujoco:tabletop-mujoco/put-on", None, "tabletop-mujoco/put-on"),
         ("libero:libero_object/0", "libero_object/0", "libero_object/0"),
     ],
 )
@@ -49,7 +51,7 @@ def test_an_operator_that_has_nothing_to_vary_on_the_tabletop_is_refused():
 
 
 def test_the_first_robot_of_a_world_is_its_default_one():
-    assert [next(iter(world.robots)) for world in known_worlds().values()] == ["panda", "libero"]
+    assert [next(iter(world.robots)) for world in known_worlds().values()] == ["panda", "libero", "panda"]
 
 
 def test_without_the_packages_of_a_world_one_sentence_says_what_to_install(monkeypatch, capsys):

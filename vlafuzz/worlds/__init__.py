@@ -21,7 +21,9 @@ def known_worlds() -> dict[str, World]:
     """The worlds that come with vlafuzz: the folders here with a module ``world``; the usual one first."""
     names = (module.name for module in pkgutil.iter_modules(__path__))
     found = (name for name in names if (Path(__file__).parent / name / "world.py").is_file())
-    worlds: dict[str, World] = {name: import_module(f"{__name__}.{name}.world").WORLD for name in found}
+    worlds: dict[str, World] = {
+        name.replace("_", "-"): import_module(f"{__name__}.{name}.world").WORLD for name in found
+    }
     return dict(sorted(worlds.items(), key=lambda item: not item[1].usual))
 
 
@@ -93,7 +95,7 @@ def task_of(world: str | None, task: str | None) -> str | None:
         return None
     if not wanted and len(found.tasks) == 1:
         wanted = next(iter(found.tasks))
-    if name not in known_worlds() and wanted in found.tasks:
+    if (name not in known_worlds() and wanted in found.tasks) or f"{name}/{wanted}" in found.tasks:
         return f"{name}/{wanted}"
     if not wanted or not found.has(wanted):
         problem = f"--world {name}: no task {wanted!r}" if wanted else f"--world {world}: names no task"

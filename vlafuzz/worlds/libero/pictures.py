@@ -2,9 +2,7 @@
 
 import ctypes
 import mmap
-import subprocess
 import sys
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,22 +11,13 @@ from vlafuzz.common.arrays import Picture
 from vlafuzz.model.conditions import Setting
 from vlafuzz.worlds.libero.packages import load, versions
 from vlafuzz.worlds.libero.quick import Artist
+from vlafuzz.worlds.opengl import device as opengl_device
 
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 QUALITY = Setting("quality", "full", ("full", "fast"))
 _MOST_GEOMS = 1000  # as robosuite
 _MOST_PIXELS = 512  # of a texture's side in a smaller model; a thing takes some fifty of a picture
 _DONTNEED = 4  # of Linux's madvise
-# A driver may crash, so a child process asks it for its device, and its version.
-_CHILD = """
-from vlafuzz.worlds.libero.packages import load
-context = load("mujoco.egl").GLContext(8, 8)
-context.make_current()
-gl = load("OpenGL.GL")
-device, version = (gl.glGetString(name).decode() for name in (gl.GL_RENDERER, gl.GL_VERSION))
-print(device, version[version.find("Mesa"):] if "Mesa" in version else f"OpenGL {version}", sep=", ")
-context.free()
-"""
 
 
 class Pictures:
@@ -86,16 +75,10 @@ class Pictures:
         discard(model.tex_data)  # the renderer has its own copy
 
 
-@cache
 def opengl() -> str:
     """Device, driver and the versions of what draws with it; empty if no pictures can be drawn."""
-    child = [sys.executable, "-c", _CHILD]
-    try:
-        told = subprocess.run(child, capture_output=True, text=True, timeout=120, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return ""
-    found = versions()
-    return f"{told.stdout.strip()}, MuJoCo {found.mujoco}, robosuite {found.robosuite}"
+    found, drawn = versions(), opengl_device()
+    return f"{drawn}, MuJoCo {found.mujoco}, robosuite {found.robosuite}" if drawn else ""
 
 
 def shrink(model: Any) -> None:

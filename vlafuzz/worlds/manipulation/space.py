@@ -321,7 +321,7 @@ class TableWorld(World):
         chosen = load_operators(source or setup.operators)
         if task is not None:
             self.space(self.task(task).name, setup.robot, source, packs=packs)
-            chosen = chosen.in_task(task)
+            chosen = chosen.in_task(task.rpartition("/")[2])
         rows = [
             {
                 "operator": name,

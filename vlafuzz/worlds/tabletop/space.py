@@ -30,7 +30,7 @@ from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
-from vlafuzz.worlds.tabletop.tasks import TableTask, load_wordings, say
+from vlafuzz.worlds.tabletop.tasks import TableTask, kind, say, wordings_of
 from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 __all__ = ["OperatorSet", "SearchSpace", "load_operators"]
@@ -48,7 +48,7 @@ class Composer(TableComposer):
         setup = rig(robot)
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
-        layout = Layout(slots, _distinct(slots), stable_poses, len(load_wordings()[task.name]), setup)
+        layout = Layout(slots, _distinct(slots), stable_poses, len(wordings_of(task.name)), setup)
         genes = (gene for name in kinds.OPERATORS for gene in operators.operators[name].genes(layout))
         super().__init__(task.name, robot, layout, genes)
 
@@ -80,7 +80,7 @@ class Composer(TableComposer):
 
 @cache
 def _said(task: str, spoken: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(say(wording, spoken) for wording in load_wordings()[task])
+    return tuple(say(wording, spoken) for wording in wordings_of(task))
 
 
 def _slots(operators: OperatorSet, catalogue: Catalogue, task: TableTask, hand: Hand) -> dict[str, tuple[str, ...]]:
@@ -138,7 +138,7 @@ class SearchSpace(TableSpace):
     """Every scene that the operators can make of a task, with random generation and repair."""
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: str, robot: str = "panda") -> None:
-        found, of_task = task_named(task), operators.in_task(task)
+        found, of_task = task_named(task), operators.in_task(kind(task))
         self.composer = Composer(of_task, catalogue, found, robot)
         super().__init__(found, rig(robot), of_task, self.composer)
         self.catalogue, self.onto = catalogue, found.onto
@@ -194,7 +194,7 @@ class SearchSpace(TableSpace):
             return None
         objects = (scene.confounders[0], *scene.targets[1:])
         names = [self.catalogue[placed.object].spoken for placed in objects]
-        return say(load_wordings()[scene.task][0], names)
+        return say(wordings_of(scene.task)[0], names)
 
     def _unfair(self, scene: Scene) -> str | None:
         """Why the targets cannot be seen, or what its events do is not fair."""

@@ -5,7 +5,7 @@ Success is as described in the paper.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 
 import numpy as np
@@ -243,9 +243,16 @@ PUT_IN = TableTask(
 TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
 
 
+@cache
 def task(name: str) -> TableTask:
-    """The task of that name; a UsageError if there is none."""
-    return TASKS[check_choice("task", name, TASKS)]
+    """The task of that name; a UsageError if there is none. Before it may stand the world that simulates it."""
+    found = TASKS[check_choice("task", kind(name), TASKS)]
+    return found if name == found.name else replace(found, name=name)
+
+
+def kind(name: str) -> str:
+    """A task's name without that of the world."""
+    return name.rpartition("/")[2]
 
 
 _WORDINGS = TypeAdapter(dict[str, list[str]])
@@ -258,6 +265,11 @@ def load_wordings() -> Mapping[str, tuple[str, ...]]:
     path = operators_dir() / "instructions.yaml"
     wordings = validated(_WORDINGS, read_yaml(path, CatalogueError), path, CatalogueError)
     return {name: tuple(wordings[name]) for name in TASKS}
+
+
+def wordings_of(task: str) -> tuple[str, ...]:
+    """Those of one task, whatever world it is of."""
+    return load_wordings()[kind(task)]
 
 
 def say(wording: str, spoken: Sequence[str]) -> str:

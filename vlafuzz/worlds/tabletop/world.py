@@ -31,7 +31,7 @@ from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
-from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, probe_once
@@ -100,11 +100,16 @@ class Tabletop(TableWorld):
     ) -> SceneEvaluator:
         from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
+        catalogue = self.catalogue(conditions, space)
+        return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
+
+    @staticmethod
+    def catalogue(conditions: Conditions, space: Space | None) -> Catalogue:
+        """The objects of a run."""
         if conditions.world.get("placement"):
             problem = "objects are no longer dropped as in VLATest"
             raise UsageError(f"placement {conditions.world['placement']}: {problem}", hint="run the scenes anew")
-        catalogue = space.catalogue if isinstance(space, SearchSpace) else stored_catalogue(conditions)
-        return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
+        return space.catalogue if isinstance(space, SearchSpace) else stored_catalogue(conditions)
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         return {"expert": Expert(), "seeing": SeeingExpert()}
@@ -139,13 +144,15 @@ class Tabletop(TableWorld):
 
         def rejection(scene: Scene) -> Rejection | None:
             found = check_static(scene, catalogue, usual.min_distance, usual.visible)
-            if found or not settle:
-                return found
-            from vlafuzz.worlds.tabletop.sim.world import settled
-
-            return settled(scene, catalogue)
+            return found if found or not settle else self.settled(scene, catalogue)
 
         return rejection
+
+    def settled(self, scene: Scene, catalogue: Catalogue) -> Rejection | None:
+        """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
+        from vlafuzz.worlds.tabletop.sim.world import settled
+
+        return settled(scene, catalogue)
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of a file of VLATest."""

@@ -13,8 +13,8 @@ from vlafuzz.model.outcome import Verdict
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
+from vlafuzz.worlds.tabletop.evaluator import TabletopEpisode, outlines
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import TabletopEpisode, outlines
 from vlafuzz.worlds.tabletop.sim.rendering import PAINTS, shade
 
 EDGE = np.repeat([[40], [200]], 32, axis=0).repeat(64, axis=1)[..., None].repeat(3, axis=2).astype(np.uint8)

@@ -10,9 +10,9 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, SIZE, make_env, pick_up,
 from vlafuzz.model.scene import Camera, InitialPose
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 
 
 def see(env, *placements, light=1.0, camera=None):

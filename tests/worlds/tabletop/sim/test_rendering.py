@@ -11,9 +11,9 @@ from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import outlines
 
 pytestmark = pytest.mark.render
 PIXEL = 1 / SIZE

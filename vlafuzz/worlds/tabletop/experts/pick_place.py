@@ -10,6 +10,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.manipulation.rigs import Rig
 from vlafuzz.worlds.tabletop.experts import planning
 from vlafuzz.worlds.tabletop.experts.planning import Goal, Reach, Thing
+from vlafuzz.worlds.tabletop.tasks import kind
 
 STEP = 0.10  # metres in a control step
 TURN = 0.6  # radians in a control step
@@ -91,7 +92,7 @@ class PickPlaceController:
     """
 
     def __init__(self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0) -> None:
-        self._task, self._rig, self._fluent = task, rig, fluent
+        self._task, self._rig, self._fluent = kind(task), rig, fluent
         self._hand = Steering(rig, lean)
         self._phase: Callable[[Belief], Array] = self._approach
         self.attempt = attempt

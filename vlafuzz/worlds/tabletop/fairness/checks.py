@@ -1,7 +1,7 @@
 """Checks without a simulator whether a scene is fair. They never change a scene."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from itertools import chain, combinations
@@ -19,7 +19,8 @@ from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, apart, extents
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.tasks import TASKS, State, kind
+from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
 MARGIN = 0.004  # clearance on each side of an object inside a container, metres
@@ -56,7 +57,7 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
         return Rejection("semantic", f"instruction-change: there is no {change.to} other thing")
     if problem := unstoppable(scene):
         return Rejection("semantic", problem)
-    if change.to == STOP and change.when != "approach" and TASKS[scene.task].targets == 1:
+    if change.to == STOP and change.when != "approach" and task_named(scene.task).targets == 1:
         # what is in the hand by then, and a second later in the air, is there if one goes on as well
         return Rejection("semantic", f"instruction-change: {scene.task} may end as after {STOP!r} at the {change.when}")
     late = afterwards(scene)
@@ -78,7 +79,7 @@ def check_semantic(scene: Scene, catalogue: Catalogue) -> Rejection | None:
 
 def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
     """The problems in a sentence each. Only the first is used: later checks assume that there is none."""
-    if scene.task not in TASKS:
+    if kind(scene.task) not in TASKS:
         yield f"unknown task {scene.task!r}"
     if scene.robot not in RIGS:
         yield f"unknown robot {scene.robot!r}"
@@ -86,7 +87,7 @@ def _problems(scene: Scene, catalogue: Catalogue) -> Iterator[str]:
         yield "an instruction is empty"
     if scene.light.intensity < 0:
         yield f"light: an intensity of {scene.light.intensity:g} is negative"
-    task = TASKS[scene.task]
+    task = task_named(scene.task)
     if len(scene.targets) != task.targets:
         yield f"{task.name} names {task.targets} target(s), the scene has {len(scene.targets)}"
     for placement in scene.placements:
@@ -225,4 +226,41 @@ def out_of_view(placement: Placement, model: ObjectModel, setup: Rig, camera: Ca
     share = float(seen[:-1].mean())
     if share < IN_VIEW or not seen[-1]:
         return f"{model.spoken}: {share:.0%} of it is in view; {IN_VIEW:.0%} and its centre must be"
+    return None
+
+
+SECONDS = 1.0
+MOVED = 0.01  # metres
+TIPPED = np.cos(np.radians(15.0))
+FALLEN = -0.1  # metres
+
+
+def unsettled(scene: Scene, models: tuple[ObjectModel, ...], before: State, after: State) -> Rejection | None:
+    """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
+    if rejection := _restless(scene.placements, before, after):
+        return rejection
+    judged = task_named(scene.task)
+    for moment, state in (("at the start", before), ("after settling", after)):
+        if judged.solved(models, state):
+            return Rejection("solved", f"{judged.name} is solved {moment}, before the policy acts")
+    return None
+
+
+def _restless(placements: Sequence[Placement], before: State, after: State) -> Rejection | None:
+    for index, placement in enumerate(placements):
+        end, reason = after.positions[index], ""
+        distance = float(np.linalg.norm(end - before.positions[index]))
+        vertical = float(before.rotations[index][2] @ after.rotations[index][2])
+        if not np.all(np.isfinite(end)):
+            reason = "has no finite position after settling"
+        elif end[2] < FALLEN:
+            reason = f"fell to z = {end[2]:.2f} m"
+        elif distance > MOVED:
+            reason = f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
+        elif vertical < TIPPED:
+            tilt = np.degrees(np.arccos(np.clip(vertical, -1, 1)))
+            reason = f"tipped by {tilt:.0f} degrees while settling"
+        if reason:
+            where = f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f})"
+            return Rejection("settling", f"{where} {reason}")
     return None

@@ -16,6 +16,7 @@ from pydantic import TypeAdapter
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, suggestion
 from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.scene import Placement
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, Role
 from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject, find_pack
 
@@ -71,6 +72,11 @@ def load_catalogue(*, packs: Sequence[Pack] = ()) -> Catalogue:
             raise CatalogueError(both, "rename one of the folders")
         folders[pack.name] = pack.folder
     return Catalogue(json.loads((_shipped() / INDEX).read_text(encoding="utf-8")), packs)
+
+
+def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
+    """The models of a scene's objects, scaled to their sizes."""
+    return tuple(catalogue[placement.object].scaled(placement.scale) for placement in placements)
 
 
 def _shipped() -> Path:

@@ -21,6 +21,7 @@ from vlafuzz.model.scene import Backdrop
 from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, Colour, planks, shade
 from vlafuzz.worlds.manipulation.rigs import Lights, Table
 from vlafuzz.worlds.tabletop.renderer import rendering_device
+from vlafuzz.worlds.tabletop.room import FRICTION
 
 # The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
 # which there are none: without it the pictures are the same.
@@ -143,9 +144,6 @@ def _looking_along(direction: tuple[float, float, float]) -> sapien.Pose:
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([forward, np.cross(forward, -side), side], axis=1)
     return sapien.Pose(matrix)
-
-
-FRICTION = 0.6
 
 
 def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:

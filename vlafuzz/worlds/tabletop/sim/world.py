@@ -21,13 +21,14 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.model.outcome import Rejection
 from vlafuzz.model.scene import InitialPose, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
+from vlafuzz.worlds.tabletop.fairness.checks import SECONDS, unsettled
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+from vlafuzz.worlds.tabletop.room import DAMPING, GRASP_COSINE, GRASP_FORCE, ROLLING_DAMPING
 from vlafuzz.worlds.tabletop.sim.rendering import add_table, render_system, use_shaders
 from vlafuzz.worlds.tabletop.sim.robots import MetricArm
 from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
-from vlafuzz.worlds.tabletop.tasks import task as task_named
 
 SIM_HZ = PANDA.physics_hz  # with 15 solver iterations; at 50 Hz grasps begin to fail
 _HAND = ("hand", "finger", "gripper")  # parts of the names of the hand's links
@@ -91,6 +92,14 @@ class World:
                 self._slide(self._placed[index], shift / self._substeps)
             system.step()
         return self._read()
+
+    def grip(self, force: float) -> None:
+        """Let the fingers press with a share of their usual force."""
+        self.controller.grip(force)
+
+    @staticmethod
+    def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
+        return place(model, placement)
 
     def topple(self, pose: sapien.Pose) -> None:
         """Turn the first object, where it is, as in a pose on the table."""
@@ -186,15 +195,9 @@ def substeps(rig: Rig, control_hz: int) -> tuple[int, int]:
     return count, count * control_hz
 
 
-SECONDS = 1.0
-MOVED = 0.01  # metres
-TIPPED = np.cos(np.radians(15.0))
-FALLEN = -0.1  # metres
-
-
 def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
     """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
-    task, placements, models = task_named(scene.task), scene.placements, models_of(scene.placements, catalogue)
+    placements, models = scene.placements, models_of(scene.placements, catalogue)
     room = sapien.Scene([physx.PhysxCpuSystem()])
     room.physx_system.timestep = 1 / SIM_HZ
     add_table(room, rig(scene.robot).table)
@@ -204,32 +207,7 @@ def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
     for _ in range(round(SECONDS * SIM_HZ)):
         room.physx_system.step()
     after = _state(room, bodies)
-    if rejection := _restless(placements, before, after):
-        return rejection
-    for moment, state in (("at the start", before), ("after settling", after)):
-        if task.solved(models, state):
-            return Rejection("solved", f"{task.name} is solved {moment}, before the policy acts")
-    return None
-
-
-def _restless(placements: Sequence[Placement], before: State, after: State) -> Rejection | None:
-    for index, placement in enumerate(placements):
-        end, reason = after.positions[index], ""
-        distance = float(np.linalg.norm(end - before.positions[index]))
-        vertical = float(before.rotations[index][2] @ after.rotations[index][2])
-        if not np.all(np.isfinite(end)):
-            reason = "has no finite position after settling"
-        elif end[2] < FALLEN:
-            reason = f"fell to z = {end[2]:.2f} m"
-        elif distance > MOVED:
-            reason = f"moved {distance * 100:.1f} cm while settling, more than {MOVED * 100:.0f} cm"
-        elif vertical < TIPPED:
-            tilt = np.degrees(np.arccos(np.clip(vertical, -1, 1)))
-            reason = f"tipped by {tilt:.0f} degrees while settling"
-        if reason:
-            where = f"{placement.object} at ({placement.x:.3f}, {placement.y:.3f})"
-            return Rejection("settling", f"{where} {reason}")
-    return None
+    return unsettled(scene, models, before, after)
 
 
 def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponent]) -> State:
@@ -248,9 +226,6 @@ def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponen
 
 
 CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 is an eighth slower and changes no grasp
-# PhysX has no rolling friction, and a polygonal can even accelerates: pushed at 0.1 m/s it rolls forever with
-# a damping of 0.5 1/s, sometimes with 2, and stops within 5 cm with 5.
-DAMPING, ROLLING_DAMPING = 0.5, 5.0
 
 
 def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
@@ -262,11 +237,6 @@ def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
     half = np.radians(placement.yaw) / 2
     turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
     return sapien.Pose(np.array([placement.x, placement.y, pose.height]), turned.q)
-
-
-def models_of(placements: Sequence[Placement], catalogue: Catalogue) -> tuple[ObjectModel, ...]:
-    """The models of a scene's objects, scaled to their sizes."""
-    return tuple(catalogue[placement.object].scaled(placement.scale) for placement in placements)
 
 
 @lru_cache(maxsize=64)
@@ -314,8 +284,6 @@ Link: TypeAlias = physx.PhysxArticulationLinkComponent
 Impulses = list[list[float]]  # three numbers per contact point; lists are faster than arrays at this size
 Pressed = dict[Link, dict[int, Impulses]]  # by finger and object
 TOUCH_IMPULSE = 1e-6  # newton seconds; smaller for bodies that are within the contact offset but apart
-GRASP_FORCE = 0.5  # newtons per finger, as in ManiSkill's is_grasping
-GRASP_COSINE = math.cos(math.radians(85.0))
 
 
 def object_contacts(system: physx.PhysxCpuSystem, labels: Labels) -> Iterator[tuple[int, int | str, object, Impulses]]:

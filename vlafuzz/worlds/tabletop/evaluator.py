@@ -1,0 +1,160 @@
+"""What runs scenes on the tabletop, whatever simulates them: a rollout, a policy's evaluator, outlines."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from vlafuzz.common.arrays import Array, Picture
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Scene
+from vlafuzz.policies.base import CameraRequest, Observation, Outlines, Policy, PolicySpec, Silhouette
+from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import afterwards
+from vlafuzz.worlds.manipulation.arms import hand_boxes
+from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
+from vlafuzz.worlds.manipulation.looks import COLOUR
+from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
+from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
+from vlafuzz.worlds.tabletop.fairness import check_events, check_static
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.room import Room
+from vlafuzz.worlds.tabletop.tasks import State
+from vlafuzz.worlds.tabletop.tasks import task as task_named
+
+
+class TabletopEpisode(Episode):
+    """A rollout of a scene in an environment."""
+
+    def __init__(self, env: Room, spec: PolicySpec, scene: Scene, seed: int, conditions: Conditions) -> None:
+        self._env, self._spec = env, spec
+        self._state = env.begin(scene, seed)
+        env.check(scene)
+        self.states_hash = env.world.states_hash
+        horizon = env.rig.seconds * env.control_hz
+        super().__init__(scene, seed, conditions, env.monitor, hz=env.control_hz, horizon=horizon)
+        if spec.silhouettes:
+            self.start = replace(self.start, catalogue=env.catalogue)
+
+    def observe(self) -> Observation:
+        env, spec, scene, state = self._env, self._spec, self.scene, self._state
+        return Observation(
+            episode=self.start.episode,
+            step=len(self.actions),
+            instruction=env.instruction,
+            images={camera.name: env.seen(camera.name) for camera in spec.cameras},
+            state=proprioception(state, env.rig.opening) if spec.state else None,
+            outlines=outlines(env.models, state, env.view, env.light, env.table_colour) if spec.silhouettes else None,
+            privileged=Privileged(scene, env.models, state, self.success_now) if spec.privileged else None,
+            calibration=Calibration(env.view, env.light, env.models[: env.task.targets]) if spec.calibrated else None,
+        )
+
+    def picture(self, camera: str) -> Picture:
+        return self._env.picture(camera)
+
+    def _execute(self, action: Array) -> None:
+        self._state = self._env.advance(action, self._spec.action.relative_to)
+
+
+def proprioception(state: State, opening: float) -> NDArray[np.float32]:
+    """``(7,)``: the hand's position (metres), rotation vector (radians), share of its ``opening``."""
+    turn = Rotation.from_matrix(state.tcp_rotation).as_rotvec()
+    return np.concatenate([state.tcp, turn, [state.opening / opening]]).astype(np.float32)
+
+
+class TabletopEvaluator(SceneEvaluator):
+    """Runs a policy in scenes of one task; ``catalogue`` has their objects."""
+
+    def __init__(
+        self,
+        conditions: Conditions,
+        policy: Policy,
+        catalogue: Catalogue,
+        *,
+        recording: Recording | None = None,
+        checked: bool = True,
+    ) -> None:
+        self._task, self.catalogue = task_named(conditions.task), catalogue
+        super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
+        self._visible = stored_visible(conditions)
+        self._env: Room | None = None
+
+    @abstractmethod
+    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> Room:
+        """Where scenes are run. ``shown``: the camera whose pictures are for people."""
+
+    @abstractmethod
+    def settled(self, scene: Scene) -> Rejection | None:
+        """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
+
+    def check(self, scene: Scene) -> Rejection | None:
+        if scene.task != self._task.name:
+            return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
+        distance, spec = MIN_DISTANCE.of(self._conditions), self._policy.spec
+        flat = spec.silhouettes and not spec.cameras and not spec.calibrated
+        rejection = check_static(scene, self.catalogue, distance, self._visible, outlines=flat)
+        rejection = rejection or check_events(scene, self.catalogue, distance, self._visible)
+        rejection = rejection or self.settled(scene)
+        if rejection is None and scene.events:
+            rejection = self.settled(afterwards(scene))
+        return rejection
+
+    def begin(self, scene: Scene, seed: int) -> TabletopEpisode:
+        spec = self._policy.spec
+        cameras = spec.cameras
+        if self.recorded:  # as wide as the robot's view
+            cameras += (replace(self.recorded, width=rig(scene.robot).view.width(self.recorded.height)),)
+        if self._env is not None and self._env.rig.robot != scene.robot:
+            self.renew()
+        if self._env is None:
+            shown = self.recorded.name if self.recorded else None
+            self._env = self.room(cameras, spec.action.hz, scene.robot, shown)
+        return TabletopEpisode(self._env, spec, scene, seed, self._conditions)
+
+    def renew(self) -> None:
+        if self._env is not None:
+            self._env.close()
+            self._env = None
+
+
+HAND = 255  # label; objects are counted from 1, 0 is the background
+
+
+def outlines(
+    models: Sequence[ObjectModel], state: State, view: CameraPose, light: float, table: Sequence[float] = COLOUR
+) -> Outlines:
+    """A camera's view without a renderer: outlines of objects and hand, with their colours under the light.
+
+    Each convex part is painted, farthest object first, into a label image 256 pixels wide. Colours, and the
+    ``table``'s, are times ``light``, up to 1.
+    """
+    depth = [float((position - view.position) @ view.axes[0]) for position in state.positions]
+    bodies = [
+        [part @ turn.T + place for part in model.parts]
+        for model, turn, place in zip(models, state.rotations, state.positions, strict=True)
+    ]
+    areas = [area_alone(body, view) for body in bodies]
+    seen = blank(view)
+    for index in sorted(range(len(models)), key=lambda i: -depth[i]):
+        paint(seen, bodies[index], view, index + 1)
+    paint(seen, hand_boxes(state.tcp, state.tcp_rotation, state.opening), view, HAND)
+    things = []
+    for label, (model, area) in enumerate(zip(models, areas, strict=True), 1):
+        v, u = np.nonzero(seen == label)
+        if len(u):
+            pixels = np.stack([(u + 0.5) / seen.shape[1], (v + 0.5) / seen.shape[0]], axis=1)
+            colour = np.minimum(model.colour * light, 1.0)
+            things.append(Silhouette(pixels, colour, min(len(pixels) / area, 1.0)))
+    # From left to right: the scene's order would reveal which object is the target
+    things.sort(key=lambda thing: float(thing.pixels[:, 0].mean()))
+    hand, distance = view.project(state.tcp[None])
+    visible = bool(distance[0] > 0 and np.all((hand[0] >= 0) & (hand[0] <= 1)))
+    return Outlines(tuple(things), hand[0] if visible else None, np.minimum(np.array(table) * light, 1.0))

@@ -1,0 +1,97 @@
+"""The tabletop in MuJoCo: the same scenes, operators, experts and judgement, other contacts and another renderer.
+
+What fails in both is hardly a simulator's own. MuJoCo is an extra, and is loaded when a scene is run.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from importlib import metadata, util
+from pathlib import Path
+
+from vlafuzz import __version__
+from vlafuzz.errors import PrerequisiteError, UsageError
+from vlafuzz.model.check import Check
+from vlafuzz.model.conditions import Conditions
+from vlafuzz.model.outcome import Rejection
+from vlafuzz.model.scene import Scene
+from vlafuzz.model.space import Space
+from vlafuzz.policies.base import Policy
+from vlafuzz.worlds import opengl
+from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.tasks import TASKS
+from vlafuzz.worlds.tabletop.world import Tabletop
+
+NAME = "tabletop-mujoco"
+HINT = "pip install 'vlafuzz[mujoco]'"
+
+
+class TabletopMujoco(Tabletop):
+    """The tabletop's tasks, which have this world's name before them; the Panda only."""
+
+    usual = False
+    tasks, robots = tuple(f"{NAME}/{task}" for task in TASKS), (PANDA.robot,)
+
+    @property
+    def simulator(self) -> str:
+        require()
+        return f"vlafuzz {__version__}/mujoco {metadata.version('mujoco')}"
+
+    def renderer(self) -> str:
+        return f"{opengl.device()}, MuJoCo {metadata.version('mujoco')}"
+
+    def has(self, task: str) -> bool:
+        return task in self.tasks
+
+    def default_policy(self, robot: str) -> str:
+        return "mini" if opengl.device() else "pinhole"
+
+    def begin_early(self, policy: str | None) -> None:
+        """Nothing: what the tabletop begins early is for its own renderer."""
+
+    def preload(self) -> None:
+        import vlafuzz.worlds.tabletop_mujoco.env  # noqa: F401
+
+    def check_pictures(self) -> None:
+        require()
+        if not opengl.device():
+            hint = "apt install libegl1 libgl1-mesa-dri, or a GPU's driver"
+            raise PrerequisiteError(f"pictures of {NAME} need OpenGL with EGL, which does not draw here", hint)
+
+    def evaluator(
+        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
+    ) -> SceneEvaluator:
+        require()
+        from vlafuzz.worlds.tabletop_mujoco.env import MujocoEvaluator
+
+        if conditions.robot not in self.robots:
+            raise UsageError(f"robot {conditions.robot}: {NAME} has none but the {PANDA.robot}", hint="leave it out")
+        catalogue = self.catalogue(conditions, space)
+        return MujocoEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
+
+    def machine(self) -> Iterator[Check]:
+        if util.find_spec("mujoco") is None:
+            yield Check("mujoco", "not installed", "ok", f"only {NAME} needs it: {HINT}")
+        else:
+            drawn = opengl.device() or "no OpenGL with EGL: it draws no pictures"
+            yield Check("mujoco", metadata.version("mujoco"), "ok", drawn)
+
+    def settled(self, scene: Scene, catalogue: Catalogue) -> Rejection | None:
+        require()
+        from vlafuzz.worlds.tabletop_mujoco.env import settled
+
+        return settled(scene, catalogue)
+
+    def imported(self, path: Path) -> Sequence[Scene]:
+        return [replace(scene, task=f"{NAME}/{scene.task}") for scene in super().imported(path)]
+
+
+def require() -> None:
+    """Raise a PrerequisiteError if MuJoCo is not installed."""
+    if util.find_spec("mujoco") is None:
+        raise PrerequisiteError(f"{NAME} needs MuJoCo, which is not installed", hint=HINT)
+
+
+WORLD = TabletopMujoco()
