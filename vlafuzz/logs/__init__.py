@@ -1,1 +1,1 @@
-"""Logs of evaluations that others ran: formats in, episodes as values, figures, a comparison of two."""
+"""Logs of evaluations that others ran: formats in, episodes as values and figures."""

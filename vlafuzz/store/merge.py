@@ -58,22 +58,18 @@ def merge(sources: Sequence[Path], out: Path) -> Merged:
         if out.exists():
             raise StoreError(f"{out}: exists already", hint="give the name of a new file")
         _remove(unfinished)  # of a merge that was killed
-        merged = _write(sources, unfinished, out)
+        with explained(out), closing(connect_to_write(unfinished)) as target:
+            for source in sources:
+                target.execute("BEGIN IMMEDIATE")
+                with target:
+                    _copy(source, target)
+            counts = [target.execute(f"SELECT count(*) FROM {table}") for table in ("run", "trial", "finding")]
+            merged = Merged(*(count.fetchone()[0] for count in counts))
         unfinished.replace(out)
         return merged
     finally:
         _remove(unfinished)
         lock.release()
-
-
-def _write(sources: Sequence[Path], path: Path, named: Path) -> Merged:
-    with explained(named), closing(connect_to_write(path)) as target:
-        for source in sources:
-            target.execute("BEGIN IMMEDIATE")
-            with target:
-                _copy(source, target)
-        counts = [target.execute(f"SELECT count(*) FROM {table}") for table in ("run", "trial", "finding")]
-        return Merged(*(count.fetchone()[0] for count in counts))
 
 
 def _copy(path: Path, target: sqlite3.Connection) -> None:

@@ -15,7 +15,6 @@ from vlafuzz.failures.corpus.controls import CONTROLS, EXPORT, MILDER, record
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
 from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.oracle import Answer
-from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.pipeline import pace, summarise
 from vlafuzz.failures.triage.triager import repeat
 from vlafuzz.model.evidence import Failure
@@ -144,7 +143,7 @@ def _check(triaged: Triaged, run: int, runner: SceneRunner) -> Case | str:
     replayed = runner.play(scene, witness.actions)
     if replayed.verdict is not Verdict.PASSED:
         return UNSOLVED
-    control = nominal(runner.space, scene)
+    control = runner.space.nominal(like=scene)
     known = {part.name: getattr(triaged, part.name) for part in fields(Failure)}
     rates = {name: rate for name, rate in triaged.counterpart_rates.items() if name in triaged.counterparts}
     anew = {"lost_stage": loses, "repeats": rate.rollouts, "failures": rate.failures, "counterpart_rates": rates}

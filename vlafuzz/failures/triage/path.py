@@ -19,11 +19,6 @@ def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> lis
     return [name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene]
 
 
-def nominal(space: Space, scene: Scene) -> Scene:
-    """The scene with every operator reset but its targets' types."""
-    return space.reset(scene, [operator for group in space.groups.values() for operator in group])
-
-
 def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> list[Gene]:
     """The genes of some operators in which a scene differs from a reference, by default from nominal.
 
