@@ -37,13 +37,6 @@ def genomes(*scenes) -> list[np.ndarray]:
     return [SPACE.encode(each) for each in scenes]
 
 
-def test_the_budget_is_spent_to_the_last_rollout(store: Store):
-    summary = run(store, budget=37, batch=16)
-    assert summary.rollouts == 37
-    assert summary.verdicts["passed"] + summary.verdicts["failed"] == 37
-    assert summary.verdicts["invalid"] > 0
-
-
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(budget=st.integers(1, 30), batch=st.integers(1, 20), repeats=st.integers(1, 4), seed=st.integers(0, 3))
 def test_no_setting_exceeds_the_budget(tmp_path: Path, budget: int, batch: int, repeats: int, seed: int):
@@ -111,12 +104,6 @@ def test_the_summary_counts_scenes_by_what_came_of_them(store: Store):
     assert summary.first_failure == scene(0.0625).digest
     assert summary.findings == 2
     assert all(found.cell == "grasp|light" for found in store.findings())
-
-
-def test_a_pool_ends_when_each_scene_was_run(store: Store):
-    pool = [scene(x=-0.01 * number) for number in range(10)]
-    summary = run(store, budget=1000, batch=4, space=Pool(pool, SPACE), strategy=InOrder(10))
-    assert (summary.rollouts, summary.stopped, store.runs()[0].status) == (10, None, "finished")
 
 
 def test_it_stops_when_no_scene_is_fair_and_says_which_check_rejects_them(store: Store):
@@ -227,14 +214,6 @@ def test_an_error_costs_the_rollouts_that_it_ran(store: Store):
     half_way = Outcome(verdict=Verdict.ERROR, rollouts=passed().rollouts, detail="the connection broke in rollout 2")
     summary = run(store, budget=6, repeats=3, executor=LocalExecutor(Always(half_way)))
     assert (summary.rollouts, summary.verdicts["error"]) == (4, 4)
-
-
-def test_an_interruption_keeps_all_trials_up_to_it(store: Store):
-    with pytest.raises(KeyboardInterrupt):
-        run(store, executor=LocalExecutor(Raising(KeyboardInterrupt(), after=5)))
-    (interrupted,) = store.runs()
-    assert interrupted.status == "interrupted"
-    assert len(list(store.trials(interrupted.id))) == 5
 
 
 def test_what_must_be_installed_first_ends_the_run_as_failed(store: Store):

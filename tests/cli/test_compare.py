@@ -181,8 +181,6 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         (("--repeats", "0"), "--repeats: expected at least 1, got 0"),
         (("--triage-rollouts", "-1"), "--triage-rollouts: expected at least 0, got -1"),
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
-        (("--task", "pick_up"), "unknown task 'pick_up'"),
-        (("--policy", "pinhol"), "unknown policy 'pinhol'"),
     ],
 )
 def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(

@@ -75,12 +75,3 @@ def test_rows_are_printed_as_they_become_known_and_stay_when_interrupted(monkeyp
     printed = capsys.readouterr()
     assert "deaf" in printed.out
     assert "interrupted" in printed.err
-
-
-def test_an_interrupted_doctor_prints_json_of_what_it_knows(monkeypatch, capsys):
-    def examine(*_: object) -> Iterator[Check]:
-        yield Check("sight", "its answers change by 40%", "ok")
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(exam, "examine", examine)
-    assert [row["check"] for row in told(capsys, "doctor --policy pinhole --json", code=130)] == ["sight"]

@@ -174,14 +174,6 @@ def test_a_second_run_in_a_store_is_told_at_once_who_writes(monkeypatch, capsys)
     assert "give another store" in message
 
 
-@pytest.mark.parametrize("flags", [("--resume",), IDLE])
-def test_a_damaged_store_is_a_sentence(capsys, flags: tuple[str, ...]):
-    run("--budget", "5", "--store", "a.db")
-    data = Path("a.db").read_bytes()
-    Path("a.db").write_bytes(data[: len(data) // 2])
-    assert "a.db: is damaged" in complaint(capsys, ["run", *flags, "--store", "a.db"])
-
-
 def test_a_strategy_says_what_it_chose_by_itself(capsys):
     flags = ("--strategy", "nsga2", "--budget", "90")
     run(*flags, "--store", "a.db")
@@ -199,17 +191,9 @@ def test_stores_are_merged(capsys):
     assert proposed("c.db", 2) == proposed("b.db")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["a.db", "a.db", "--out", "c.db"], "a.db: given twice"),
-        (["a.db", "--out", "a.db"], "a.db: exists already"),
-        (["a.db", "no.db", "--out", "c.db"], "no.db: no such store"),
-    ],
-)
-def test_a_wrong_merge_is_a_sentence(capsys, arguments: list[str], says: str):
+def test_a_store_is_not_merged_with_itself(capsys):
     run("--budget", "3", "--store", "a.db")
-    assert says in complaint(capsys, ["export", "--format", "store", *arguments])
+    assert "a.db: given twice" in complaint(capsys, "export --format store a.db a.db --out c.db")
     assert not Path("c.db").exists()
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.failures.triage.planted import DARK, TILTED, Planted
-from tests.failures.triage.runners import PlantedRunner, fill, interrupted
+from tests.failures.triage.runners import PlantedRunner, fill
 from tests.failures.triage.test_certify import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare import Certified, certified, certify, known_results
@@ -30,10 +30,6 @@ def store(tmp_path: Path):
     with Store.open(tmp_path / "a.db", "write") as opened:
         fill(opened, SCENES)
         yield fill(opened, SCENES[:2])
-
-
-def results(store: Store) -> list[tuple[str, int, str | None]]:
-    return sorted((row.scene.digest, row.policy_rollouts, row.signature) for row in store.triaged())
 
 
 def made(number: int, bucket: str, signature: str | None = None, rollouts: int = 50) -> Triaged:
@@ -71,18 +67,6 @@ def test_what_several_runs_found_is_triaged_once_and_counts_for_each(store: Stor
     assert counted[0].signatures == ("pick-up|grasp|light:dark", "pick-up|grasp|camera-orientation:+yaw")
     assert [one.triaged for one in counted] == [4, 2]
     assert counted[1].triage_rollouts == sum(row.policy_rollouts for row in store.triaged()[:2])
-
-
-def test_an_interruption_changes_nothing(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as store, Store.open(tmp_path / "b.db", "write") as other:
-        fill(store, SCENES[:2])
-        certify(store, runner, store.runs(), limit=1000)
-        fill(other, SCENES[:2])
-        with interrupted(), pytest.raises(KeyboardInterrupt):
-            certify(other, runner, other.runs(), limit=1000)
-        assert len(other.triaged()) == 1
-        certify(other, runner, other.runs(), limit=1000)
-        assert results(other) == results(store)
 
 
 def test_what_a_strategy_blames_is_certified_as_at_the_end_of_its_run(tmp_path: Path):

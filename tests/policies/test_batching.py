@@ -31,13 +31,6 @@ def summary(answers: list[Answer]) -> list[object]:
     ]
 
 
-def test_what_arrives_together_is_asked_in_one_call():
-    policy = Counter()
-    batching = begun(policy, 1, 2, 3)
-    assert summary(batching.answer([(3, act()), (1, act()), (2, act())])) == [[1.0], [1.0], [1.0]]
-    assert policy.batches == [3]
-
-
 def test_a_call_has_no_more_than_the_policy_takes():
     policy = Counter(max_batch=2)
     begun(policy, 1, 2, 3).answer([(caller, act()) for caller in (1, 2, 3)])

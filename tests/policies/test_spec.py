@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from tests.cli.typed import typed
-from vlafuzz import api
 from vlafuzz.errors import UsageError
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 
@@ -24,17 +23,14 @@ CAMERA = CameraRequest("front", 128, 128)
         ({"rotation_scale": 0.0}, "rotation_scale: expected a finite number other than 0, got 0.0"),
         ({"position_scale": np.float32(1)}, "position_scale: expected a finite number"),
         ({"hz": 30}, "hz: expected a divisor of 100, got 30"),
-        ({"hz": -5}, "hz: expected 1 or more, got -5"),
         ({"hz": 0}, "hz: expected 1 or more, got 0"),
         ({"hz": 5.0}, "hz: expected 1 or more, got 5.0"),
         ({"sticky": -1}, "sticky: expected 0 or more, got -1"),
         ({"name": ""}, "name: expected a text, got ''"),
-        ({"version": 3}, "version: expected a text, got 3"),
         ({"action": {"hz": 5}}, "action: expected an ActionSpec, got {'hz': 5}"),
         ({"cameras": [CAMERA]}, "cameras: expected a tuple of CameraRequest, got [CameraRequest"),
         ({"cameras": (CAMERA, CAMERA)}, "cameras: expected different names, got ['front', 'front']"),
         ({"execute": 0}, "execute: expected 1 or more, got 0"),
-        ({"max_batch": 0}, "max_batch: expected 1 or more, got 0"),
         ({"provenance": {"weights": Path("a.pt")}}, "provenance: expected texts by name, got {'weights'"),
     ],
 )
@@ -65,8 +61,3 @@ def test_no_command_takes_a_policy_with_such_a_spec(command: list[str], tmp_path
     monkeypatch.chdir(tmp_path)
     said = typed(capsys, [*command, "python:tests.policies.test_spec:Reversed"], code=2).err
     assert "error: the policy's spec: gripper: expected one of" in said
-
-
-def test_nor_does_fuzz_from_python():
-    with pytest.raises(UsageError, match="the policy's spec: gripper"):
-        api.fuzz("python:tests.policies.test_spec:Reversed", budget=1)

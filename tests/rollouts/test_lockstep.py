@@ -83,12 +83,6 @@ def test_scenes_of_one_batch_are_spread_over_the_lanes_each_with_its_seed(execut
     assert counter.batches == [3, 3, 2, 2]
 
 
-def test_calls_are_no_larger_than_the_policy_takes():
-    counter = Counter(max_batch=2)
-    progress(LockstepExecutor(Asking, counter, lanes=3), SHORT, SHORT, SHORT)
-    assert counter.batches == [2, 1, 2, 1]
-
-
 def test_an_answer_that_fails_is_an_error_of_its_scene_only(executor):
     results = dict(executor.run(enumerate([[SHORT], [JUMP], [LONG]])))
     assert "cannot jump" in results[1][0].detail
@@ -112,19 +106,6 @@ def test_batches_are_pulled_when_there_is_a_lane_for_them(executor):
     results = executor.run(batches())
     assert (next(results)[0], pulled) == (2, [0, 1, 2])
     assert (next(results)[0], pulled[-1]) in {(0, 3), (1, 3), (3, 3)}
-
-
-def test_a_source_that_has_nothing_now_is_asked_again_after_the_next_outcome(executor, counter):
-    pulled, taken = [], []
-
-    def batches() -> Iterator[tuple[int, list[Scene]] | None]:
-        for batch in ((0, [LONG]), (1, [SHORT]), None, (2, [SHORT]), None):
-            pulled.append((batch and batch[0], len(taken)))
-            yield batch
-
-    taken.extend(tag for tag, _ in executor.run(batches()))
-    assert taken == [1, 0, 2] or taken == [1, 2, 0]
-    assert counter.batches == [2, 2, 2, 2]
 
 
 def test_a_source_that_has_nothing_while_nothing_runs_is_a_bug(executor):

@@ -14,7 +14,6 @@ from vlafuzz.common.watch import SILENT
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
 from vlafuzz.failures.corpus.export import FLAKY, UNSOLVED, export
-from vlafuzz.failures.triage.path import nominal
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import Scene
@@ -74,7 +73,7 @@ def test_every_minimal_finding_that_holds_is_a_case_with_all_its_proofs(store: S
         assert fails(case.scene)
         assert not any(fails(scene) for scene in case.counterparts.values())
         assert tuple(case.counterparts) == case.operators == case.causes.necessary
-        assert (case.nominal, case.nominal_passes) == (nominal(SPACE, case.scene), True)
+        assert (case.nominal, case.nominal_passes) == (SPACE.nominal(like=case.scene), True)
         assert case.thumbnail == PNG
         assert len(case.witness.actions) > 0
     assert (corpus.name, corpus.renderer, corpus.evidence.left_out) == ("mine", "a renderer", {})

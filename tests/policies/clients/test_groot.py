@@ -153,7 +153,6 @@ class TestWrongAnswers:
             ([parts(np.zeros((2, 4, 7))), {}], "bad_action", r"\(2, 4, 1\), expected"),
             ([parts(np.zeros((1, 0, 7))), {}], "bad_action", r"actions of shape \(0, 7\)"),
             ([parts(STILL[None]) | {"y": npy(np.zeros((1, 3, 1)))}, {}], "bad_action", "dimensions"),
-            (forged("|O", bytes(8)), "protocol", "an array of object"),
             (forged("<f4", bytes(5)), "protocol", "buffer"),
             (forged("<f4", bytes(4), [1 << 40]), "protocol", "reshape"),
             ([{"x": {"__ndarray_class__": True, "as_npy": b"PK"}}, {}], "protocol", "magic"),

@@ -131,7 +131,6 @@ class TestWrongAnswers:
             ((200, "<html>"), "protocol", "not a reply of /act: <html>"),
             ((200, '"up a bit"'), "protocol", "not a reply of /act"),
             ((200, "[" * 100_000), "protocol", "not a reply of /act"),
-            ((200, '{"__numpy__": "AA==", "dtype": "|O", "shape": [1]}'), "protocol", "an array of object"),
             ((200, '{"__numpy__": "AA==", "dtype": "<f8", "shape": [7]}'), "protocol", "buffer"),
             ((200, "{}"), "bad_action", "without actions"),
             ((200, "null"), "bad_action", "no numbers: None"),

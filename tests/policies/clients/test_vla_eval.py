@@ -176,7 +176,6 @@ class TestWrongAnswers:
             (says({"error": "no\nmemory"}, "error"), "remote", ": no memory"),
             (says({}), "bad_action", "a reply without actions, but []"),
             (says({"actions": STILL, "more": bytes(5 << 20)}), "protocol", "more than 4 MiB"),
-            (says({"actions": array("|O", b"")}), "protocol", "an array of object"),
             (says({"actions": array("<f8", bytes(48))}), "protocol", "reshape"),
             (served.CLOSE, "connect", "the connection broke"),
         ],

@@ -455,16 +455,11 @@ class TestVariedSetting:
 
 
 class TestVariedEvaluator:
-    def test_the_expert_solves_scenes_with_swapped_and_additional_things(self, soup, varied):
-        scene = swapped(varied.nominal(), "ketchup", added("wine_bottle", -0.2, -0.35))
-        outcome = soup.evaluate([scene])[0]
-        assert outcome.verdict is Verdict.PASSED
-        assert outcome.rollouts[0].reached == ("reach", "grasp", "move", "goal")
-
-    def test_no_scene_depends_on_those_before_it(self, soup, varied):
+    def test_scenes_with_swapped_and_additional_things_are_solved_whatever_came_before(self, soup, varied):
         nominal = varied.nominal()
-        others = [swapped(nominal, "orange_juice"), swapped(nominal, "ketchup", added("popcorn", -0.2, -0.35))]
+        others = [swapped(nominal, "orange_juice"), swapped(nominal, "ketchup", added("wine_bottle", -0.2, -0.35))]
         first = soup.evaluate([nominal, *others])
+        assert [outcome.verdict for outcome in first] == [Verdict.PASSED] * 3
         again = soup.evaluate([*reversed(others), nominal])
         hashes = [[outcome.rollouts[0].states_hash for outcome in some] for some in (first, again)]
         assert hashes[0] == hashes[1][::-1]

@@ -210,13 +210,6 @@ def test_a_wrong_info_file_is_named_with_its_key(tmp_path, text, message):
     assert "\n" not in caught.value.message
 
 
-def test_a_damaged_mesh_is_named(tmp_path):
-    folder = write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))
-    (folder / "models" / "brick" / "collision.obj").write_text("v 0 0 zero\n")
-    with pytest.raises(CatalogueError, match=r"collision\.obj: no"):
-        catalogue(folder)["mine:brick"]
-
-
 def test_a_pack_that_was_moved_is_found_by_its_digest_and_keeps_its_name(tmp_path, monkeypatch):
     (pack,) = open_packs(str(write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))))
     shutil.move(pack.folder, tmp_path / "moved")

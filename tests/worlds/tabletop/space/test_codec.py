@@ -132,13 +132,10 @@ def test_only_what_varies_has_genes() -> None:
     assert kinds["light.intensity"] == "real"
 
 
-def test_wordings_are_found_again() -> None:
+def test_every_wording_comes_up() -> None:
     one = space("put-in", "wording", "target-type")
     said = {one.decode(np.array([0.0, 0.0, where])).instruction for where in np.linspace(0, 0.99, 10)}
     assert len(said) == 10
-    for where in np.linspace(0, 0.99, 10):
-        scene = one.decode(np.array([0.3, 0.0, where]))
-        assert one.decode(one.encode(scene)) == scene
 
 
 FIRST = scenes("pick-up", 1)[0]
@@ -204,13 +201,6 @@ def apart(one: Scene, other: Scene) -> float:
 def turned(yaw: float) -> Scene:
     scene = space().nominal()
     return replace(scene, targets=(replace(scene.targets[0], yaw=yaw),))
-
-
-@tasks
-def test_vectors_are_finite_and_of_one_length(task: str):
-    vectors = [space(task).embed(scene) for scene in (*sampled(30, task), space(task).nominal())]
-    assert len({vector.shape for vector in vectors}) == 1
-    assert np.isfinite(vectors).all()
 
 
 @tasks

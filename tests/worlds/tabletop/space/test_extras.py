@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vlafuzz.errors import CatalogueError, SceneError, UsageError
+from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model.conditions import Conditions
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
@@ -172,8 +172,3 @@ def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: S
 def test_all_events_are_named_by_one_word_and_a_task_without_a_second_target_lacks_one(task: str) -> None:
     varied = {gene.operator for gene in world_of(task).space(task, "panda", vary=["events"]).genes}
     assert set(EVENTS) - varied == ({"goal-slide"} if task == "pick-up" else set())
-
-
-def test_an_event_that_a_task_lacks_is_refused_by_its_name() -> None:
-    with pytest.raises(UsageError, match="goal-slide: nothing of pick-up varies so"):
-        world_of("pick-up").space("pick-up", "panda", vary=["goal-slide", "light"])

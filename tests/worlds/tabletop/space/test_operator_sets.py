@@ -54,12 +54,6 @@ def test_shipped_sets_keep_their_digests_so_that_stores_can_be_resumed(name: str
     assert load_operators(name).digest == digest
 
 
-def test_an_unknown_operator_gets_the_nearest_name() -> None:
-    with pytest.raises(UsageError, match="unknown operator 'lihgt'") as caught:
-        load_operators().only(["lihgt"])
-    assert caught.value.hint == "did you mean 'light'?"
-
-
 def test_confounders_cannot_vary_where_there_are_none() -> None:
     with pytest.raises(UsageError, match="confounder-position: there is no confounder to vary"):
         load_operators().only(["confounder-position"])
@@ -135,7 +129,6 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
         ),
         ("tasks: {pickup: {}}", "tasks: unknown name 'pickup'", "did you mean 'pick-up'?"),
         ("extends: tabeltop", "no file", "did you mean 'tabletop'?"),
-        ("extends: mine.yaml", "extends: goes round in a circle", ""),
         ("[light]", "the file: ", ""),
     ],
 )
