@@ -25,6 +25,7 @@ FIRM, AGAIN = 0.93, 3  # expected rate from which one test is enough; else up to
 LEAST_EFFECT = 0.2  # by which a scene fails more often inside a fault than outside
 NOISY, OFTEN = 0.08, 10  # background from which a test may be repeated, and how often
 TEMPER = 0.8  # power of the likelihood of other scenes: how alike two of them are is a guess
+BLOCK = 40  # scenes whose likelihoods, from 1e-6, are multiplied before a logarithm is taken, which is dear
 SETTLED = 2.0  # log likelihood ratio, 7 to 1, from which tests show on which side of a fault a set is
 
 
@@ -100,11 +101,14 @@ class Suspects:
             otherwise: ``(n,)`` chance that the scene fails for another reason.
         """
         inside = np.exp(np.log(alike) @ self.masks.T.astype(float))
+        outside = np.where(failed, otherwise, 1 - otherwise)
+        effect = np.where(failed, 1 - otherwise, otherwise - 1)
+        blocks = np.arange(0, len(alike), BLOCK)
         for number, rate in enumerate(RATES):
-            failing = rate * inside + (1 - rate * inside) * otherwise[:, None]
-            likely = np.where(failed[:, None], failing, 1 - failing)
-            self._log[self._rows[:, 1] == number] += TEMPER * np.log(np.clip(likely, 1e-6, None)).sum(axis=0)
-        self._log_chance += TEMPER * np.log(np.where(failed, otherwise, 1 - otherwise)).sum()
+            likely = np.maximum(outside[:, None] + rate * effect[:, None] * inside, 1e-6)
+            logs = np.log(np.multiply.reduceat(likely, blocks, axis=0)).sum(axis=0)
+            self._log[self._rows[:, 1] == number] += TEMPER * logs
+        self._log_chance += TEMPER * np.log(outside).sum()
         self._weigh()
 
     def learn_test(self, kept: Mask, *, failed: bool) -> None:
