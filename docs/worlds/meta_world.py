@@ -4,6 +4,7 @@ In an environment of its own: ``pip install metaworld==3.1.1``, and vlafuzz with
 """
 
 import warnings
+from collections import deque
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ NEAR = 0.15  # metres between object and goal, below which Meta-World draws anot
 class MetaWorld(GymWorld):
     """The values replace what Meta-World draws: the vector of object and goal, and the hand's start."""
 
-    tasks = ("reach-v3", "push-v3", "pick-place-v3", "soccer-v3")
+    tasks = ("reach-v3", "push-v3", "pick-place-v3", "soccer-v3", "push-wall-v3", "pick-place-wall-v3")
     parameters = read_parameters(Path(__file__).with_suffix(".yaml"))
     horizon, control_hz = 200, 80
     packages = ("mujoco",)
@@ -76,18 +77,20 @@ def scripted(task, observation):
         return np.clip(ENV_POLICY_MAP[task]().get_action(observation), -1, 1).astype(np.float32)
 
 
-class Noisy:
-    """The scripted policy of a task with a trembling hand."""
+class Late:
+    """The scripted policy of a task, which acts on what it saw four steps ago, 50 ms."""
 
     def __init__(self, task):
         self.task = task
 
     def reset(self, seed):
-        self.random = np.random.default_rng([7, seed])
+        self.seen = deque(maxlen=5)
 
     def act(self, observation):
-        shaken = scripted(self.task, observation) + self.random.normal(0, 0.3, 4)
-        return np.clip(shaken, -1, 1).astype(np.float32)
+        self.seen.append(observation)
+        return scripted(self.task, self.seen[0])
 
 
-reach, push, pick_place, soccer = (MetaWorld.policy(Noisy(task), name=f"noisy-{task}") for task in MetaWorld.tasks)
+reach, push, pick_place, soccer, push_wall, pick_place_wall = (
+    MetaWorld.policy(Late(task), name=f"late-{task}") for task in MetaWorld.tasks
+)

@@ -247,7 +247,7 @@ def example(name: str):
     [
         ("gymnasium", "pendulum", "Pendulum", ["swing-up"]),
         ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "push-cube"]),
-        ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3"]),
+        ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3", "push-wall-v3"]),
     ],
 )
 def test_the_expert_of_an_example_solves_its_nominal_scenes(package, name, world, tasks):

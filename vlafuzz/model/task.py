@@ -52,10 +52,8 @@ class Monitor:
             self._streaks[index] = self._streaks[index] + 1 if stage.holds(situation) else 0
         if self.success_now:
             self.reached = [stage.name for stage in self.stages]
-        for stage, streak in list(zip(self.stages, self._streaks, strict=True))[len(self.reached) : -1]:
-            if streak < stage.steps:
-                break
-            self.reached.append(stage.name)
+        while (done := len(self.reached)) < len(self.stages) - 1 and self._streaks[done] >= self.stages[done].steps:
+            self.reached.append(self.stages[done].name)
         self._trace.append(self._progress(situation))
 
     def cancel(self, stages: tuple[Stage, ...]) -> None:

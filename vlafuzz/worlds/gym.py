@@ -5,12 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from importlib import metadata
 from math import prod
+from struct import pack
 from typing import Any, Self
 
 import gymnasium
@@ -89,7 +90,8 @@ class GymWorld(ValuesWorld[Now]):
         """Whether the task is solved; by default what ``info`` says."""
         for key in SUCCESS:
             if key in now.info:
-                return bool(np.all(np.asarray(now.info[key])))
+                said = now.info[key]
+                return bool(said if isinstance(said, float | np.bool_) else np.all(np.asarray(said)))
         if now.steps == 0:
             return False
         problem = f"{type(self).__name__}: the environment's info has neither {' nor '.join(SUCCESS)}"
@@ -185,8 +187,11 @@ class GymWorld(ValuesWorld[Now]):
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        return replace(
-            state,
+        return Now(
+            env=state.env,
+            task=state.task,
+            values=state.values,
+            seed=state.seed,
             observation=observation,
             info=info,
             reward=float(reward),
@@ -197,13 +202,12 @@ class GymWorld(ValuesWorld[Now]):
 
     def observe(self, state: Now) -> Array:
         """All numbers of the observation, pictures left out."""
-        leaves = _leaves(state.observation)
-        numbers = [part.ravel() for part in leaves if part.dtype != np.uint8 or part.ndim < 2]
-        return np.concatenate([np.zeros(0), *numbers])
+        numbers = [part.ravel() for part in _leaves(state.observation) if part.dtype != np.uint8 or part.ndim < 2]
+        return numbers[0] if len(numbers) == 1 else np.concatenate([np.zeros(0), *numbers])
 
     def fingerprint(self, state: Now) -> bytes:
-        seen = b"".join(np.ascontiguousarray(part).tobytes() for part in _leaves(state.observation))
-        return seen + np.array([state.reward, state.terminated]).tobytes()
+        seen = b"".join([part.tobytes() for part in _leaves(state.observation)])
+        return seen + pack("dd", state.reward, state.terminated)
 
     def ended(self, state: Now) -> bool:
         return state.terminated or state.truncated
@@ -254,6 +258,10 @@ class GymWorld(ValuesWorld[Now]):
 
 def fitted(space: spaces.Space[Any], action: Array) -> Any:
     """An action in its space; a PolicyError says in a sentence why it does not fit."""
+    if type(space) is spaces.Box and action.shape == space.shape:  # most are, and each step counts
+        fitting = action.astype(space.dtype)
+        if (space.low <= fitting).all() and (fitting <= space.high).all():
+            return fitting
     size = prod(space.shape or ())
     if action.size == WIDTH + 1 == size + 1:
         action = action[:WIDTH]
@@ -299,12 +307,10 @@ def _chunk(world: GymWorld, answer: Any) -> ActionChunk:
     return ActionChunk(rows)
 
 
-def _leaves(observation: Any) -> Iterator[NDArray[Any]]:
-    if isinstance(observation, Mapping):
-        for part in observation.values():
-            yield from _leaves(part)
-    elif isinstance(observation, tuple | list):
-        for part in observation:
-            yield from _leaves(part)
-    elif not isinstance(observation, str):
-        yield np.asarray(observation)
+def _leaves(observation: Any) -> list[NDArray[Any]]:
+    if isinstance(observation, np.ndarray):
+        return [observation]
+    if isinstance(observation, Mapping | tuple | list):
+        parts = observation.values() if isinstance(observation, Mapping) else observation
+        return [leaf for part in parts for leaf in _leaves(part)]
+    return [] if isinstance(observation, str) else [np.asarray(observation)]

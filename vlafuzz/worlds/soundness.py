@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, pairwise
 from multiprocessing import get_context
 from typing import Any
@@ -23,6 +24,7 @@ from vlafuzz.worlds.parameters import Parameter, Value
 from vlafuzz.worlds.values import ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
+SIMULATORS = 6  # that ``glance`` makes
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -65,17 +67,17 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
     exam = _Exam(world, task)
-    checks: tuple[Callable[[], Check], ...] = (
-        exam.resets,
-        exam.steps,
-        exam.repeats,
-        lambda: in_another_process(exam, reference),
-        exam.values,
-        exam.effects,
-        exam.nominal,
-        exam.start,
-        exam.pictures,
-    )
+    others = (lambda: in_another_process(exam, reference), exam.values, exam.effects, exam.nominal)
+    yield from _done((exam.resets, exam.steps, exam.repeats, *others, exam.start, exam.pictures))
+
+
+def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
+    """What takes seconds of ``examine``: all that is seen in nominal scenes, in ``SIMULATORS`` simulators."""
+    exam = _Exam(world, task)
+    yield from _done((exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.pictures))
+
+
+def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
     for check in checks:
         try:
             finding = check()
@@ -92,18 +94,22 @@ class _Exam:
     def __init__(self, world: ValuesWorld[Any], task: str) -> None:
         self.world, self.task = world, task
         self.nominal_values: dict[str, Value] = {one.name: one.told(one.number(None)) for one in world.parameters}
-        self._usual: Trace | None = None
         self._tried: dict[str, list[tuple[Value, Trace]]] = {}
 
+    @cached_property
+    def pair(self) -> tuple[Trace, Trace]:
+        """Two nominal rollouts, each in a new simulator."""
+        return self._new(), self._new()
+
     def resets(self) -> Check:
-        first, second = self._new(), self._new()
+        first, second = self.pair
         if first.differs(second) != 0:
             return Check("resets", "two new environments begin alike with the same values and seed")
         found = "two new environments begin differently with the same values and seed"
         return Check("resets", found, "refuse", self._unseeded("the seed is ignored: hand it to every generator"))
 
     def steps(self) -> Check:
-        first, second = self._new(), self._new()
+        first, second = self.pair
         step = first.differs(second)
         if step is None:
             return Check("steps", f"the same actions lead to the same states for {len(first.states) - 1} steps")
@@ -111,7 +117,7 @@ class _Exam:
         return Check("steps", found, "refuse", self._unseeded("a step draws by chance: no time, no own generator"))
 
     def repeats(self) -> Check:
-        usual, far = self._new(), self._far()
+        usual, far = self.pair[0], self._far()
         with closing(self._opened()) as world:
             begun, again = (self._rollout(world, self.nominal_values, steps=0) for _ in range(2))
             _, after = (self._rollout(world, self.nominal_values) for _ in range(2))
@@ -173,7 +179,7 @@ class _Exam:
             if state is None:
                 return Check("nominal", "the world has no start of its own to compare with")
             own = self._trace(world, state, STEPS)
-        step = self._new().differs(own)
+        step = self.pair[0].differs(own)
         if step is None:
             return Check("nominal", "the nominal scene is the environment's own")
         pairs = [
@@ -187,9 +193,14 @@ class _Exam:
         follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
         return Check("nominal", found, "warn", follows)
 
-    def start(self) -> Check:
-        if self._new().solved:
+    def nominal_start(self) -> Check:
+        if self.pair[0].solved:
             return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
+        return Check("start", "the nominal scene is not solved before the first step")
+
+    def start(self) -> Check:
+        if (nominal := self.nominal_start()).verdict == "refuse":
+            return nominal
         for one in self.world.parameters:
             solved = [value for value, trace in self._levels(one) if trace.solved]
             if solved:
@@ -218,7 +229,7 @@ class _Exam:
             return Check("pictures", found, "refuse", "mend it, or let picture(now) return None")
         finally:
             world.close()
-        if watched.differs(self._new()) is not None:
+        if watched.differs(self.pair[0]) is not None:
             found = "what follows is another, if pictures are drawn meanwhile"
             return Check("pictures", found, "refuse", "render must change no state and draw from no generator")
         return Check("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")

@@ -120,7 +120,7 @@ class ValuesEpisode(Episode):
             len(self.actions),
             self.scene.instruction,
             images={camera: self.picture(camera) for camera in self._cameras},
-            state=np.asarray(self._world.observe(self._state), dtype=np.float32),
+            state=np.array(self._world.observe(self._state), dtype=np.float32),
             privileged=self._state,
         )
 
