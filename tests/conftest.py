@@ -66,6 +66,15 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def store(tmp_path):
+    """An empty store that is open to be written."""
+    from vlafuzz.store.store import Store
+
+    with Store.open(tmp_path / "a.db", "write") as opened:
+        yield opened
+
+
 @pytest.fixture(scope="session")
 def env():
     """One physics-only environment for everybody; whoever uses it begins a scene first."""

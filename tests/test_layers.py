@@ -52,26 +52,32 @@ def top(path: Path) -> str:
     return room(".".join(path.relative_to(ROOT).with_suffix("").parts))
 
 
+def module(path: Path) -> str:
+    parts = ("vlafuzz", *path.relative_to(ROOT).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module(path): path for path in FILES}
+
+
+def modules_of(node: ast.AST) -> list[str]:
+    """What an import names: our modules, or what anything else is taken from; a relative one begins with a dot."""
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        source = "." * node.level + (node.module or "")
+        return [name for alias in node.names if (name := f"{source}.{alias.name}") in MODULES] or [source]
+    return []
+
+
 def imported(tree: ast.AST) -> Iterator[tuple[int, str]]:
     """Line and room of every import from vlafuzz, those for type checking and in strings included."""
     for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            modules = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module == "vlafuzz":
-            modules = [f"vlafuzz.{alias.name}" if alias.name in ROW_OF else "vlafuzz" for alias in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module == "vlafuzz.worlds":
-            named = [f"vlafuzz.worlds.{alias.name}" for alias in node.names]
-            modules = [name for name in named if name.removeprefix("vlafuzz.") in WORLDS] or [node.module]
-        elif isinstance(node, ast.ImportFrom):
-            modules = ["." * node.level + (node.module or "")]
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and LOADED.fullmatch(node.value):
-            modules = [node.value]
-        else:
-            continue
-        for module in modules:
-            first, _, rest = module.partition(".")
+        loaded = isinstance(node, ast.Constant) and isinstance(node.value, str) and LOADED.fullmatch(node.value)
+        for name in [node.value] if loaded else modules_of(node):
+            first, _, rest = name.partition(".")
             if first == "":
-                yield node.lineno, "."  # a relative import
+                yield node.lineno, "."
             elif first == "vlafuzz":
                 yield node.lineno, room(rest.partition(":")[0]) if rest else "__init__"
 
@@ -137,24 +143,10 @@ def test_a_new_package_needs_a_row():
     assert complaints("unheard_of", ast.parse("")) == ["'unheard_of' has no row: give it one in ROWS"]
 
 
-def module(path: Path) -> str:
-    parts = ("vlafuzz", *path.relative_to(ROOT).with_suffix("").parts)
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-def imported_modules(tree: ast.AST, known: set[str]) -> set[str]:
-    """Our modules that a tree names in imports, those for type checking and inside functions included."""
-    named: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            named |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            inner = {f"{node.module}.{alias.name}" for alias in node.names} & known
-            named |= inner or {node.module}
-    return named & known
-
-
 def test_no_modules_import_each_other_in_a_circle():
-    modules = {module(path): path for path in FILES}
-    graph = {name: imported_modules(tree_of(path), set(modules)) for name, path in modules.items()}
-    TopologicalSorter({name: names - {name} for name, names in graph.items()}).prepare()  # raises CycleError
+    """Those for type checking and inside functions included."""
+    graph = {
+        name: {other for node in ast.walk(tree_of(path)) for other in modules_of(node)} & MODULES.keys() - {name}
+        for name, path in MODULES.items()
+    }
+    TopologicalSorter(graph).prepare()  # raises CycleError

@@ -17,12 +17,6 @@ from vlafuzz.search.proposals import InOrder, Pool, Random
 from vlafuzz.store.store import Store
 
 
-@pytest.fixture
-def store(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        yield opened
-
-
 def run(store: Store, **changes) -> Summary:
     about = manifest(**{name: changes.pop(name) for name in list(changes) if name in ("budget", "batch", "repeats")})
     parts = {"space": SPACE, "strategy": Random(SPACE, 0), "executor": LocalExecutor(ClosedForm(about.repeats))}

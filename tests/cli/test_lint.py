@@ -61,10 +61,6 @@ def test_scenes_of_a_world_that_judges_none_and_of_no_world_are_not_valid(tmp_pa
     assert (row["valid"], row["rejections"][0]["reason"]) == (1, f"{task}: {reason}")
 
 
-def test_a_file_that_is_not_there_is_a_usage_error(capsys):
-    assert typed(capsys, "lint --static nowhere.jsonl", code=2).err.startswith("error: nowhere.jsonl: cannot be read")
-
-
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [("a.json", "[" * 100_000, ""), ("a.json", '{"0": ' + "9" * 5000 + "}", ""), ("a.jsonl", "", "no scenes in it")],

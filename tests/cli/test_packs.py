@@ -31,12 +31,6 @@ def test_objects_lists_a_packs_own(folder, capsys):
     assert (rows[0]["spoken"], rows[0]["size"]) == ("blue stick", [0.03, 0.04, 0.08])
 
 
-def test_a_folder_that_is_no_pack_is_a_usage_error(tmp_path, capsys):
-    message = typed(capsys, ["list", "objects", "--pack", str(tmp_path)], code=2).err
-    assert f"error: {tmp_path}: neither a pack of objects nor a folder of packs" in message
-    assert "hint: a pack has info_*.json and models/NAME/collision.obj" in message
-
-
 def test_lint_knows_a_packs_objects_when_it_is_given(folder, tmp_path, capsys):
     file = tmp_path / "scenes.jsonl"
     stick = Placement("mine:opened_red_stick", "upright", 0.0, 0.0)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, manifest, passed
 from tests.failures.triage.planted import WITH_EXTRAS
@@ -13,7 +12,6 @@ from vlafuzz.model.outcome import Outcome
 from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Scene, Slide
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
 from vlafuzz.worlds.events import begins, recovery
 from vlafuzz.worlds.manipulation.operator_set import operators_json
@@ -21,12 +19,6 @@ from vlafuzz.worlds.manipulation.operator_set import operators_json
 MANIFEST = manifest(operators=operators_json(WITH_EXTRAS.operators), budget=3, batch=1)
 SLID = replace(WITH_EXTRAS.nominal(), target_slide=Slide("approach", 0.06))
 EARLY, LATE = failed(0.05), failed(0.3)  # a fifteenth of the progress is a fifth of the way to the grasp
-
-
-@pytest.fixture
-def store(tmp_path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        yield opened
 
 
 def test_an_event_begins_with_the_step_after_its_moment():

@@ -1,7 +1,6 @@
 """Which runs of a store a comparison takes, and how it does the others."""
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -28,12 +27,6 @@ class Told(Watch):
 
     def note(self, text: str) -> None:
         self.notes.append(text)
-
-
-@pytest.fixture
-def store(tmp_path: Path):
-    with Store.open(tmp_path / "a.db", "write") as opened:
-        yield opened
 
 
 @pytest.fixture

@@ -53,8 +53,7 @@ class Share:
         for of, positive in cases:
             groups.setdefault(of, []).append(positive)
         count, of = sum(positive for _, positive in cases), len(cases)
-        counts = [(len(group), sum(group), sum(group)) for group in groups.values()]
-        effective = of if count in (0, of) else _effective(counts)
+        effective = of if count in (0, of) else _effective(list(groups.values()))
         return cls(count, of, *wilson(count / max(of, 1) * effective, effective))
 
     @property
@@ -225,19 +224,19 @@ def mean_estimate(values: Sequence[float]) -> Estimate | None:
     return mean_ratio(values, [1.0] * len(values))
 
 
-def _effective(groups: Sequence[tuple[int, int, int]]) -> float:
-    """The number of independent cases whose mean would vary as that of groups: size, sum, sum of squares."""
-    number, total, squares = (sum(count) for count in zip(*groups, strict=True))
-    mean = total / number
+def _effective(groups: Sequence[Sequence[bool]]) -> float:
+    """The number of independent cases whose share would vary as that of groups."""
+    number = sum(map(len, groups))
+    mean = sum(map(sum, groups)) / number
     # The variance of a ratio of totals, by linearisation.
-    apart = sum((of - mean * size) ** 2 for size, of, _ in groups)
+    apart = sum((sum(group) - mean * len(group)) ** 2 for group in groups)
     if len(groups) < 2 or not apart:
         return float(number)
     from scipy.special import stdtrit
 
     variance = apart / number**2 * len(groups) / (len(groups) - 1)
     few = (_Z / float(stdtrit(len(groups) - 1, _TAIL))) ** 2
-    return float(min(number, few * (squares / number - mean**2) / variance))
+    return float(min(number, few * (mean - mean**2) / variance))
 
 
 def sign_p(worse: Counts, better: Counts) -> NDArray[np.float64]:

@@ -22,13 +22,13 @@ from vlafuzz.worlds.tabletop.world import WORLD
 PICK_UP = str(corpus_dir() / "mini-pick-up")
 
 
-def corpus(folder: Path) -> None:
-    """Failures of ``frozen``, which passes nothing, nor a control."""
-    run = manifest(policy="frozen", operators=operators_json(load_operators()))
+def corpus(folder: Path, *, passed: bool = False, **of_run: str) -> None:
+    """A failure of ``frozen``, and what it is said to have done in controls."""
+    run = manifest(policy="frozen", operators=operators_json(load_operators()), **of_run)
     space = SearchSpace(load_operators(), load_catalogue(), run.task)
-    controls = [Control(draw(space, 0, number), passed=False) for number in range(8)]
-    cases = [replace(case(number), counterparts={}, nominal_passes=False) for number in range(1)]
-    write_corpus(replace(make_corpus(*cases), runs=[run], controls=controls), folder)
+    controls = [Control(draw(space, 0, number), passed) for number in range(8)]
+    failing = replace(case(), counterparts={}, nominal_passes=False)
+    write_corpus(replace(make_corpus(failing), runs=[run], controls=controls), folder)
 
 
 def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Path, capsys):
@@ -41,12 +41,7 @@ def test_frozen_is_worse_than_the_expert_and_not_worse_than_itself(tmp_path: Pat
 
 
 def test_it_is_said_that_a_corpus_was_made_elsewhere(tmp_path: Path, capsys, monkeypatch):
-    own = replace(manifest(policy="frozen"), place=here("frozen", make_policy("frozen").spec, WORLD.renderer))
-    cases = [replace(case(), counterparts={}, nominal_passes=False)]
-    space = SearchSpace(load_operators(), load_catalogue(), own.task)
-    controls = [Control(draw(space, 0, number), passed=True) for number in range(8)]
-    run = replace(own, operators=operators_json(load_operators()))
-    write_corpus(replace(make_corpus(*cases), runs=[run], controls=controls), tmp_path / "a")
+    corpus(tmp_path / "a", passed=True, place=here("frozen", make_policy("frozen").spec, WORLD.renderer))
     for limit, said in (("", False), ("AVX2", True)):
         monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", limit)
         assert main(["regress", str(tmp_path / "a"), "--policy", "frozen", "--max-rollouts", "8"]) == 1

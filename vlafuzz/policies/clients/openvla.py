@@ -45,9 +45,7 @@ class OpenVla(Sessions):
         session.connection.post(encode(message))
 
     def _receive(self, session: Session, seen: Observation, wait: float) -> Array:
-        return self._actions(*session.connection.reply(wait))
-
-    def _actions(self, status: int, body: bytes) -> Array:
+        status, body = session.connection.reply(wait)
         url, text = self._url, body.decode("utf-8", "replace")
         if status != 200:
             raise wire.failure(url, f"HTTP {status}: {wire.short(text)}", "remote")
