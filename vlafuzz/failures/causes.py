@@ -95,7 +95,7 @@ class ListedCause:
     @property
     def says(self) -> str:
         """All but the conditions, in a line: stage, shares, evidence and scene."""
-        rate = f": fails {_counted(self.rate)}" if self.rate else ""
+        rate = f": fails {counted(self.rate)}" if self.rate else ""
         solved = f", solved by the {SOLVERS[self.witness]}" if self.witness else ""
         parts = (
             f"fails at: {self.lost_stage}" if self.lost_stage else "",
@@ -115,7 +115,7 @@ class ListedCause:
             "explains": self.failures,
             "share": str(self.share or "–"),
             "evidence": EVIDENCE[self.bucket],
-            "fails": _counted(self.rate) if self.rate else "–",
+            "fails": counted(self.rate) if self.rate else "–",
             "solved by": SOLVERS[self.witness] if self.witness else "–",
             "scene": self.scene[:12] if self.scene else "–",
         }
@@ -389,7 +389,7 @@ def _nominal(store: Store, run: Run) -> str:
     return f"; {failures}, and nothing that varies is shown to change that"
 
 
-def _counted(rate: Rate) -> str:
+def counted(rate: Rate) -> str:
     return count_of(rate.failures, rate.rollouts, rate.low, rate.high)
 
 

@@ -103,6 +103,14 @@ def task_of(world: str | None, task: str | None) -> str | None:
     return wanted
 
 
+def task_in(world: str, task: str) -> str:
+    """A task's name in another world; a UsageError if that has none, or is the task's own."""
+    found = task_of(world, task.rpartition("/")[2])
+    if found is None or found == task:
+        raise UsageError(f"--world {world}: {task} is of this world", hint="`vlafuzz list worlds` has others")
+    return found
+
+
 def parted(world: str) -> tuple[str, str]:
     """The name of a world, and the task behind it, empty if there is none."""
     if is_reference(world):
