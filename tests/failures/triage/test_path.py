@@ -6,7 +6,7 @@ import pytest
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
-from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene
+from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene, TargetTopple
 from vlafuzz.worlds.manipulation.space import GROUPS
 
 NOMINAL = SPACE.nominal()
@@ -80,6 +80,7 @@ CASES = [
     (target(rest="lying", yaw=60.0), "target-orientation:lying"),
     (replace(NOMINAL, backdrop=Backdrop("checker", wall="red")), "backdrop:table-checker,wall-red"),
     (replace(NOMINAL, noise=Noise(blur=2.0, jpeg=95.0)), "sensor-noise:+blur"),
+    (replace(NOMINAL, target_topple=TargetTopple("approach", "lying")), "target-topple:rest-lying"),
 ]
 
 

@@ -142,7 +142,7 @@ class TableSpace(Space):
         return self.compose(self.values(scene) | placed)
 
     def option(self, scene: Scene, gene: Gene, value: float) -> str:
-        if gene.path.endswith(".rest"):
+        if gene.path.startswith("targets.") and gene.path.endswith(".rest"):
             slot = gene.slot.partition(".")[2]
             return scene.targets[int(slot)].rest + (str(int(slot) + 1) if slot != "0" else "")
         return super().option(scene, gene, value)
