@@ -24,7 +24,7 @@ from vlafuzz.worlds.parameters import Parameter, Value
 from vlafuzz.worlds.values import ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
-SIMULATORS = 6  # that ``glance`` makes
+SIMULATORS = 7  # that ``glance`` makes
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -49,6 +49,7 @@ class Trace:
     picture: bytes
     applied: Values
     solved: bool
+    finite: bool
 
     def differs(self, other: Trace) -> int | None:
         """The first step after which it is not as the other, 0 for the reset; None if there is none."""
@@ -111,6 +112,9 @@ class _Exam:
     def steps(self) -> Check:
         first, second = self.pair
         step = first.differs(second)
+        if step is None and not self._moves(first):
+            found = f"other actions lead to the same states for {len(first.states) - 1} steps"
+            return Check("steps", found, "warn", "step ignores its action, or the space of actions is a point")
         if step is None:
             return Check("steps", f"the same actions lead to the same states for {len(first.states) - 1} steps")
         found = f"the same actions lead elsewhere after step {step}, with the same values and seed"
@@ -155,6 +159,9 @@ class _Exam:
         idle, alike = [], []
         for one in self.world.parameters:
             traces = self._levels(one)
+            if broken := [value for value, trace in traces if not trace.finite]:
+                found = f"{_named(one)}: an observation is not finite at {_said(one, broken[0])}"
+                return Check("effects", found, "refuse", "narrow the range, or mend step")
             if traces and one.name in traces[0][1].applied and not self.world.expert():
                 continue  # it arrives, and random actions may never meet what it changes
             same = [not self._differ(one, (a, b)) for a, b in pairwise(traces)]
@@ -224,6 +231,10 @@ class _Exam:
                 found = "the same moment is drawn differently a second time"
                 return Check("pictures", found, "warn", "a policy that sees fails by chance, then")
             watched = self._trace(world, world.reset(self.nominal_values, SEED), STEPS, draw=True)
+            after = world.picture(world.reset(self.nominal_values, SEED))
+            if after is None or not np.array_equal(drawn[0], after):
+                found = "after a rollout, the first picture of the same scene is another one"
+                return Check("pictures", found, "refuse", "a picture must show the present: update before it is drawn")
         except Exception as error:  # of the renderer
             found = sentence(f"drawing raises {type(error).__name__}: {error}")
             return Check("pictures", found, "refuse", "mend it, or let picture(now) return None")
@@ -250,19 +261,29 @@ class _Exam:
     def _rollout(self, world: ValuesWorld[Any], values: Values, steps: int = STEPS) -> Trace:
         return self._trace(world, world.reset(dict(values), SEED), steps)
 
-    def _trace(self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False) -> Trace:
-        """Roll out from a state, by the same random actions every time."""
-        rng, success = np.random.default_rng(SEED), world.stages[-1]
+    def _moves(self, usual: Trace) -> bool:
+        """Whether other actions lead elsewhere."""
+        with closing(self._opened()) as world:
+            return (
+                usual.differs(self._trace(world, world.reset(self.nominal_values, SEED), STEPS, actions=1)) is not None
+            )
+
+    def _trace(
+        self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False, actions: int = SEED
+    ) -> Trace:
+        """Roll out from a state, by random actions that are the same for the same ``actions``."""
+        rng, success = np.random.default_rng(actions), world.stages[-1]
         applied, held = dict(world.applied(state)), [success.holds(state)]
-        states = [world.fingerprint(state)]
+        states, finite = [world.fingerprint(state)], [bool(np.isfinite(world.observe(state)).all())]
         picture = b"" if draw else _drawn(world, state)
         while len(states) <= min(steps, world.horizon) and not world.ended(state):
             if draw:
                 world.picture(state)
             state = world.step(state, world.some_action(rng))
             states.append(world.fingerprint(state))
+            finite.append(bool(np.isfinite(world.observe(state)).all()))
             held.append(success.holds(state))
-        return Trace(tuple(states), picture, applied, all(held[: success.steps]))
+        return Trace(tuple(states), picture, applied, all(held[: success.steps]), all(finite))
 
     def _levels(self, one: Parameter) -> list[tuple[Value, Trace]]:
         """Roll out with a value all over its range, the others nominal."""
