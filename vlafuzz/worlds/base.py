@@ -73,6 +73,22 @@ class SceneMap:
     below: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Prompt:
+    """What a task tells a policy, with what its words can be compared with; all in words, and empty if unknown.
+
+    Attributes:
+        things: in its scene; ``wanted``: those that its goal moves.
+        goal: what success is, the same text for the same success.
+    """
+
+    task: str
+    words: str
+    things: tuple[str, ...] = ()
+    wanted: tuple[str, ...] = ()
+    goal: str
+
+
 Judge = Callable[[Scene], Rejection | None]  # why a scene is not fair; None if it is
 
 
@@ -207,6 +223,12 @@ class World(ABC):
     def judge(self, packs: Sequence[Any], *, settle: bool) -> Judge:
         """A judge of scenes, for which no policy is needed; ``settle``: with physics, which takes longer."""
         raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
+
+    def prompts(self, suite: str = "") -> Iterable[Prompt]:
+        """What its tasks tell a policy in their nominal scenes: those of a suite, or the one of that name, or all."""
+        for task in [suite] if suite else self.tasks:
+            scene = self.space(task, next(iter(self.robots))).nominal()
+            yield Prompt(task=task, words=scene.instruction, goal=task)
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of another program's file; a SceneError if it is no such file."""

@@ -1,6 +1,7 @@
 """LIBERO's tasks on robosuite. Its packages are an extra, and nothing of them is loaded before it is used."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -13,14 +14,14 @@ from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
-from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Prompt, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures import QUALITY, opengl
 from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
-from vlafuzz.worlds.libero.suites import SUITES, find_task
+from vlafuzz.worlds.libero.suites import SUITES, find_task, find_tasks
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 from vlafuzz.worlds.manipulation.space import TableWorld, maps_of_targets
@@ -60,6 +61,20 @@ class Libero(TableWorld):
     def maps(self, task: str) -> list[SceneMap]:
         return maps_of_targets(find_task(task).concerned, "is moved")
 
+    def prompts(self, suite: str = "") -> Iterable[Prompt]:
+        """What tasks of a suite, or of all four usual ones, tell a policy."""
+        for name in [suite] if suite else SUITES:
+            for of in [find_task(name)] if "/" in name else find_tasks(name):
+                named = {*of.things, *of.interest, *(thing for atom in of.goal for thing in atom[1:])}
+                carried = [atom for atom in of.initial if atom[1] in of.carried]  # suites vary where it is, too
+                yield Prompt(
+                    task=str(of),
+                    words=of.instruction,
+                    things=_spoken(sorted(named)),
+                    wanted=_spoken(of.carried),
+                    goal=f"{sorted(of.goal)} from {sorted(carried)}",
+                )
+
     def default_policy(self, robot: str) -> str:
         hint = "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
         raise UsageError("LIBERO's scenes have no default policy", hint=hint)
@@ -85,6 +100,11 @@ class Libero(TableWorld):
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
         return LiberoDemonstrator(interface)
+
+
+def _spoken(names: Iterable[str]) -> tuple[str, ...]:
+    """Things' names in words: ``akita_black_bowl_1`` is an akita black bowl."""
+    return tuple(dict.fromkeys(re.sub(r"_\d+$", "", name).replace("_", " ") for name in names))
 
 
 WORLD = Libero()
