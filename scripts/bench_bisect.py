@@ -27,7 +27,7 @@ from vlafuzz.failures.corpus.bisect import Bisection
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import Asked, Recorded
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 
 CORPUS = corpus_dir() / "mini-pick-up"
 CHECKPOINTS, OWN = 16, 0.1

@@ -30,8 +30,7 @@ from vlafuzz.common.statistics import Share
 from vlafuzz.failures.triage.jobs import known_to
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Triager
-from vlafuzz.model.evidence import Threshold
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene, Threshold
 from vlafuzz.search import registry
 from vlafuzz.search.base import looks_for_causes, said_by
 from vlafuzz.store.records import Finding, Repeats, Triaged

@@ -25,8 +25,7 @@ from strategies.faults import Density, World, space_of, world
 from strategies.search import search
 
 from vlafuzz.failures.mechanisms import Merged, mechanisms
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.search.base import Cause, Proposal, Source
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.scoring import Score

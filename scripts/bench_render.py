@@ -45,9 +45,7 @@ from numpy.typing import NDArray
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.worlds.similarity import similarity
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene, Verdict
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.tabletop.fairness import check_static

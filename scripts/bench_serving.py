@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from timed_rollouts import timed_rollouts
 
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.mini.policy import CAMERA, Mini
 from vlafuzz.rollouts.executor import Executor
@@ -138,7 +138,7 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
 
 
 def make_evaluator(name: str, policy: Policy | None = None) -> SceneEvaluator:
-    from vlafuzz.model.conditions import Conditions
+    from vlafuzz.model import Conditions
     from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 
     catalogue, apart = load_catalogue(), load_operators().min_distance

@@ -26,8 +26,7 @@ from pathlib import Path
 import numpy as np
 from timed_rollouts import timed_rollouts
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.serving import serving

@@ -39,10 +39,8 @@ from mani_skill.utils.registration import register_env
 from mani_skill.utils.structs.types import SimConfig
 from numpy.typing import NDArray
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import LightSwitch, PictureLoss, Scene
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Conditions, Monitor, Scene, Verdict
+from vlafuzz.model.scene import LightSwitch, PictureLoss
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue

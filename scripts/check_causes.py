@@ -21,10 +21,7 @@ from vlafuzz.common.plugins import EVERYTHING, trusting
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.mechanisms import reset
 from vlafuzz.failures.regions import Range
-from vlafuzz.model.evidence import Causes
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Causes, Scene, Space, Verdict
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.store.records import FoundCause, Triaged
 from vlafuzz.store.store import Store

@@ -24,7 +24,7 @@ from pathlib import Path
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.worlds.manipulation.jitter import jittered
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Monitor
 from vlafuzz.worlds.libero.env import STILL, LiberoEnv
 from vlafuzz.worlds.libero.expert import Expert
 from vlafuzz.worlds.libero.packages import versions

@@ -24,9 +24,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.common.statistics import wilson
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.model import Camera, Conditions, Light, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.worlds.tabletop.objects import load_catalogue

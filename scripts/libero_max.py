@@ -31,9 +31,8 @@ from vlafuzz.common.files import write_whole
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import markdown_table
 from vlafuzz.errors import SimulatorError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import CameraBump, Light, LightSwitch, Moment, Scene, Slide
+from vlafuzz.model import Conditions, Light, Outcome, Scene
+from vlafuzz.model.scene import CameraBump, LightSwitch, Moment, Slide
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.space import nominal_scene

@@ -28,9 +28,7 @@ from disturbance import Disturbance
 from mini_data import write
 from numpy.typing import NDArray
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.manipulation.camera import camera_pose

@@ -23,9 +23,8 @@ from disturbance import Disturbance
 from mini_data import ABOUT, write
 from numpy.typing import NDArray
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene, Start
+from vlafuzz.model import Conditions, Scene, Verdict
+from vlafuzz.model.scene import Start
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.mini.policy import CAMERA, WRIST, Mini
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.campaign.config import RunConfig, plan
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv

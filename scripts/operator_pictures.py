@@ -18,8 +18,8 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Placement, Scene, in_words
+from vlafuzz.model import Conditions, Placement, Scene
+from vlafuzz.model.scene import in_words
 from vlafuzz.model.space import value_at
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.policies.controls import Frozen

@@ -20,8 +20,7 @@ from eval_mini import draw
 from torch import nn
 from train_mini import VERSION
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Conditions, Verdict
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator

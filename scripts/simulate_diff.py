@@ -21,7 +21,7 @@ from vlafuzz.failures.corpus.diff import Known, diff
 from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Asked
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 
 FRESH = 20_000  # smaller seeds were used while the test was made
 RATES, SCENES = (0.5, 0.7, 0.9, 1.0), (1, 2, 4)

@@ -29,9 +29,7 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Recorded, Rerun, compare
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 

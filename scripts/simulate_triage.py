@@ -24,9 +24,7 @@ import numpy as np
 
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.triage.triager import Triager
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Gene, Outcome, Rollout, Scene, Verdict
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.manipulation.operators import TargetType

@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from vlafuzz.model.outcome import Rollout, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Rollout, Scene, Verdict
 from vlafuzz.rollouts.executor import Executor
 
 

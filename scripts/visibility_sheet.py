@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import rig

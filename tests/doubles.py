@@ -10,8 +10,7 @@ from typing import Self
 
 import numpy as np
 
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
-from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.model import Light, Outcome, Placement, Rollout, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
 from vlafuzz.rollouts.executor import Batches
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy

@@ -21,7 +21,7 @@ from tests.report.stores import store
 from tests.worlds.tabletop.sim.scenes import evaluate, nominal, pick_up, put
 from vlafuzz.campaign import launch
 from vlafuzz.cli import COMMANDS, main
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.serving import serving
 from vlafuzz.rollouts.policies import known_policies, make_policy
 from vlafuzz.search.registry import STRATEGIES

@@ -12,10 +12,8 @@ from vlafuzz.errors import PrerequisiteError, SceneError, install
 from vlafuzz.failures.causes import ListedCause, causes_of
 from vlafuzz.failures.described import DescribedFailure, space_of
 from vlafuzz.failures.listed import failures_of
-from vlafuzz.model.evidence import Rate, Solver
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space, value_at
+from vlafuzz.model import Rate, Scene, Solver, Space, Verdict
+from vlafuzz.model.space import value_at
 from vlafuzz.report.tables import Standing, draws, standings_of
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store

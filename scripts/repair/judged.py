@@ -10,9 +10,7 @@ from pathlib import Path
 
 from eval_mini import draw
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.recording import Recording

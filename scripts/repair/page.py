@@ -15,7 +15,7 @@ from repair import figures, judged
 from repair.figures import SHIPPED, Estimate, Row
 from repair.sheet import Picture, Sheet, render_sheet
 from vlafuzz.common.text import interval, percent, points
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.policies.mini.policy import SHIPPED as WEIGHTS
 from vlafuzz.report.tables import Table
 from vlafuzz.worlds.recording import Recording

@@ -13,7 +13,7 @@ from mini_data import write
 
 from repair.arms import Kind, wanted
 from vlafuzz.exports.selection import WantedScene
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import SceneEvaluator

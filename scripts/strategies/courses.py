@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from strategies.faults import World
 from strategies.faulty import SimulatedWorld
 from strategies.search import Tried
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 
 
 @dataclass(frozen=True)

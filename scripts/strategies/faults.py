@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.search.toy import Signal
-from vlafuzz.model.outcome import Outcome, Rollout
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Rollout, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

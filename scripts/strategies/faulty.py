@@ -9,9 +9,7 @@ from functools import cache
 import numpy as np
 
 from strategies.faults import Density, World, space_of, world
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, Policy
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import make_policy

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.search.base import Proposal, Strategy, batch_of, overlaps
 from vlafuzz.search.scoring import Score, score
 from vlafuzz.worlds.tabletop.space import SearchSpace

@@ -10,7 +10,7 @@ import numpy as np
 
 from strategies.search import search
 from tests.search.toy import Region, Signal, Toy, among, band, near
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

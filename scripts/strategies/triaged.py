@@ -12,8 +12,7 @@ from strategies.faults import World, space_of
 from strategies.search import Tried
 from vlafuzz.failures.triage.oracle import CERTIFYING
 from vlafuzz.failures.triage.triager import Triager
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.worlds.tabletop.space import SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS

@@ -19,7 +19,7 @@ from tests.attack import mutators, samples
 from tests.attack.reactions import command
 from tests.logs.samples import LEROBOT, VLA_EVAL, suite_csv
 from vlafuzz.common.watch import SILENT
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.rollouts.policies import check_policy_name

@@ -20,7 +20,7 @@ from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal
 from tests.worlds.tabletop.test_vlatest import grasp, other, two
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.policies.clients.options import PROFILES
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS

@@ -16,8 +16,7 @@ from tests.attack.stored import changed_corpus, changed_store
 from tests.doubles import ClosedForm, passed
 from vlafuzz.campaign import replay as replaying
 from vlafuzz.failures.described import unusual
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.policies import built_in
 
 PLACES = ("campaign.launch", "campaign.replay", "rollouts.scene_runner")

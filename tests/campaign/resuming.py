@@ -10,8 +10,7 @@ import pytest
 from tests.doubles import ClosedForm, Raising, TinySpace, manifest
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Summary
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.scoring import Score

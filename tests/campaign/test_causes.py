@@ -16,8 +16,7 @@ from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.errors import StoreError, UsageError
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Cause, Genome
 from vlafuzz.search.causes.strategy import Causes

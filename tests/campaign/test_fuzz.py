@@ -11,7 +11,7 @@ from tests.doubles import Always, Backwards, ClosedForm, Gone, Raising, Scripted
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.proposals import InOrder, Pool, Random
 from vlafuzz.store.store import Store

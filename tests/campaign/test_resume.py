@@ -14,7 +14,7 @@ from tests.campaign.resuming import SPACE, Climber, Moody, Steady, contents, cut
 from tests.doubles import STAGES, Backwards, ClosedForm, Raising, Scripted, manifest, rollout, scene  # fmt: skip
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import StoreError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.proposals import Random
 from vlafuzz.store.store import Store

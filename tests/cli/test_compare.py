@@ -14,8 +14,7 @@ from tests.doubles import ClosedForm, Gone, Raising
 from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 

@@ -13,8 +13,7 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
 from tests.report.stores import MANIFEST
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.worlds import world_of
 

@@ -20,7 +20,7 @@ from vlafuzz.failures.corpus.corpus import Case
 from vlafuzz.failures.corpus.diff import diff as compare_causes
 from vlafuzz.failures.corpus.diff import known
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop import renderer

@@ -5,8 +5,8 @@ import pytest
 
 from tests.cli.typed import told, typed
 from vlafuzz.cli import main
+from vlafuzz.common.check import Check
 from vlafuzz.doctor import exam
-from vlafuzz.model.check import Check
 from vlafuzz.worlds.tabletop import machine, renderer
 
 LAVAPIPE = renderer.Renderer("llvmpipe", "Mesa 25.0.7", None)

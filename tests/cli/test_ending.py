@@ -14,8 +14,7 @@ from tests.cli.typed import typed
 from tests.doubles import ClosedForm, Idle
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.policies.harness import release
 
 pytestmark = pytest.mark.usefixtures("folder")

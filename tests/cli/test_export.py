@@ -10,7 +10,7 @@ from tests.failures.triage.planted import TILTED
 from vlafuzz.cli import main
 from vlafuzz.exports.selection import failures_of
 from vlafuzz.failures.corpus.folder import read_corpus
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store

@@ -5,7 +5,7 @@ import pytest
 
 from tests.cli.typed import told, typed
 from vlafuzz.cli import main
-from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.model import Light, Placement, Scene
 from vlafuzz.model.scene_lines import write_scenes
 
 FAIR = Scene("pick-up", (Placement("apple", "resting", 0.0, 0.0),), "pick up apple")

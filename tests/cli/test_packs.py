@@ -10,7 +10,7 @@ import pytest
 from tests.cli.typed import told, typed
 from tests.packs import box, write_pack
 from vlafuzz.cli import main
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model import Placement, Scene
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.store import Store
 

@@ -11,7 +11,7 @@ from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import RuleRunner
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.rollouts import scene_runner as runner
 
 RULES = {

@@ -9,7 +9,7 @@ from tests.doubles import begun, ended, failed, manifest, passed, stored
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.replay import find
 from vlafuzz.cli import main
-from vlafuzz.model.scene import Light, Placement
+from vlafuzz.model import Light, Placement
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store

@@ -9,7 +9,7 @@ from tests.cli.typed import complaint, told, typed
 from tests.failures.triage.planted import TILTED, Planted
 from tests.failures.triage.runners import PlantedRunner, interrupted
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store

@@ -16,7 +16,7 @@ from tests.packs import box, write_pack
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.common.reading import inflated, npy_array, read_bytes
 from vlafuzz.errors import CatalogueError, SceneError, UsageError, VlafuzzError
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 from vlafuzz.policies.clients.options import load_profile
 from vlafuzz.worlds.tabletop.objects import load_catalogue, open_packs

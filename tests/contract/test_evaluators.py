@@ -7,8 +7,7 @@ import pytest
 
 from tests.doubles import ClosedForm, scene
 from tests.worlds.tabletop.sim.scenes import evaluator_of
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Placement
+from vlafuzz.model import Placement, Verdict
 from vlafuzz.policies.controls import Random
 from vlafuzz.worlds.evaluator import Evaluator
 

@@ -9,8 +9,7 @@ import pytest
 from tests.doubles import Always, ClosedForm, Idle, Raising, passed, scene
 from tests.rollouts.test_processes import same
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.rollouts.executor import Executor, LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.processes import ProcessExecutor

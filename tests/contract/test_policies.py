@@ -5,8 +5,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import evaluate, nominal, pick_up, put
 from vlafuzz.errors import UsageError
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.servers import SERVERS, client
 from vlafuzz.policies.harness import check_chunks

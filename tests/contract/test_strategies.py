@@ -10,7 +10,7 @@ from tests.search.worlds import CATALOGUE
 from tests.search.worlds import space as tabletop
 from tests.worlds.reacher import Reacher
 from vlafuzz.errors import UsageError
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.search.base import Proposal, Strategy
 from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import STRATEGIES, strategy_factory

@@ -10,9 +10,9 @@ import pytest
 
 from tests.doctor.faults import FAULTS, Changed
 from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.common.check import Check
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor.exam import Exam
-from vlafuzz.model.check import Check
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.rollouts.policies import make_policy
 

@@ -9,7 +9,7 @@ from tests.doubles import failed, passed
 from vlafuzz.doctor import verdicts
 from vlafuzz.doctor.probes import Answers, Break, Effect
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 
 CAMERA = CameraRequest("front", 128, 128)

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from tests.doubles import failed, passed, scene
+from vlafuzz.common.check import Check
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections
-from vlafuzz.model.check import Check
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, PolicySpec
 
 FIRST, SECOND, THIRD = (Correction(fault=name, advice=f"turn {name} round") for name in ("first", "second", "third"))

@@ -9,7 +9,7 @@ from tests.failures.corpus.corpora import case, make_corpus
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 
 

@@ -17,7 +17,7 @@ from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
 from vlafuzz.cli import main
 from vlafuzz.exports.demonstrations import Demonstrations, ExpertRunner
 from vlafuzz.exports.selection import around, failures_of
-from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.model import Latency, Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.policies.base import ActionSpec, CameraRequest, PolicySpec
 from vlafuzz.policies.clients.model import Model

@@ -8,8 +8,8 @@ from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, ma
 from tests.failures.triage.planted import WITH_EXTRAS
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.failures.events import Recovery, came_about, failed_before, recovery_of
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Scene, Slide
+from vlafuzz.model import Outcome, Scene
+from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Slide
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.stored import StoredResults

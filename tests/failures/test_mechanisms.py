@@ -9,7 +9,7 @@ import pytest
 from tests.doubles import failed, passed
 from tests.failures.triage.planted import SPACE
 from vlafuzz.failures.mechanisms import Merged, likelihood, mechanisms
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.search.base import Cause
 from vlafuzz.store.records import Trial
 

@@ -10,7 +10,7 @@ from tests.failures.triage.planted import SPACE
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.causes import causes_of
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 

@@ -9,7 +9,7 @@ from tests.failures.triage.runners import PlantedRunner, fill
 from tests.failures.triage.test_certify import SLIGHT, Edgy
 from vlafuzz.failures.triage.pipeline import findings_in_order
 from vlafuzz.lab.compare import Certified, certified, certify, known_results
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.store.records import Attribution, Finding, FoundCause, Run, Triaged
 from vlafuzz.store.store import Store
 

@@ -7,7 +7,8 @@ import pytest
 
 from tests.doubles import manifest
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import ASKED, Conditions, Origin, Role, Setting, as_kept, from_kept
+from vlafuzz.model import Conditions, Setting
+from vlafuzz.model.conditions import ASKED, Origin, Role, as_kept, from_kept
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.provenance import described

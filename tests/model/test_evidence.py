@@ -5,9 +5,8 @@ from dataclasses import replace
 import pytest
 
 from tests.failures.triage.planted import SPACE
-from vlafuzz.model.evidence import Threshold
+from vlafuzz.model import Camera, Light, Placement, Scene, Threshold
 from vlafuzz.model.phrasing import describe, signature
-from vlafuzz.model.scene import Camera, Light, Placement, Scene
 from vlafuzz.worlds.tabletop.space import SearchSpace
 
 

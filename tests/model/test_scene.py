@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import SCHEMA, Camera, Light, Placement, Scene
+from vlafuzz.model import Camera, Light, Placement, Scene
+from vlafuzz.model.scene import SCHEMA
 from vlafuzz.model.scene_lines import load_scenes, read_scenes, write_scenes
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tests.worlds.tabletop.sim.scenes import evaluate, pick_up, put
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import make_policy
 

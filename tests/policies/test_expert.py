@@ -5,8 +5,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model import Placement, Scene, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS, GRASPS, Expert
 

@@ -15,8 +15,7 @@ from torch import nn
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal, pick_up, put
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.mini import words
 from vlafuzz.policies.mini.integer import LEVELS, IntegerConv, exact, to_integers

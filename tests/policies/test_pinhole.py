@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.model import Camera, Light, Placement, Scene, Verdict
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole, _named
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 

@@ -8,9 +8,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Camera
+from vlafuzz.model import Camera, Conditions, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.operator_set import visible_json

@@ -11,8 +11,7 @@ from tests.doubles import begun, ended, manifest, passed
 from tests.failures.triage.planted import CONDITIONS, SPACE, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.pipeline import triage
-from vlafuzz.model.evidence import Actions
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Actions, Scene
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.report.view import View
 from vlafuzz.store.records import Manifest

@@ -16,10 +16,8 @@ from vlafuzz.failures import regions
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Scene, Slide
+from vlafuzz.model import Mechanism, Outcome, Rate, Scene
+from vlafuzz.model.scene import Slide
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of, view_of_store
 from vlafuzz.report.tables import cause_table

@@ -12,7 +12,7 @@ from tests.doubles import scene, stored
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store, view
 from vlafuzz.errors import SceneError, StoreError
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import check_place, render, write_page
 from vlafuzz.report.sources import view_of_corpus

@@ -21,8 +21,7 @@ from vlafuzz.failures.corpus.export import export
 from vlafuzz.failures.corpus.folder import read_corpus, write_corpus
 from vlafuzz.failures.described import DescribedFailure, deviations
 from vlafuzz.failures.triage.pipeline import triage
-from vlafuzz.model.evidence import Causes, Threshold
-from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.model import Camera, Causes, Light, Placement, Scene, Threshold
 from vlafuzz.report.films import beside, filmed
 from vlafuzz.report.page import render
 from vlafuzz.report.plots import plot_of

@@ -9,7 +9,7 @@ import pytest
 from tests.rollouts.test_scene_runner import BATCHES, SEEDS, run
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.crew import Crew, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner

@@ -10,9 +10,7 @@ from tests.rollouts.models import Counter
 from tests.search.worlds import sampled
 from tests.worlds.tabletop.sim.scenes import CATALOGUE
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.executor import LocalExecutor

@@ -15,8 +15,7 @@ import pytest
 
 from tests.doubles import ClosedForm, scene
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.rollouts import processes
 from vlafuzz.rollouts.processes import ProcessExecutor
 from vlafuzz.rollouts.worker_pool import Worker, WorkerPool

@@ -15,7 +15,7 @@ from tests.doubles import ClosedForm
 from tests.rollouts.models import Counter
 from tests.rollouts.test_processes import BRIGHT, DARK, Treacherous, of_bright, same
 from vlafuzz.errors import PrerequisiteError, UsageError, install
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.rollouts.ray import RayExecutor
 from vlafuzz.rollouts.registry import Place

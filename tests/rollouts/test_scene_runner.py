@@ -9,7 +9,7 @@ import pytest
 from tests.doubles import manifest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup

@@ -10,8 +10,7 @@ import pytest
 
 from tests.search.worlds import CATALOGUE, space
 from vlafuzz.common.statistics import wilson
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene, Verdict
 from vlafuzz.search.base import Cause, Proposal
 from vlafuzz.search.causes.rules import Rule, Rules
 from vlafuzz.search.causes.strategy import Causes

@@ -1,7 +1,7 @@
 import numpy as np
 
 from tests.search.worlds import space
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.search import feedback
 from vlafuzz.search.feedback import Bandit, Feedback
 from vlafuzz.search.scoring import Score

@@ -3,7 +3,7 @@ import pytest
 
 from tests.search.toy import Toy
 from tests.search.worlds import EASY, judged, space, toy
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.search.nsga2 import SMALLEST, Nsga2
 from vlafuzz.search.scoring import Score
 

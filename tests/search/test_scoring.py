@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.search.scoring import cell, score
 from vlafuzz.worlds.manipulation.rigs import Workspace
 from vlafuzz.worlds.tabletop.objects import load_catalogue

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.search.worlds import space
-from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model import Gene, Grid
 from vlafuzz.search.severity import Severity, half_of, severity_of
 
 SPACE = space()

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from tests.search.worlds import space
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score

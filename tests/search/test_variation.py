@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, space
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.search.variation import Variation
 
 quickly = settings(max_examples=25, derandomize=True, deadline=None, database=None)

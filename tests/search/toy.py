@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from vlafuzz.model.outcome import Outcome, Rollout
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Rollout, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from tests.search.toy import Region, Signal, Toy, near
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.search.base import Strategy
 from vlafuzz.search.scoring import Score, score
 from vlafuzz.worlds.tabletop.objects import load_catalogue

@@ -6,7 +6,7 @@ import pytest
 
 from tests.doubles import begun, failed, manifest, passed, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.store.merge import NUMBERS, Merged, merge
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store

@@ -7,7 +7,7 @@ import pytest
 
 from tests.doubles import failed, manifest, passed, rollout, scene, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.store.store import Store
 
 KEY = manifest().key()

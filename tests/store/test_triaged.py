@@ -11,8 +11,7 @@ import pytest
 
 from tests.doubles import begun, failed, manifest, scene, trial
 from vlafuzz.errors import StoreError
-from vlafuzz.model.evidence import Causes, Rate, Threshold, Witness
-from vlafuzz.model.quantities import Mechanism
+from vlafuzz.model import Causes, Mechanism, Rate, Threshold, Witness
 from vlafuzz.search.probability import Probability
 from vlafuzz.store import rows
 from vlafuzz.store.merge import merge

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vlafuzz.model.task import Stage
+from vlafuzz.model import Stage
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, EpisodeStart, Observation, PolicySpec
 from vlafuzz.worlds.values import Parameter, Value, ValuesWorld
 

@@ -12,9 +12,8 @@ from gymnasium import spaces
 from tests.cli.typed import told, typed
 from tests.worlds.carts import Cart, Carts
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene, amount
+from vlafuzz.model import Conditions, Outcome, Scene, Verdict
+from vlafuzz.model.scene import amount
 from vlafuzz.worlds.gym import GymWorld, Parameter, fitted, read_parameters
 
 CARTS = "python:tests.worlds.carts"

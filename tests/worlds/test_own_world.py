@@ -9,8 +9,7 @@ from tests.cli.typed import told, typed
 from tests.worlds.reacher import Reacher
 from vlafuzz.cli import main
 from vlafuzz.errors import SceneError
-from vlafuzz.model.conditions import Conditions, Setting
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene, Setting
 
 MODULE = "python:tests.worlds.reacher"
 WORLD, POLICY = f"{MODULE}:Reacher", f"{MODULE}:downhill"

@@ -6,7 +6,7 @@ import pytest
 
 from tests.cli.typed import typed
 from tests.worlds import carts, later_defects
-from vlafuzz.model.check import Check
+from vlafuzz.common.check import Check
 from vlafuzz.worlds.soundness import examine
 
 MODULE = "python:tests.worlds.carts"

@@ -11,9 +11,7 @@ import numpy as np
 from vlafuzz.campaign.tally import Tally
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.mechanisms import Merged, mechanisms
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Scene, Space, Verdict
 from vlafuzz.search.base import Cause, Genome, Strategy, said_by
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.scoring import Measure

@@ -15,11 +15,9 @@ from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
+from vlafuzz.model import Scene, Space, Task
 from vlafuzz.model.conditions import check_choice, check_label
-from vlafuzz.model.scene import Scene
 from vlafuzz.model.scene_lines import is_document, load_scenes
-from vlafuzz.model.space import Space
-from vlafuzz.model.task import Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
 from vlafuzz.rollouts.lockstep import lanes_for

@@ -15,9 +15,7 @@ from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
 from vlafuzz.failures.events import came_about
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
 from vlafuzz.search.scoring import Measure, cell, score

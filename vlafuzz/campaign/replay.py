@@ -10,9 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.failures.causes import first_shown
-from vlafuzz.model.conditions import Conditions, Model
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Model, Outcome, Scene, Verdict
 from vlafuzz.model.scene_lines import is_store, load_scenes
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator

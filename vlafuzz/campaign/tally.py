@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 from vlafuzz.common.text import plural
 from vlafuzz.failures.events import failed_before
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.store.records import Manifest, Spent, Trial
 
 

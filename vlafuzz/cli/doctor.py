@@ -7,10 +7,10 @@ import typer
 
 from vlafuzz.cli.flags import JsonFlag, TimeFlag, configured, option, with_run_options
 from vlafuzz.cli.output import Bar, print_row, print_rows
+from vlafuzz.common.check import Check
 from vlafuzz.common.deadline import deadline
 from vlafuzz.doctor.machine import machine
 from vlafuzz.errors import UsageError, check_number
-from vlafuzz.model.check import Check
 
 WIDTHS = {"check": 14, "verdict": 7}  # characters; the longest is "proprioception"
 

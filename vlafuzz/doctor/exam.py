@@ -17,6 +17,7 @@ from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig
 from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
 from vlafuzz.campaign.launch import stands_alone
+from vlafuzz.common.check import Check
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
@@ -24,10 +25,7 @@ from vlafuzz.doctor import verdicts
 from vlafuzz.doctor.probes import Break, Interview, Recorder, moved, reworded, seconds_at_once, sights
 from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
 from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
-from vlafuzz.model.check import Check
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import guesses
 from vlafuzz.rollouts.executor import evaluate_safely

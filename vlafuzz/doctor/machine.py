@@ -4,8 +4,8 @@ import platform
 from collections.abc import Iterator
 
 from vlafuzz import __version__
+from vlafuzz.common.check import Check
 from vlafuzz.common.text import plural
-from vlafuzz.model.check import Check
 from vlafuzz.rollouts.capacity import most_workers, usable_cores
 from vlafuzz.worlds import known_worlds
 

@@ -12,7 +12,7 @@ from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.common.text import plural
 from vlafuzz.errors import VlafuzzError
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, Observation, PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator

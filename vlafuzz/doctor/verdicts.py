@@ -7,10 +7,10 @@ from statistics import median
 import numpy as np
 
 from vlafuzz.common.arrays import Array
+from vlafuzz.common.check import Check, Rating
 from vlafuzz.common.statistics import wilson
 from vlafuzz.doctor.probes import Answers, Break, Effect
-from vlafuzz.model.check import Check, Rating
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.harness import WIDTH
 

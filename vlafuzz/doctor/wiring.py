@@ -18,10 +18,9 @@ from statistics import fmean
 import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
+from vlafuzz.common.check import Check
 from vlafuzz.doctor.probes import Lent
-from vlafuzz.model.check import Check
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH
 

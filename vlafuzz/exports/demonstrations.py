@@ -13,9 +13,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.exports.selection import WantedScene
-from vlafuzz.model.evidence import Actions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.model import Actions, Latency, Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.clients.model import Interface, Written, interface_of
 from vlafuzz.policies.controls import Player

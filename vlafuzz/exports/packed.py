@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from vlafuzz.common.arrays import Picture
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 Stats = dict[str, Any]  # nested lists of numbers

@@ -12,7 +12,7 @@ import numpy as np
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.described import space_of
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import load_scenes
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store

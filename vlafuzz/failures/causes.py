@@ -17,12 +17,10 @@ from vlafuzz.failures.events import Recovery, came_about, recovery_of
 from vlafuzz.failures.regions import Range, shares
 from vlafuzz.failures.triage.contrast import EFFECT, HOPELESS, likely
 from vlafuzz.failures.triage.pipeline import hours
-from vlafuzz.model.evidence import Rate, Solver
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Mechanism, Rate, Scene, Solver, Space, Verdict
 from vlafuzz.model.phrasing import acting
-from vlafuzz.model.quantities import Mechanism, plain_quantity
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space, spoken
+from vlafuzz.model.quantities import plain_quantity
+from vlafuzz.model.space import spoken
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import FoundCause, Run, Triaged
 from vlafuzz.store.store import Store

@@ -16,10 +16,7 @@ from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.listed import listing_of
 from vlafuzz.failures.triage.certify import PATIENCE
 from vlafuzz.failures.triage.oracle import LEAD, MOST, Answer, Oracle
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Conditions, Rate, Scene, Space
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Judged

@@ -14,11 +14,9 @@ from vlafuzz.errors import SceneError
 from vlafuzz.failures.corpus.corpus import Case, Corpus
 from vlafuzz.failures.corpus.folder import SCENES
 from vlafuzz.failures.triage.path import Path, deviating, free_genes
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Causes, Failure, Rate, Witness
+from vlafuzz.model import Causes, Conditions, Failure, Rate, Scene, Space, Witness
 from vlafuzz.model.phrasing import failing_range
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.worlds import world_of
 

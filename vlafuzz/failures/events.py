@@ -6,8 +6,8 @@ from math import inf, isfinite
 from statistics import median_high
 
 from vlafuzz.common.text import plural
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import EVENTS, Scene
+from vlafuzz.model import Outcome, Scene
+from vlafuzz.model.scene import EVENTS
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.events import begins
 

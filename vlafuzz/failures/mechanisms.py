@@ -14,10 +14,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.triage.path import direction
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Mechanism, Scene, Space, Verdict
 from vlafuzz.search.base import Cause
 from vlafuzz.search.causes.units import CONFOUNDERS, Units
 from vlafuzz.search.probability import Probability

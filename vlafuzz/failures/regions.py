@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.failures.mechanisms import dose
-from vlafuzz.model.evidence import Causes, Threshold
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Causes, Scene, Space, Threshold
 from vlafuzz.search.causes.units import Units
 from vlafuzz.search.probability import Probability, share_of_range, shared_out
 

@@ -19,7 +19,7 @@ from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
 from vlafuzz.lab.runs import Job, SpeedOf, complete
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Finding, Run, Triaged, Trial

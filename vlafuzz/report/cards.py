@@ -12,7 +12,7 @@ from vlafuzz.errors import SceneError
 from vlafuzz.failures.causes import SOLVERS, CauseList, ListedCause
 from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.failures.regions import Band, bands_of
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.model.space import spoken
 from vlafuzz.report.plots import Axis, Plot
 from vlafuzz.report.view import Card, Strip

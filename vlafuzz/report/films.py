@@ -8,8 +8,7 @@ from types import MappingProxyType
 from vlafuzz.common.text import plural
 from vlafuzz.failures.causes import SOLVERS
 from vlafuzz.failures.described import DescribedFailure
-from vlafuzz.model.evidence import Actions
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Actions, Scene
 from vlafuzz.report.view import Card, Shot, View
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest

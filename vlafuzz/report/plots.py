@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.statistics import Share, wilson
-from vlafuzz.model.scene import Scene, unit_of
-from vlafuzz.model.space import Space, spoken
+from vlafuzz.model import Scene, Space
+from vlafuzz.model.scene import unit_of
+from vlafuzz.model.space import spoken
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import SceneMap
 

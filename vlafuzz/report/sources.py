@@ -12,7 +12,7 @@ from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.events import told as told_early
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.report.cards import card_of, evidence, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
 from vlafuzz.report.tables import Standing, Table, cause_table, draws, row_of_run, run_table, standings_of

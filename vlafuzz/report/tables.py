@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from vlafuzz.common.statistics import Share
 from vlafuzz.common.text import duration
 from vlafuzz.failures.causes import CauseList, all_causes
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import NAME as SEVERITY

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from vlafuzz.failures.described import DescribedFailure
 from vlafuzz.failures.regions import Band
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.report.plots import Axis, Plot
 from vlafuzz.report.tables import Table
 from vlafuzz.search.probability import Probability

@@ -12,10 +12,7 @@ from typing import Any, NamedTuple
 
 from vlafuzz.common.plugins import check_trusted, trust
 from vlafuzz.errors import SimulatorError, UsageError
-from vlafuzz.model.evidence import Actions, Solver
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Actions, Outcome, Scene, Solver, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import is_shared
 from vlafuzz.rollouts.registry import Place, workers_at

@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.worlds.evaluator import Evaluator
 
 Batches = Iterable[tuple[int, Sequence[Any]] | None]

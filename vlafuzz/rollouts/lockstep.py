@@ -9,8 +9,7 @@ from dataclasses import dataclass, field
 from typing import cast
 
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.policies.base import ActionChunk, Observation, Policy
 from vlafuzz.policies.batching import BatchingPolicy, Request, StandIn
 from vlafuzz.policies.harness import release

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.errors import PrerequisiteError, VlafuzzError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.rollouts import forks
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.worker_pool import TIMEOUT, Lost, WorkerPool

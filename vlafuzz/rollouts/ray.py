@@ -14,7 +14,7 @@ from ray._private import worker as driver
 from ray.exceptions import RayActorError, RayError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.rollouts.processes import ProcessExecutor, share
 from vlafuzz.rollouts.worker_pool import TIMEOUT, TRIES, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator

@@ -9,11 +9,7 @@ import numpy as np
 
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Actions, Solver
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Actions, Conditions, Outcome, Scene, Solver, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.executor import Batches, evaluate_safely

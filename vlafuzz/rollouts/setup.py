@@ -4,8 +4,7 @@ from typing import Any
 
 from vlafuzz.common.plugins import source_digest
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.space import Space
+from vlafuzz.model import Conditions, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import provenance, world_of

@@ -8,7 +8,7 @@ from itertools import chain, islice
 from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.outcome import Outcome
+from vlafuzz.model import Outcome
 from vlafuzz.rollouts.executor import Batches
 
 TRIES = 2  # attempts at a batch, by different workers, before its scenes are ERROR

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from vlafuzz.model import Space
 from vlafuzz.model.genes import Genome as Genome
-from vlafuzz.model.space import Space
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.scoring import Score
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.search.base import Genome, Proposal, Source
 from vlafuzz.search.scoring import Measure, Score
 

@@ -7,8 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Rollout, Scene, Verdict
 
 
 class Measure(Protocol):

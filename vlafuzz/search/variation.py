@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model.genes import Gene
+from vlafuzz.model import Gene
 from vlafuzz.search.base import Genome
 
 Levels = NDArray[np.int64]  # (dim,)

@@ -4,11 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from vlafuzz.model.conditions import Conditions, Origin, Role, condition
-from vlafuzz.model.evidence import Failure, Rate, Witness
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Failure, Mechanism, Outcome, Rate, Scene, Verdict, Witness
+from vlafuzz.model.conditions import Origin, Role, condition
 from vlafuzz.search.base import Genome
 from vlafuzz.search.probability import Probability
 

@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from vlafuzz.common.reading import MIB, inflated, parse_json
+from vlafuzz.model import Causes, Mechanism, Outcome, Rate, Rollout, Scene, Solver, Verdict, Witness
 from vlafuzz.model.conditions import as_kept, check_read, from_kept
-from vlafuzz.model.evidence import Causes, Rate, Solver, Witness, check_operators
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
-from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.evidence import check_operators
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Attribution, FoundCause, Judged, Manifest, Run, Triaged, Trial
 

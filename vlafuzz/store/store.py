@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Literal, Self
 
 from vlafuzz.errors import StoreError
-from vlafuzz.model.outcome import Outcome, Rollout, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Rollout, Scene, Verdict
 from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
 from vlafuzz.store.records import (

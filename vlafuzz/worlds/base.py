@@ -8,15 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from vlafuzz.common.check import Check
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.model.check import Check
-from vlafuzz.model.conditions import Conditions, Setting
-from vlafuzz.model.evidence import Solver
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
-from vlafuzz.model.task import Task
+from vlafuzz.model import Conditions, Rejection, Scene, Setting, Solver, Space, Task
 from vlafuzz.policies.base import ActionSpec, Policy
 from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.evaluator import SceneEvaluator

@@ -9,10 +9,7 @@ import cv2
 import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Rollout
-from vlafuzz.model.scene import Latency, Noise, Scene
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Conditions, Latency, Monitor, Noise, Rollout, Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.events import STAY, recovery
 

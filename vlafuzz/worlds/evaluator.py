@@ -8,9 +8,7 @@ from typing import Protocol, TypeVar
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Rejection, Rollout
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Outcome, Rejection, Rollout, Scene
 from vlafuzz.policies.base import ActionChunk, CameraRequest, Observation, Policy
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.harness import Harness, ask, release

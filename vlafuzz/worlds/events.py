@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model.scene import EVENTS, Camera, CameraBump, Event, Scene, Slide
-from vlafuzz.model.task import Stage
+from vlafuzz.model import Camera, Scene, Stage
+from vlafuzz.model.scene import EVENTS, CameraBump, Event, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = {"first": 1, "second": 2, "third": 3}  # of confounders, where the instruction names them

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from vlafuzz.common import assets
+from vlafuzz.common.check import Check
 from vlafuzz.common.plugins import PREFIX, is_reference
 from vlafuzz.common.text import duration
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.check import Check
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.parameters import Parameters
 from vlafuzz.worlds.soundness import SIMULATORS, glance

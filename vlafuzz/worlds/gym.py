@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
-from vlafuzz.model.task import Stage
+from vlafuzz.model import Stage
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH
 from vlafuzz.worlds.base import TryingPolicy

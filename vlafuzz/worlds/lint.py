@@ -9,7 +9,8 @@ from typing import Any
 
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.model.outcome import FAIRNESS, Rejection
+from vlafuzz.model import Rejection
+from vlafuzz.model.outcome import FAIRNESS
 from vlafuzz.model.scene_lines import is_document, read_scenes
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.base import Judge

@@ -22,7 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
 
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model import Gene, Grid
 from vlafuzz.model.scene import UNITS, Real, Text
 
 Kind = Literal["real", "integer", "angle"]

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from vlafuzz.common.check import Check
 from vlafuzz.common.plugins import make_of
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
-from vlafuzz.model.check import Check
 from vlafuzz.policies.base import Observation
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.parameters import Parameter, Value

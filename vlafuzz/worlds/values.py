@@ -24,12 +24,9 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions, check_choice
-from vlafuzz.model.evidence import Solver
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space, Values
-from vlafuzz.model.task import Monitor, Stage, Task
+from vlafuzz.model import Conditions, Monitor, Rejection, Scene, Solver, Space, Stage, Task
+from vlafuzz.model.conditions import check_choice
+from vlafuzz.model.space import Values
 from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, World
 from vlafuzz.worlds.episode import Episode

@@ -6,8 +6,7 @@ import numpy as np
 
 from tests.doubles import manifest, scene
 from vlafuzz.failures.corpus.corpus import Case, Control, Corpus, Evidence
-from vlafuzz.model.evidence import Causes, Threshold, Witness
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Causes, Scene, Threshold, Witness
 
 PNG = b64decode(  # one pixel
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR4nGNgAAAAAgABSK+kcQAAAABJRU5ErkJggg=="

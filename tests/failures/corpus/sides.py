@@ -7,8 +7,7 @@ import numpy as np
 from tests.doubles import failed, passed, scene
 from vlafuzz.failures.corpus.pairs import Group, Probe
 from vlafuzz.failures.corpus.regress import Asked
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

@@ -10,7 +10,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.failures.corpus.bisect import Bisection, believe
 from vlafuzz.failures.corpus.regress import Recorded
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 
 NAMES = [f"step {number}" for number in range(16)]
 

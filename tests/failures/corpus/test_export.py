@@ -15,8 +15,7 @@ from vlafuzz.errors import PrerequisiteError, StoreError, UsageError
 from vlafuzz.failures.corpus.controls import CONTROL, number_of, record
 from vlafuzz.failures.corpus.export import FLAKY, UNSOLVED, export
 from vlafuzz.failures.triage.pipeline import triage
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.store.store import Store
 
 

@@ -13,7 +13,7 @@ from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Recorded, Rerun, compare
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.worlds.manipulation.jitter import jittered
 
 RECORDED = Recorded("old as recorded")

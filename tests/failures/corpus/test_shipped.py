@@ -8,7 +8,7 @@ import pytest
 from vlafuzz.common.assets import corpus_dir
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue

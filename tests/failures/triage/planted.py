@@ -10,8 +10,7 @@ from vlafuzz.failures.triage.certify import Shrunk, certify
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene, Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.extras import EXTRAS
 from vlafuzz.worlds.manipulation.operators import OPERATORS

@@ -11,8 +11,7 @@ from tests.doubles import ClosedForm, begun, ended, failed, passed
 from tests.failures.triage.planted import SPACE, STAGES, Condition, Planted
 from vlafuzz.failures.triage.pipeline import triage
 from vlafuzz.failures.triage.triager import Triager, Unjudged
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.rollouts import crew as crew  # which takes the real runner by its name, before tests replace that
 from vlafuzz.store.records import Finding, Triaged
 from vlafuzz.store.store import Store

@@ -16,9 +16,7 @@ from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
 from vlafuzz.failures.triage.reference import Reference
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Rate, Scene, Verdict
 from vlafuzz.store.records import Attribution, FoundCause, Judged, Triaged, Trial
 from vlafuzz.store.store import Store
 

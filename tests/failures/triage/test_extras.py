@@ -7,8 +7,8 @@ import pytest
 from tests.failures.triage.planted import DARK, EXTRA_CONDITIONS, WITH_EXTRAS, Planted
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.model.evidence import Causes
-from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Slide
+from vlafuzz.model import Backdrop, Causes, InitialPose, Latency, Noise
+from vlafuzz.model.scene import Slide
 
 CHECKERED = "table checker, wall red", "table planks, wall sage"
 # The value from which on each planted condition fails, where it is one of a single number.

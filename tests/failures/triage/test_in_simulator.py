@@ -9,7 +9,7 @@ import pytest
 from tests.failures.triage.planted import TILTED, Planted
 from tests.worlds.tabletop.sim.scenes import evaluate
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.model.phrasing import describe
 from vlafuzz.model.scene_lines import write_scenes
 from vlafuzz.policies.base import ActionChunk

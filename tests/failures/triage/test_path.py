@@ -6,7 +6,8 @@ import pytest
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
-from vlafuzz.model.scene import Backdrop, Camera, Light, Noise, Scene, TargetTopple
+from vlafuzz.model import Backdrop, Camera, Light, Noise, Scene
+from vlafuzz.model.scene import TargetTopple
 from vlafuzz.worlds.manipulation.space import GROUPS
 
 NOMINAL = SPACE.nominal()

@@ -10,9 +10,8 @@ from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedRunner, fill, scenes, triaged
 from vlafuzz.failures.triage import triager
 from vlafuzz.failures.triage.pipeline import summarise, triage
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.model.phrasing import describe
-from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS

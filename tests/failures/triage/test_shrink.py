@@ -12,7 +12,7 @@ from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import certify
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.space import GROUPS
 

@@ -15,10 +15,8 @@ from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
 from vlafuzz.failures.triage.path import Path, directed, free_genes
 from vlafuzz.failures.triage.thresholds import Located, locate
-from vlafuzz.model.evidence import Causes, Rate
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Camera, Causes, Rate, Scene, Verdict
 from vlafuzz.model.phrasing import describe
-from vlafuzz.model.scene import Camera, Scene
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.jitter import jittered
 

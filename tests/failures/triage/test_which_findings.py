@@ -14,8 +14,7 @@ from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.jobs import Allowance
 from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
 from vlafuzz.failures.triage.triager import Unjudged
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.store.records import Attribution, FoundCause, Triaged
 from vlafuzz.store.store import Store

@@ -6,8 +6,7 @@ import pytest
 from tests.doubles import STAGES, failed, passed, rollout, scene
 from tests.worlds.tabletop.sim.scenes import evaluate, pick_up, put
 from vlafuzz.failures.triage.witness import SEEING_TRIES, TRIES, find_witness, prove
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Latency
+from vlafuzz.model import Latency, Outcome
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.controls import Player
 from vlafuzz.worlds.tabletop.experts.expert import Expert

@@ -13,7 +13,7 @@ from tests.policies.clients import broken
 from tests.policies.clients.broken import ANSWERS, FAULTS, STEPS, Breaking, Server, bench
 from vlafuzz.campaign import launch
 from vlafuzz.cli import main
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.store.store import Store
 
 pytestmark = pytest.mark.usefixtures("no_pause")

@@ -8,7 +8,7 @@ from tests.policies.clients import served
 from tests.policies.clients.faults import Drifting, Faults, groot, openpi, relayed
 from tests.search.worlds import sampled
 from tests.worlds.tabletop.sim.scenes import evaluator_of
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.policies import make_policy
 

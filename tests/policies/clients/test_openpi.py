@@ -13,7 +13,7 @@ from tests.policies.clients.faults import Drifting, openpi
 from tests.policies.clients.served import CLOSE, HANG, STATE, asked, check_failure, failure, websocket
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi
 from vlafuzz.rollouts.policies import make_policy
 

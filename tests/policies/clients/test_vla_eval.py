@@ -23,7 +23,7 @@ from tests.policies.clients.served import (
 )
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.errors import PolicyError, PrerequisiteError
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.policies.controls import Random
 from vlafuzz.policies.harness import Harness, PartlyAnsweredError

@@ -25,7 +25,7 @@ from tests.policies.clients.served import STATE, Attentive, asked, failure, seen
 from tests.policies.rolled import check_same_as_in_process
 from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import ActionChunk, ActionSpec, CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.msgpack_wire import pack_vla_eval, unpack_vla_eval
 from vlafuzz.policies.clients.servers import guesses

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model import Placement, Scene
 from vlafuzz.worlds.libero.casts import cast, extras, kind_of, load_objects, mistakable, recast, swaps
 from vlafuzz.worlds.libero.suites import REST, LiberoTask
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from vlafuzz.errors import SimulatorError, UsageError
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Monitor
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load, quiet
 from vlafuzz.worlds.libero.pictures import CAMERAS

@@ -12,10 +12,7 @@ import pytest
 
 from tests.exports.test_demonstrations import of_policy
 from vlafuzz.exports.demonstrations import ExpertRunner
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Light
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Conditions, Light, Monitor, Verdict
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.similarity import similarity
-from vlafuzz.model.scene import Camera, Light
+from vlafuzz.model import Camera, Light
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load

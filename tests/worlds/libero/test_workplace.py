@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Scene
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator, drive, proceed

@@ -12,24 +12,8 @@ from tests.doubles import Idle
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.path import directed
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Causes
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import (
-    Backdrop,
-    Camera,
-    ControlStall,
-    GripSlip,
-    GripWeak,
-    InitialPose,
-    InstructionChange,
-    Light,
-    LightSwitch,
-    Placement,
-    Scene,
-    Slide,
-    Start,
-)
+from vlafuzz.model import Backdrop, Camera, Causes, Conditions, InitialPose, Light, Placement, Scene, Verdict
+from vlafuzz.model.scene import ControlStall, GripSlip, GripWeak, InstructionChange, LightSwitch, Slide, Start
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi

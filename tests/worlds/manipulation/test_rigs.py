@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Camera
+from vlafuzz.model import Camera
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from tests.failures.triage.planted import CATALOGUE
-from vlafuzz.model.scene import Camera, Light, Placement
+from vlafuzz.model import Camera, Light, Placement
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SPACE = SearchSpace(load_operators(), CATALOGUE, "pick-up")

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 

@@ -10,8 +10,8 @@ import pytest
 
 from tests.cli.typed import typed
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, STILL, nominal, pick_up, put
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Camera, GripSlip, Light, Scene, TargetTopple
+from vlafuzz.model import Camera, Conditions, Light, Scene
+from vlafuzz.model.scene import GripSlip, TargetTopple
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds import opengl, world_of
 from vlafuzz.worlds.tabletop.experts.expert import Expert

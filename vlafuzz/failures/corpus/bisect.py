@@ -29,7 +29,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.corpus.pairs import Probe
 from vlafuzz.failures.corpus.regress import Recorded, Side, compare
-from vlafuzz.model.outcome import Outcome, Verdict
+from vlafuzz.model import Outcome, Verdict
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -4,9 +4,7 @@ import numpy as np
 
 from vlafuzz.common.watch import Watch
 from vlafuzz.failures.corpus.corpus import Control
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Scene, Space, Verdict
 from vlafuzz.rollouts.scene_runner import SceneRunner
 
 CONTROLS = 200

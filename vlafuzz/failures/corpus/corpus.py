@@ -5,10 +5,8 @@ from dataclasses import dataclass, field
 
 from pydantic import ConfigDict
 
-from vlafuzz.model.conditions import Model
-from vlafuzz.model.evidence import Causes, Failure, Witness
+from vlafuzz.model import Causes, Failure, Model, Scene, Witness
 from vlafuzz.model.phrasing import titled
-from vlafuzz.model.scene import Scene
 from vlafuzz.store.records import Manifest
 
 SCHEMA = 3  # of the folder, described in corpus/README.md

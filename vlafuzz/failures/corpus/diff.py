@@ -22,9 +22,8 @@ from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
 from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe
 from vlafuzz.failures.corpus.pairs import probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
-from vlafuzz.model.conditions import Model
+from vlafuzz.model import Model, Scene
 from vlafuzz.model.phrasing import titled
-from vlafuzz.model.scene import Scene
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store

@@ -17,9 +17,7 @@ from vlafuzz.failures.corpus.sign_test import power_of
 from vlafuzz.failures.triage.oracle import Answer
 from vlafuzz.failures.triage.pipeline import pace, summarise
 from vlafuzz.failures.triage.triager import repeat
-from vlafuzz.model.evidence import Failure
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Failure, Scene, Verdict
 from vlafuzz.rollouts.crew import Make, crew_at
 from vlafuzz.rollouts.registry import Place
 from vlafuzz.rollouts.scene_runner import SceneRunner

@@ -18,9 +18,9 @@ from vlafuzz.common.files import reason, replacing
 from vlafuzz.common.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.failures.corpus.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
+from vlafuzz.model import Actions, Scene, Solver, Witness
 from vlafuzz.model.conditions import as_kept, check_read, from_kept
-from vlafuzz.model.evidence import Actions, Solver, Witness, check_operators
-from vlafuzz.model.scene import Scene
+from vlafuzz.model.evidence import check_operators
 from vlafuzz.model.scene_lines import load_scenes, write_scenes
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of

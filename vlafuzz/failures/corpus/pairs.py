@@ -11,8 +11,7 @@ import numpy as np
 
 from vlafuzz.common.statistics import Share, sign_p
 from vlafuzz.failures.corpus.corpus import Corpus
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 
 Group = Literal["control", "failing"]
 Standing = Literal["worse", "better", "passes", "fails", "error", "invalid", "not run"]

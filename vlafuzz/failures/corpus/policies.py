@@ -18,7 +18,7 @@ from vlafuzz.failures.corpus.folder import read_corpus
 from vlafuzz.failures.corpus.pairs import Probe, probes
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Recorded, Rerun, Side
 from vlafuzz.failures.corpus.sign_test import power_of
-from vlafuzz.model.conditions import Model
+from vlafuzz.model import Model
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
 

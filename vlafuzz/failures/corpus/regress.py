@@ -17,8 +17,7 @@ from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.failures.corpus.controls import REGRESS, number_of
 from vlafuzz.failures.corpus.pairs import Compared, Fixed, Group, Pair, Probe, Tally, fixed
 from vlafuzz.failures.corpus.sign_test import SignTest
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Manifest
 

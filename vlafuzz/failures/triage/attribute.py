@@ -9,10 +9,9 @@ from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path, direction, free_genes, steps
 from vlafuzz.failures.triage.thresholds import Seen, locate
-from vlafuzz.model.evidence import Causes, Threshold, Values
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.model import Causes, Gene, Scene, Space, Threshold
+from vlafuzz.model.evidence import Values
+from vlafuzz.model.space import CONFOUNDERS
 
 
 def attribute(

@@ -7,9 +7,8 @@ from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.path import Path, deviating, free_genes
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import shrink
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.model import Rate, Scene, Space
+from vlafuzz.model.space import CONFOUNDERS
 
 # Rollouts to certify a scene, times the lead of an answer; so many times that only where there is no minimal
 # scene without them.

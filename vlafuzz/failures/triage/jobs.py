@@ -11,7 +11,7 @@ from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.watch import Watch
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Triager, Unjudged
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import Crew, Make, crew_at

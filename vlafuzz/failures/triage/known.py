@@ -7,8 +7,8 @@ from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import deviating, directed, free_genes
 from vlafuzz.failures.triage.reference import Reference
 from vlafuzz.failures.triage.shrink import drop_confounders
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.model import Scene, Space
+from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.store.records import Triaged
 
 

@@ -10,9 +10,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from vlafuzz.failures.triage.contrast import HOPELESS, likely, missing, shown
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.store.records import Judged
 
 CERTIFYING = 100_000  # first number of the rollouts that certify: none of them had a part in the search

@@ -2,9 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space, Values
+from vlafuzz.model import Gene, Scene, Space
+from vlafuzz.model.space import CONFOUNDERS, Values
 
 _BESIDE = 1 / 2  # of the largest deviation, as a share of the range: less beside it does not count
 _PLACES = 3  # that are farther out than a scene; the last one is the end of the range

@@ -11,7 +11,7 @@ from vlafuzz.common.text import duration
 from vlafuzz.failures.triage.jobs import Allowance, Job, work
 from vlafuzz.failures.triage.known import certified
 from vlafuzz.failures.triage.triager import Unjudged
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.rollouts.crew import Make
 from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.store.records import Bucket, Finding, Run, Triaged

@@ -8,8 +8,7 @@ import numpy as np
 
 from vlafuzz.failures.triage.contrast import EFFECT
 from vlafuzz.failures.triage.oracle import LEAD, Answer, Oracle
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Scene, Space
 
 BACKGROUND = 8  # rollouts of the nominal scene where a policy may fail by chance
 FREQUENT = 0.3  # share of them that fail, or rollouts of the finding that pass, from which on cheap answers would err

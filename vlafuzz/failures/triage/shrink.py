@@ -10,9 +10,8 @@ import numpy as np
 
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.path import Path, deviating, free_genes
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import CONFOUNDERS, Space
+from vlafuzz.model import Gene, Scene, Space
+from vlafuzz.model.space import CONFOUNDERS
 
 K = TypeVar("K")
 SURE = 2  # rollouts that fail in a scene, before others are tried from there

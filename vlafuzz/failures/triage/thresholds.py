@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path
-from vlafuzz.model.evidence import Rate
+from vlafuzz.model import Rate
 
 NARROW = 1  # grid step: no interval needs to be narrower,
 NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails

@@ -15,10 +15,8 @@ from vlafuzz.failures.triage.path import deviating, directed, free_genes, outwar
 from vlafuzz.failures.triage.reference import Reference, find_reference
 from vlafuzz.failures.triage.shrink import drop_confounders, drop_values, shrink
 from vlafuzz.failures.triage.witness import Search, prove
-from vlafuzz.model.evidence import Rate
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.model.phrasing import signature
-from vlafuzz.model.scene import Scene
 from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.rollouts.scene_runner import SceneRunner
 from vlafuzz.store.records import Finding, Judged, Repeats, Triaged

@@ -3,9 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from vlafuzz.model.evidence import Actions, Solver, Witness
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Latency, Scene
+from vlafuzz.model import Actions, Latency, Outcome, Scene, Solver, Verdict, Witness
 
 TRIES = 12  # of an expert, each beginning in another way: the grasps and leans of the first one of ours
 SEEING_TRIES = 2  # of the seeing expert, which only strengthens a proof that there is

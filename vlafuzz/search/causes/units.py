@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model.genes import Gene
+from vlafuzz.model import Gene
 from vlafuzz.search.base import Genome
 
 Levels = NDArray[np.int64]  # (dim,)

@@ -10,7 +10,7 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import CatalogueError, SceneError
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.worlds.libero.suites import LiberoTask
 
 

@@ -11,10 +11,8 @@ from PIL import Image
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import InstructionChange, Scene
-from vlafuzz.model.task import Monitor
+from vlafuzz.model import Conditions, Monitor, Rejection, Scene
+from vlafuzz.model.scene import InstructionChange
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise

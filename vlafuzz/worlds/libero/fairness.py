@@ -8,8 +8,8 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import EXTRAS, Light, Placement, Scene
+from vlafuzz.model import Light, Placement, Rejection, Scene
+from vlafuzz.model.scene import EXTRAS
 from vlafuzz.worlds.events import NUMBERS, afterwards, unstoppable
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.common.arrays import Picture
-from vlafuzz.model.conditions import Setting
+from vlafuzz.model import Setting
 from vlafuzz.worlds.libero.packages import load, versions
 from vlafuzz.worlds.libero.quick import Artist
 from vlafuzz.worlds.opengl import device as opengl_device

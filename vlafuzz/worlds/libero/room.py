@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import kept
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface

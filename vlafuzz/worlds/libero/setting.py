@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
-from vlafuzz.model.scene import Camera, CameraBump, Event, GripWeak, LightSwitch, Placement, Scene
+from vlafuzz.model import Camera, Placement, Scene
+from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch
 from vlafuzz.worlds.events import turned
 from vlafuzz.worlds.libero.casts import cast
 from vlafuzz.worlds.libero.env import LiberoEnv

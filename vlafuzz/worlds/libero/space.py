@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.model.genes import Gene, Grid
-from vlafuzz.model.scene import Placement, Scene, Start
+from vlafuzz.model import Gene, Grid, Placement, Scene
+from vlafuzz.model.scene import Start
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, swaps
 from vlafuzz.worlds.libero.room import room_of

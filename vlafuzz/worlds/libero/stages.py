@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from vlafuzz.model.task import Stage, Task
+from vlafuzz.model import Stage, Task
 from vlafuzz.worlds.events import Looked
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.suites import LiberoTask, find_task

@@ -7,10 +7,7 @@ from typing import Any, ClassVar
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Solver
-from vlafuzz.model.space import Space
-from vlafuzz.model.task import Task
+from vlafuzz.model import Conditions, Solver, Space, Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini

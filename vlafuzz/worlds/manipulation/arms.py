@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.scene import InitialPose
+from vlafuzz.model import InitialPose
 from vlafuzz.worlds.manipulation.rigs import Rig
 
 _NOTHING = (0.0, 0.0, 0.0)

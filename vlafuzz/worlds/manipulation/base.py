@@ -9,7 +9,8 @@ from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from vlafuzz.model.genes import Gene, Grid, Kind
+from vlafuzz.model import Gene, Grid
+from vlafuzz.model.genes import Kind
 from vlafuzz.model.scene import Real
 from vlafuzz.worlds.manipulation.rigs import Rig
 

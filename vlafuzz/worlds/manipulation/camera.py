@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model.scene import Camera
+from vlafuzz.model import Camera
 from vlafuzz.worlds.manipulation.rigs import View
 
 Labels = Picture

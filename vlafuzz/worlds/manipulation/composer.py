@@ -6,9 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+from vlafuzz.model import Camera, Gene, Placement, Scene
 from vlafuzz.model import scene as model
-from vlafuzz.model.genes import Gene
-from vlafuzz.model.scene import Camera, Placement, Scene
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.events import MOST
 from vlafuzz.worlds.manipulation.base import Layout

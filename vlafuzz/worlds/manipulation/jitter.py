@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.scene import Camera, InitialPose, Light, Placement, Scene
+from vlafuzz.model import Camera, InitialPose, Light, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import rig
 
 POSITION = 0.001  # metres, x and y of each object: a careful hand with a template does not do better

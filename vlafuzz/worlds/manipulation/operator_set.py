@@ -16,7 +16,8 @@ from pydantic import BaseModel, BeforeValidator, Field, ValidationError, create_
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_yaml
 from vlafuzz.errors import CatalogueError, StoreError, UsageError, suggestion
-from vlafuzz.model.conditions import Conditions, Setting, check_choice
+from vlafuzz.model import Conditions, Setting
+from vlafuzz.model.conditions import check_choice
 from vlafuzz.worlds.manipulation.base import Box, Operator, Range, Strict, Visible
 from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
 from vlafuzz.worlds.manipulation.operators import OPERATORS, ConfounderCount

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model import Gene, Grid
 from vlafuzz.worlds.manipulation.base import Box, Layout, Number, Operator, Range, Span, Step, check_levels
 from vlafuzz.worlds.manipulation.extras import EXTRA_KINDS
 

@@ -9,13 +9,12 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.errors import UsageError
+from vlafuzz.model import Camera, Gene, Placement, Scene, Setting, Space, Task
 from vlafuzz.model import scene as model
-from vlafuzz.model.conditions import Setting
-from vlafuzz.model.genes import Gene, embedded
+from vlafuzz.model.genes import embedded
 from vlafuzz.model.phrasing import beyond
-from vlafuzz.model.scene import Camera, Placement, Scene, in_words
-from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Space, Values, Vector
-from vlafuzz.model.task import Task
+from vlafuzz.model.scene import in_words
+from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Values, Vector
 from vlafuzz.worlds.base import SceneMap, World
 from vlafuzz.worlds.manipulation import extras
 from vlafuzz.worlds.manipulation import operators as kinds

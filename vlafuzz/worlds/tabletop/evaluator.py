@@ -9,9 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import SceneEvaluator

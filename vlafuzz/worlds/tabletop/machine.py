@@ -4,7 +4,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 
-from vlafuzz.model.check import Check
+from vlafuzz.common.check import Check
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
 

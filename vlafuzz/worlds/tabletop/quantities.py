@@ -10,8 +10,8 @@ from pydantic import TypeAdapter
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
+from vlafuzz.model import Scene
 from vlafuzz.model.quantities import Quantity
-from vlafuzz.model.scene import Scene
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.visible import Picture
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue

@@ -13,8 +13,9 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import SimulatorError
+from vlafuzz.model import Scene
 from vlafuzz.model import scene as kinds
-from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Scene, Start
+from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Start
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.events import NUMBERS, STOP, Events, afterwards, cancelled, turned
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose

@@ -15,8 +15,9 @@ import numpy as np
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import UsageError
+from vlafuzz.model import Placement, Scene
 from vlafuzz.model.quantities import Quantity
-from vlafuzz.model.scene import UNITS, Placement, Scene
+from vlafuzz.model.scene import UNITS
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout

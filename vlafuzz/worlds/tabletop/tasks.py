@@ -15,8 +15,8 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.errors import CatalogueError
+from vlafuzz.model import Monitor, Stage, Task
 from vlafuzz.model.conditions import check_choice
-from vlafuzz.model.task import Monitor, Stage, Task
 from vlafuzz.worlds.events import UPRIGHT, Looked
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 

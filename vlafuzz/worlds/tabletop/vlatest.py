@@ -13,7 +13,8 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.common.reading import first_problem, read_json, read_yaml, validated
 from vlafuzz.errors import CatalogueError, SceneError
-from vlafuzz.model.scene import MOST, Placement, Quaternion, Real, Scene, Text
+from vlafuzz.model import Placement, Scene
+from vlafuzz.model.scene import MOST, Quaternion, Real, Text
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 

@@ -7,15 +7,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from vlafuzz.common import assets
+from vlafuzz.common.check import Check
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.model.check import Check
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.evidence import Solver
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
-from vlafuzz.model.task import Task
+from vlafuzz.model import Conditions, Rejection, Scene, Solver, Space, Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini

@@ -12,7 +12,7 @@ import trimesh
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.common.assets import operators_dir
-from vlafuzz.model.scene import Backdrop, Placement
+from vlafuzz.model import Backdrop, Placement
 from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, planks, shade
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of

@@ -7,8 +7,7 @@ import mujoco
 import numpy as np
 
 from vlafuzz.common.arrays import Picture
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Backdrop, Scene
+from vlafuzz.model import Backdrop, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.events import STAY
 from vlafuzz.worlds.manipulation.camera import CameraPose

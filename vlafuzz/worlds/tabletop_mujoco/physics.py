@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.scene import InitialPose, Placement, Scene
+from vlafuzz.model import InitialPose, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel

@@ -9,12 +9,9 @@ from importlib import metadata, util
 from pathlib import Path
 
 from vlafuzz import __version__
+from vlafuzz.common.check import Check
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model.check import Check
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
-from vlafuzz.model.space import Space
+from vlafuzz.model import Conditions, Rejection, Scene, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.worlds import opengl
 from vlafuzz.worlds.evaluator import SceneEvaluator

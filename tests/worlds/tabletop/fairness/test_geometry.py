@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.model import Camera, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.fairness import check_geometry, check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import apart, extents, footprint, solid

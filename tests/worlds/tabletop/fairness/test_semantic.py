@@ -2,8 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Light, Placement, Scene
+from vlafuzz.model import Light, Placement, Rejection, Scene
 from vlafuzz.worlds.tabletop.fairness import check_semantic
 from vlafuzz.worlds.tabletop.fairness.checks import ambiguous
 from vlafuzz.worlds.tabletop.objects import load_catalogue

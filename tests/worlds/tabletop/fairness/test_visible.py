@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
+from vlafuzz.model import Backdrop, Camera, InitialPose, Light, Noise, Placement, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.fairness.visible import skin, unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue

@@ -13,7 +13,7 @@ from tests.doubles import manifest
 from tests.packs import box, can, write_pack
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, UsageError
-from vlafuzz.model.scene import Placement
+from vlafuzz.model import Placement
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs

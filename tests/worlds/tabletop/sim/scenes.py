@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Camera, Light, Placement, Scene
+from vlafuzz.model import Camera, Conditions, Light, Outcome, Placement, Scene
 from vlafuzz.policies.base import CameraRequest, Policy
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects import load_catalogue

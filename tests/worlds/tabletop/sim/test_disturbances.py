@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import FRONT, STILL, nominal
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Verdict
-from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Pattern, Scene, TablePaint, WallPaint
+from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene, Verdict
+from vlafuzz.model.scene import Pattern, TablePaint, WallPaint
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.tabletop.evaluator import TabletopEpisode, outlines

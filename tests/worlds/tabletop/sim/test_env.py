@@ -7,7 +7,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal, pick_up, put, states_hash
 from vlafuzz.errors import CatalogueError, SimulatorError
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement, Scene
+from vlafuzz.model import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement, Scene
 from vlafuzz.worlds.tabletop.sim.world import settled
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

@@ -9,9 +9,7 @@ import pytest
 from tests.worlds.tabletop.sim.meddling import ANOTHER, AT_START, NOMINAL, Meddle, Meddled, is_lifted, lets_go_at
 from tests.worlds.tabletop.sim.scenes import STILL, evaluate, evaluator_of, nominal, pick_up, put
 from vlafuzz.errors import Cause, PolicyError, UsageError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.controls import Frozen, Random

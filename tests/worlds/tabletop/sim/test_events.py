@@ -7,7 +7,7 @@ import pytest
 
 from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, evaluate, nominal, put
-from vlafuzz.model.outcome import Verdict
+from vlafuzz.model import Scene, Verdict
 from vlafuzz.model.scene import (
     EVENTS,
     CameraBump,
@@ -17,7 +17,6 @@ from vlafuzz.model.scene import (
     InstructionChange,
     LightSwitch,
     PictureLoss,
-    Scene,
     Slide,
     TargetTopple,
 )

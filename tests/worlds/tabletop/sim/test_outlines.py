@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, SIZE, make_env, pick_up, put
-from vlafuzz.model.scene import Camera, InitialPose
+from vlafuzz.model import Camera, InitialPose
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.evaluator import outlines

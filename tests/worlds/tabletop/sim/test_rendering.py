@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, FRONT, SIZE, evaluate, make_env, nominal, pick_up, put
-from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.model import Camera, Light, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA

@@ -9,9 +9,7 @@ import pytest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, play
 from vlafuzz.common import assets
 from vlafuzz.errors import PrerequisiteError
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome, Verdict
-from vlafuzz.model.scene import Placement, Scene
+from vlafuzz.model import Conditions, Outcome, Placement, Scene, Verdict
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, RIGS, WIDOWX, rig

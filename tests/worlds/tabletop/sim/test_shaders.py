@@ -9,7 +9,7 @@ import pytest
 import sapien
 
 from tests.worlds.tabletop.sim.scenes import nominal, pick_up, put
-from vlafuzz.model.scene import Camera, Scene
+from vlafuzz.model import Camera, Scene
 from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 

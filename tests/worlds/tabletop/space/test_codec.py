@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.search.worlds import sampled, space
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.model.scene import Camera, Light, Scene
+from vlafuzz.model import Camera, Light, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

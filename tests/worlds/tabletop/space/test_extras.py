@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vlafuzz.errors import CatalogueError, SceneError
-from vlafuzz.model.conditions import Conditions
+from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene
 from vlafuzz.model.scene import EXTRAS as PARTS
-from vlafuzz.model.scene import Backdrop, InitialPose, Latency, Noise, Scene
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
 from vlafuzz.worlds.manipulation.operator_set import operators_json, stored_operators, visible_json

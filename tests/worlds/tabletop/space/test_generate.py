@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.search.worlds import CATALOGUE, sampled, space
 from vlafuzz.errors import SceneError, UsageError
-from vlafuzz.model.scene import Camera, Scene
+from vlafuzz.model import Camera, Scene
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.worlds.manipulation import jitter
 from vlafuzz.worlds.manipulation.jitter import jittered
 from vlafuzz.worlds.tabletop.objects import load_catalogue

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from vlafuzz.model.genes import Gene, Grid
+from vlafuzz.model import Gene, Grid
 
 X = Grid(-0.2, 0.12, 0.001, -0.05)
 YAW = Grid(-180, 180, 1, 0, wraps=True)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.events import STAY, STOP

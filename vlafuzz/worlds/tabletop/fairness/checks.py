@@ -9,8 +9,7 @@ from itertools import chain, combinations
 import numpy as np
 
 from vlafuzz.common.text import ambiguous
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Camera, Placement, Scene
+from vlafuzz.model import Camera, Placement, Rejection, Scene
 from vlafuzz.worlds.events import NUMBERS, STOP, afterwards, unstoppable
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose

@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.scene import Placement, Quaternion
+from vlafuzz.model import Placement
+from vlafuzz.model.scene import Quaternion
 from vlafuzz.worlds.tabletop.objects.hulls import outline
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Scene
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import Labels, area_beyond, blank, camera_pose, fill, polygons

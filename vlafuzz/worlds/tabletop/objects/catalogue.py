@@ -15,8 +15,7 @@ from pydantic import TypeAdapter
 
 from vlafuzz.common import assets
 from vlafuzz.errors import CatalogueError, suggestion
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.scene import Placement
+from vlafuzz.model import Conditions, Placement
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, Role
 from vlafuzz.worlds.tabletop.objects.packs import Pack, PackObject, find_pack
 

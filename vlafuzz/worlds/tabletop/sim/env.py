@@ -13,7 +13,7 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model.scene import Backdrop, Scene
+from vlafuzz.model import Backdrop, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA

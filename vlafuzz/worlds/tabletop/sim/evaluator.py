@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Rejection, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv

@@ -17,7 +17,7 @@ from sapien.render import RenderMaterial, RenderTexture2D
 
 from vlafuzz.common import assets
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model.scene import Backdrop
+from vlafuzz.model import Backdrop
 from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, Colour, planks, shade
 from vlafuzz.worlds.manipulation.rigs import Lights, Table
 from vlafuzz.worlds.tabletop.renderer import rendering_device

@@ -18,8 +18,7 @@ from sapien import physx
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array
-from vlafuzz.model.outcome import Rejection
-from vlafuzz.model.scene import InitialPose, Placement, Scene
+from vlafuzz.model import InitialPose, Placement, Rejection, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.tabletop.fairness.checks import SECONDS, unsettled
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
