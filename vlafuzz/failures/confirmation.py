@@ -59,7 +59,8 @@ class Confirmation:
     @property
     def unfit(self) -> str:
         """Says that the policy does not work in the other world, and on which tasks; empty where it does."""
-        low = [f"{what} solves {1 - rate.share:.0%}" for what, rate in self.nominal.items() if 1 - rate.share < WORKS]
+        shares = {what: solved(rate) for what, rate in self.nominal.items()}
+        low = [f"{what} solves {share:.0%}" for what, share in shares.items() if share < WORKS]
         least = f"of nominal scenes in {self.world}, fewer than {WORKS:.0%}"
         return f"{', '.join(low)} {least}: its causes are not compared" if low else ""
 
@@ -90,14 +91,19 @@ def confirm(source: Path, world: str, watch: Watch = SILENT) -> Confirmation:
             space, began = space_of(source, run), monotonic()
             oracle = _oracle(runner, space, watch)
             nominal[title_of([run])] = rate = oracle.repeated(space.nominal(), MOST)
-            solved = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
-            watch.note(f"{title_of([run])} in {world}: solves {solved} nominal scenes")
-            if 1 - rate.share >= WORKS:
+            passed = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
+            watch.note(f"{title_of([run])} in {world}: solves {passed} nominal scenes")
+            if solved(rate) >= WORKS:
                 scenes = sum(1 + len(one.counterparts) for one in of_run)
                 seconds = SLOWER * EXPECTED * scenes * (monotonic() - began) / max(oracle.spent, 1)
                 watch.note(f"about {duration(seconds)}: {plural(len(of_run), 'cause')}, as fast as these")
                 confirmed += [_confirmed(one, oracle, PATIENCE * oracle.lead) for one in of_run]
     return Confirmation(world, nominal, tuple(confirmed))
+
+
+def solved(rate: Rate) -> float:
+    """The share of rollouts that passed; 0 where none could be judged."""
+    return 1 - rate.share if rate.rollouts else 0.0
 
 
 def _oracle(runner: SceneRunner, space: Space, watch: Watch) -> Oracle:

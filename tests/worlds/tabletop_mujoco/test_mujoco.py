@@ -12,9 +12,9 @@ from tests.cli.typed import typed
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, STILL, nominal, pick_up, put
 from vlafuzz.model import Camera, Conditions, Light, Scene
 from vlafuzz.model.scene import GripSlip, TargetTopple
-from vlafuzz.policies.base import CameraRequest
+from vlafuzz.policies.base import CameraRequest, EpisodeStart
 from vlafuzz.worlds import opengl, world_of
-from vlafuzz.worlds.tabletop.experts.expert import Expert
+from vlafuzz.worlds.tabletop.experts.expert import Expert, Privileged, belief, controller
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 NAME = "tabletop-mujoco"
@@ -75,6 +75,24 @@ def test_things_weigh_what_they_weigh_on_the_tabletop_and_stay_where_they_are():
     for _ in range(10):
         state = made.advance(STILL)
     assert np.abs(state.positions - start.positions).max() < 1e-3
+
+
+@pytest.mark.parametrize("thing", ["coke_can", "green_cube"])
+def test_what_is_held_does_not_creep_out_of_the_fingers(thing: str):
+    made = room()
+    state = made.begin(pick_up(put(thing, -0.05, 0.0)))
+    expert, actions = controller(EpisodeStart("held", "", "pick-up", 0, "panda"), 0), 0
+    while state.positions[0][2] < 0.12 and (actions := actions + 1) < 25:
+        known = Privileged(CROWD, made.models, state, False)
+        state = made.advance(expert.act(belief(known)), "current")
+    held = np.append(np.zeros(6), -1.0)
+    for _ in range(3):  # until the hand stands still
+        state = made.advance(held)
+    before = state.tcp_rotation.T @ (state.positions[0] - state.tcp)
+    for _ in range(25):
+        state = made.advance(held)
+    assert state.held == 0
+    assert np.abs(state.tcp_rotation.T @ (state.positions[0] - state.tcp) - before).max() < 2e-4
 
 
 def test_events_happen_here_too():

@@ -38,7 +38,7 @@ def shown(albedo: ArrayLike, normals: Array, lights: Lights, intensity: float, g
         normals: (n, 3), of length 1.
         gloss: (n,) what is reflected like a mirror: see ``glossy``; None for none.
     """
-    toward, strength = _lamps(lights)
+    toward, strength = lamps_of(lights)
     lit = lights.ambient + np.maximum(normals @ toward.T, 0.0) @ strength / np.pi
     linear = np.asarray(albedo) * lit[:, None]
     if gloss is not None:
@@ -51,7 +51,7 @@ def glossy(normals: Array, to_camera: Array, roughness: float, lights: Lights) -
 
     ``normals`` and ``to_camera``: (n, 3), of length 1.
     """
-    toward, strength = _lamps(lights)
+    toward, strength = lamps_of(lights)
     alpha = roughness**2
     k = (alpha + 2 * roughness + 1) / 8
     halves = to_camera[:, None] + toward
@@ -67,7 +67,8 @@ def glossy(normals: Array, to_camera: Array, roughness: float, lights: Lights) -
 
 
 @lru_cache(maxsize=32)
-def _lamps(lights: Lights) -> tuple[Array, Array]:
+def lamps_of(lights: Lights) -> tuple[Array, Array]:
+    """Directions ``(n, 3)`` towards the lamps, of length 1, and their strengths ``(n,)``."""
     toward = -np.array([direction for direction, _ in lights.directional])
     strength = np.array([intensity for _, intensity in lights.directional])
     return toward / np.linalg.norm(toward, axis=1, keepdims=True), strength

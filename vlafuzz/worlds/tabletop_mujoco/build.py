@@ -13,7 +13,7 @@ import trimesh
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.model import Backdrop, Placement
-from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, planks, shade
+from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, planks, shade, shown
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
@@ -204,19 +204,13 @@ def _srgb(colour: Colour | Array) -> list[float]:
 
 
 @cache
-def lamps(lights: Lights) -> tuple[float, tuple[float, ...]]:
-    """Ambient light and shares of the lamps with which MuJoCo, which adds sRGB, shows surfaces as SAPIEN does.
-
-    A least-squares fit over normals that a camera can see: the upper half of the sphere.
-    """
-    toward = -np.array([direction for direction, _ in lights.directional])
-    toward /= np.linalg.norm(toward, axis=1, keepdims=True)
-    strength = np.array([intensity for _, intensity in lights.directional])
+def lamps(lights: Lights) -> tuple[float, list[float]]:
+    """Ambient light and shares of the lamps by which MuJoCo, which adds sRGB, shows surfaces most as SAPIEN does."""
     normals = np.random.default_rng(0).normal(size=(2000, 3))
-    normals[:, 2] = np.abs(normals[:, 2])
+    normals[:, 2] = np.abs(normals[:, 2])  # of those that a camera above can see
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    cosines = np.maximum(normals @ toward.T, 0.0)
-    wanted = (lights.ambient + cosines @ strength / np.pi) ** (1 / GAMMA)
-    found, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(cosines)), cosines]), wanted, rcond=None)
+    cosines = np.maximum(normals @ lamps_of(lights)[0].T, 0.0)
+    wanted = shown(np.ones((len(normals), 1)), normals, lights, 1.0)[:, 0] / 255
+    found, *_ = np.linalg.lstsq(np.column_stack([np.ones(len(normals)), cosines]), wanted, rcond=None)
     ambient, *shares = found.tolist()
-    return ambient, tuple(shares)
+    return ambient, shares

@@ -3,10 +3,8 @@
 What fails in both is hardly a simulator's own. MuJoCo is an extra, and is loaded when a scene is run.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator
 from importlib import metadata, util
-from pathlib import Path
 
 from vlafuzz import __version__
 from vlafuzz.common.check import Check
@@ -45,9 +43,6 @@ class TabletopMujoco(Tabletop):
     def default_policy(self, robot: str) -> str:
         return "mini" if opengl.device() else "pinhole"
 
-    def begin_early(self, policy: str | None) -> None:
-        """Nothing: what the tabletop begins early is for its own renderer."""
-
     def preload(self) -> None:
         import vlafuzz.worlds.tabletop_mujoco.env  # noqa: F401
 
@@ -69,20 +64,16 @@ class TabletopMujoco(Tabletop):
         return MujocoEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
 
     def machine(self) -> Iterator[Check]:
-        if util.find_spec("mujoco") is None:
-            yield Check("mujoco", "not installed", "ok", f"only {NAME} needs it: {HINT}")
-        else:
-            drawn = opengl.device() or "no OpenGL with EGL: it draws no pictures"
-            yield Check("mujoco", metadata.version("mujoco"), "ok", drawn)
+        there = util.find_spec("mujoco") is not None
+        drawn = opengl.device() or "no OpenGL with EGL draws pictures here"
+        version = metadata.version("mujoco") if there else "not installed"
+        yield Check("mujoco", version, "ok", drawn if there else f"only {NAME} needs it: {HINT}")
 
     def settled(self, scene: Scene, catalogue: Catalogue) -> Rejection | None:
         require()
         from vlafuzz.worlds.tabletop_mujoco.env import settled
 
         return settled(scene, catalogue)
-
-    def imported(self, path: Path) -> Sequence[Scene]:
-        return [replace(scene, task=f"{NAME}/{scene.task}") for scene in super().imported(path)]
 
 
 def require() -> None:

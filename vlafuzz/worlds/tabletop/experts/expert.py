@@ -101,10 +101,10 @@ class Expert(Scripted):
 
     def begin(self, start: EpisodeStart) -> Acting:
         chosen = controller(start, self.attempt, fluent=self._fluent)
-        return lambda seen: chosen.act(_belief(seen.privileged))
+        return lambda seen: chosen.act(belief(seen.privileged))
 
 
-def _belief(known: object) -> Belief:
+def belief(known: object) -> Belief:
     if not isinstance(known, Privileged):
         raise PolicyError("the expert needs the simulator's state, and got none", cause="protocol")
     state = known.state
