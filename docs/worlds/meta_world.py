@@ -59,6 +59,9 @@ class MetaWorld(GymWorld):
         friction = env.model.geom_friction[env.object][0] / env.usual["friction"][0]
         return {"mass": mass, "friction": friction, "gravity": env.model.opt.gravity[2] / env.usual["gravity"][2]}
 
+    def instruction(self, task, values):
+        return task.removesuffix("-v3").replace("-", " ")
+
     def unfair(self, values):
         near = np.hypot(values["goal-x"] - values["object-x"], 20 + values["goal-y"] - values["object-y"]) / 100
         return None if near >= NEAR else f"object and goal are {near:.2f} m apart, less than {NEAR} m"

@@ -7,6 +7,7 @@ import pytest
 from tests.failures.triage.planted import SPACE
 from vlafuzz.model import Camera, Light, Placement, Scene, Threshold
 from vlafuzz.model.phrasing import describe, signature
+from vlafuzz.model.space import spoken
 from vlafuzz.worlds.tabletop.space import SearchSpace
 
 
@@ -120,3 +121,9 @@ def test_of_several_targets_each_is_named():
         f"{names[0]} is at x 0.1 m, y {first.y:g} m and {names[1]} is at x 0.05 m, y {second.y:g} m"
     )
     assert space.clause(moved, "target-orientation", start) == f"{names[0]} is turned to 45°"
+
+
+def test_a_field_that_begins_with_its_operators_name_is_said_once():
+    assert (spoken("goal", "goal-x"), spoken("light", "intensity"), spoken("target-type")) == (
+        "goal-x", "light intensity", "target type",
+    )  # fmt: skip

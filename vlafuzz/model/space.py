@@ -309,8 +309,8 @@ class Space(ABC):
             return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)} is {value}")
         ranges = " or ".join(beyond(low, high, self.values(other)) for low, high in fails)
         paths, genes = dict(fails[0][0]), [gene for gene in self.by_path.values() if gene.operator == group]
-        field = f" {next(iter(paths)).rpartition('.')[2]}" if len(paths) == 1 < len(genes) else ""
-        return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group)}{field} is {ranges}")
+        field = next(iter(paths)).rpartition(".")[2] if len(paths) == 1 < len(genes) else ""
+        return _FACTOR.sub(r"\1 times the usual", f"the {spoken(group, field)} is {ranges}")
 
     def draw(self, path: str, rng: np.random.Generator) -> float:
         """A random value of a gene; nominal if its operator does not vary."""
@@ -351,9 +351,9 @@ class Space(ABC):
         return levels
 
 
-def spoken(operator: str) -> str:
-    """The name of an operator in a sentence."""
-    return operator.replace("-", " ")
+def spoken(operator: str, field: str = "") -> str:
+    """An operator, or one of its fields, in a sentence: ``light intensity``, but ``goal-x`` of ``goal``."""
+    return field if field.startswith(f"{operator}-") else f"{operator.replace('-', ' ')} {field}".strip()
 
 
 def value_at(scene: Scene, path: str) -> Any:

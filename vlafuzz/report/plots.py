@@ -138,9 +138,7 @@ def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]
     failed = np.array([failed for _, failed in drawn], dtype=bool)
     axes = []
     for (operator, name, quantity), values in quantities(space, [scene for scene, _, _ in scenes]).items():
-        axis = Axis(
-            operator=operator, quantity=quantity, name=f"{spoken(operator)} {name}".strip(), unit=unit_of(quantity)
-        )
+        axis = Axis(operator=operator, quantity=quantity, name=spoken(operator, name), unit=unit_of(quantity))
         known = [value for value in values if value is not None]
         if any(isinstance(value, str) for value in known):
             options = tuple(sorted({str(value) for value in known}))
