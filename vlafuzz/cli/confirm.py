@@ -40,7 +40,7 @@ def command(
                 f"fails {', without it '.join(counted(rate) if rate else 'unknown' for rate in rates)}"
                 for rates in (one.found, one.other)
             )
-            why = f", as {one.why}" if one.why else ""
+            why = f" ({one.why})" if one.why else ""
             small = f"where it was found: {here} · {one.task} · {one.scene[:12]}"
             items.append((one.cause, f"{one.verdict} in {world}{why}: {there}", small))
         print_list(items, title=f"Causes of {source} in {world}")

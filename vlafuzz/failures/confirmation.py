@@ -136,8 +136,9 @@ def _confirmed(one: DescribedFailure, oracle: Oracle, most: int) -> Confirmed:
     answers, rate = [test.answer for test in tests], oracle.certified(one.scene)
     verdict: Verdict = "holds" if set(answers) == {Answer.PASSES} else "undecided"
     verdict = "does not hold" if Answer.FAILS in answers else verdict
-    open_ = next((answer.value for answer in answers if answer is not Answer.PASSES), "")
-    why = f"without it the scene {open_}" if rate.rollouts else "the scene is not fair there, or crashed"
+    why = f"{plural(rate.rollouts, 'pair')} of rollouts do not tell"
+    if not (rate.rollouts and all(test.rate.rollouts for test in tests)):
+        why = "the scene or one without it is not fair there, or crashed"
     known = [one.counterpart_rates[name] for name in one.counterparts if name in one.counterpart_rates]
     return Confirmed(
         cause=one.title,
