@@ -7,7 +7,7 @@ with the scene. Here are also the numbers of physics that simulators have in com
 import math
 from abc import ABC, abstractmethod
 from dataclasses import astuple, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -35,15 +35,6 @@ GRASP_FORCE = 0.5  # newtons per finger, as in ManiSkill's is_grasping
 GRASP_COSINE = math.cos(math.radians(85.0))
 METRES = 1e-5
 TURN = 1e-4  # of a quaternion's components
-
-
-class Pose(Protocol):
-    """A place in metres, and a quaternion w, x, y, z."""
-
-    @property
-    def p(self) -> Any: ...
-    @property
-    def q(self) -> Any: ...
 
 
 class Room(ABC):
@@ -74,12 +65,12 @@ class Room(ABC):
         """Light the scene as ``light`` says."""
 
     @abstractmethod
-    def measured(self) -> tuple[float, Pose]:
+    def measured(self) -> tuple[float, Any]:
         """Light and camera pose, read back from what draws the pictures."""
 
     @abstractmethod
-    def camera(self, view: CameraPose) -> Pose:
-        """The pose as the simulator has it."""
+    def camera(self, view: CameraPose) -> Any:
+        """The pose as the simulator has it: ``p`` (3,) in metres, and a quaternion ``q`` w, x, y, z."""
 
     @abstractmethod
     def picture(self, camera: str) -> Picture:
@@ -183,7 +174,7 @@ def _alike(expected: Any, actual: Any) -> bool:
     )
 
 
-def _check_pose(name: str, expected: Pose, actual: Pose) -> None:
+def _check_pose(name: str, expected: Any, actual: Any) -> None:
     distance = float(np.abs(expected.p - actual.p).max())
     turn = float(min(np.abs(expected.q - actual.q).max(), np.abs(expected.q + actual.q).max()))
     if not (distance <= METRES and turn <= TURN):
