@@ -175,6 +175,14 @@ def test_no_cause_takes_the_place_of_another_once_the_rollouts_of_the_run_are_sp
     assert 60 - PER_CAUSE / 2 <= sum(row.policy_rollouts for row in rows) < 60 + PER_CAUSE
 
 
+def test_a_cause_that_hardly_matters_is_given_up_without_a_search(store):
+    runner = PlantedRunner([lambda scene: True], rate=0.5)
+    (found,) = certified(store(dark(0)), runner)
+    assert (found.bucket, found.shrunk, runner.expert_rollouts) == ("flaky", None, 0)
+    assert found.detail.startswith("what is left of it is not shown to matter: it fails in ")
+    assert found.policy_rollouts == runner.policy_rollouts < 100
+
+
 def test_a_cause_that_is_the_targets_type_alone_is_certified_against_the_nominal_target(store):
     usual = SPACE.nominal().targets[0].object
     finding = next(shown for shown in map(dark, range(9)) if shown.targets[0].object != usual)

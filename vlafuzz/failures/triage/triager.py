@@ -118,7 +118,7 @@ class Triager:
         farther = [alone, *outward(space, alone, names)]
         firm = next((one for one in farther if oracle.answers([one], lead=FIRST)[0] is Answer.FAILS), None)
         firm = firm or max(farther, key=lambda one: oracle.rate(one).share)
-        if not oracle.rate(firm).failures:
+        if not oracle.rate(firm).rollouts:
             return oracle.spent, None
         farther_out = firm != alone
         free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
@@ -127,9 +127,13 @@ class Triager:
             drop = drop_confounders if CONFOUNDERS in names and oracle.lead > 1 else drop_values
             firm = drop(firm, oracle, space)
         shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
+        rate = oracle.rate(alone) if farther_out else shrunk.rate
+        if shrunk.hopeless:  # to shrink the whole failure would take 80 to 90 rollouts more, mostly in vain
+            triaged = replace(self._repeated(finding, rate), detail=shrunk.problem)
+            return oracle.spent, replace(triaged, policy_rollouts=oracle.spent)
         if not shrunk.minimal:
             return oracle.spent, None
-        search, rate = self._search(shrunk.scene), oracle.rate(alone) if farther_out else shrunk.rate
+        search = self._search(shrunk.scene)
         detail = f"farther out than it was found, where {rate.failures} of {rate.rollouts} rollouts around it fail"
         triaged = replace(
             self._repeated(finding, rate),
