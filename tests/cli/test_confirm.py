@@ -27,10 +27,9 @@ class There(RuleRunner):
     space, stages = SPACE, STAGES
 
     def evaluate(self, scenes, numbers) -> list[Outcome]:
-        outcomes = super().evaluate(scenes, numbers)
         self.asked.extend(scenes)
-        unfair = Outcome.invalid("settling", "it rolls away")
-        return [unfair if scene.targets[0].x > 0.08 else one for scene, one in zip(scenes, outcomes, strict=True)]
+        outcomes = zip(scenes, super().evaluate(scenes, numbers), strict=True)
+        return [Outcome.invalid("settling", "") if scene.targets[0].x > 0.08 else one for scene, one in outcomes]
 
 
 @pytest.fixture
@@ -54,9 +53,9 @@ def test_a_cause_holds_where_the_policy_fails_there_too_and_else_it_does_not(the
     printed = told(capsys, ["confirm", "found", "--world", OTHER, "--json"])
     assert [one["verdict"] for one in printed["causes"]] == ["holds", "does not hold", "undecided"]
     dark, light, far = printed["causes"]
-    (with_it, without), (also, beside) = dark["other"], light["other"]
+    (with_it, without), (also, _) = dark["other"], light["other"]
     assert with_it["failures"] == with_it["rollouts"] == without["rollouts"] >= 4
-    assert (without["failures"], also["failures"], beside["failures"]) == (0, 0, 0)
+    assert (without["failures"], also["failures"]) == (0, 0)
     assert far["why"] == "the scene or one without it is not fair there, or crashed"
     assert {scene.task for scene in asked} == {f"{OTHER}/pick-up"}
     assert len(set(asked)) == len(asked)  # each jittered
