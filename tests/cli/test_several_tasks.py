@@ -14,6 +14,7 @@ from vlafuzz.report.sources import view_of_store
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.stored import StoredResults
+from vlafuzz.worlds import task_of, tasks_named
 
 pytestmark = pytest.mark.usefixtures("folder")
 IDLE = ("--policy", "python:tests.doubles:make_idle", "--unchecked", "--no-certify", "--budget", "12")
@@ -99,3 +100,9 @@ def test_a_wrong_task_of_a_list_is_named_before_anything_runs(capsys):
     assert main(["run", *IDLE, "--task", "pick-up,put-under", "--store", "s.db"]) == 2
     assert "unknown task 'put-under'" in capsys.readouterr().err
     assert not Path("s.db").exists()
+
+
+@pytest.mark.libero
+def test_a_suite_is_its_tasks():
+    assert tasks_named("libero_goal, pick-up") == (*(f"libero_goal/{number}" for number in range(10)), "pick-up")
+    assert task_of("libero", "libero_goal") == task_of("libero:libero_goal", None) == "libero_goal"

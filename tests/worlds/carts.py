@@ -204,6 +204,12 @@ class _DependsOnProcess(Cart):
         self.mass += 1e-6 * (self.started % 1)
 
 
+class TwoTasks(Carts):
+    """Sound, with a second task that is the first one again."""
+
+    tasks = ("reach", "again")
+
+
 class Solved(Carts):
     """Success is said to hold from the start."""
 

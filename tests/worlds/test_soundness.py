@@ -7,6 +7,7 @@ import pytest
 from tests.cli.typed import typed
 from tests.worlds import carts, later_defects
 from vlafuzz.common.check import Check
+from vlafuzz.stored import StoredResults
 from vlafuzz.worlds.soundness import examine
 
 MODULE = "python:tests.worlds.carts"
@@ -111,3 +112,9 @@ def test_a_world_that_the_doctor_has_checked_is_not_new(tmp_path: Path, capsys, 
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
     typed(capsys, f"doctor --world {MODULE}:Expert")
     assert "is new here" not in first_run(tmp_path, capsys, f"{MODULE}:Expert")
+
+
+def test_all_tasks_of_a_world_are_one_command_and_one_store(tmp_path: Path, capsys):
+    first_run(tmp_path, capsys, f"{MODULE}:TwoTasks", "--task", "all", "--unchecked")
+    tasks = [run.task for run in StoredResults(tmp_path / "a.db").runs()]
+    assert tasks == [f"{MODULE}:TwoTasks/reach", f"{MODULE}:TwoTasks/again"]

@@ -36,7 +36,7 @@ def test_a_world_or_a_task_is_named(world: str | None, task: str | None, named: 
     [
         ("moon", None, "unknown world 'moon'"),
         ("libero", None, "--world libero: names no task"),
-        ("libero:libero_object", None, "--world libero: no task 'libero_object'"),
+        ("libero:object", None, "--world libero: no task 'object'"),
         ("libero:libero_object/0", "pick-up", "--world libero:libero_object/0, --task pick-up: two tasks"),
     ],
 )

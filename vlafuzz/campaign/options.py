@@ -78,7 +78,7 @@ class RunConfig:
         "--task",
         "What the robot is told to do.",
         "that of --scenes, or the first: `vlafuzz list worlds`",
-        of_run="Several with commas, or all: one after another.",
+        of_run="Several with commas, a suite, or all: one after another.",
     )
     robot: str | None = _option(
         WHAT,

@@ -287,7 +287,7 @@ def run_tasks(
         The runs, and in a sentence which tasks were not begun as the time was over.
     """
     policy = flags.get("policy") or default_policy(tasks[0], flags.get("robot"))
-    name = "all" if set(tasks) == set(tasks_named("all")) else "-".join(tasks)
+    name = "all" if set(tasks) == set(tasks_named("all")) else str(flags["task"])
     path = flags.get("store") or default_store(name, policy, flags.get("seed", 0))
     shared = {**flags, "store": path, "policy": policy}
     config = RunConfig(**{**shared, "task": None}, command=typed())

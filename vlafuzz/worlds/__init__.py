@@ -81,7 +81,7 @@ def no_pictures(task: str) -> str:
 
 
 def task_of(world: str | None, task: str | None) -> str | None:
-    """The task that ``--world`` or ``--task`` names, None for the default; a UsageError for none, or two."""
+    """The task, suite or list that ``--world`` or ``--task`` names, None for the default; a UsageError for two."""
     if world is None:
         return task
     name, named = parted(world)
@@ -95,7 +95,10 @@ def task_of(world: str | None, task: str | None) -> str | None:
         return None
     if not wanted and len(found.tasks) == 1:
         wanted = next(iter(found.tasks))
-    if (name not in known_worlds() and wanted in found.tasks) or f"{name}/{wanted}" in found.tasks:
+    own = name not in known_worlds()
+    if wanted and (members := found.suite(wanted)):
+        return ",".join(f"{name}/{one}" if own else one for one in members) if own or wanted == "all" else wanted
+    if (own and wanted in found.tasks) or f"{name}/{wanted}" in found.tasks:
         return f"{name}/{wanted}"
     if not wanted or not found.has(wanted):
         problem = f"--world {name}: no task {wanted!r}" if wanted else f"--world {world}: names no task"
@@ -121,10 +124,12 @@ def parted(world: str) -> tuple[str, str]:
 
 
 def tasks_named(names: str) -> tuple[str, ...]:
-    """The tasks of a list with commas, or all of the usual world; a UsageError if there is no such task."""
+    """The tasks of a list of tasks and suites with commas, or all of the usual world; a UsageError for unknown ones."""
     if names == "all":
         return tuple(usual_world().tasks)
-    tasks = tuple(dict.fromkeys(name.strip() for name in names.split(",")))
+    parts = [name.strip() for name in names.split(",")]
+    suites = {part: suite for world in known_worlds().values() for part in parts if (suite := world.suite(part))}
+    tasks = tuple(dict.fromkeys(task for part in parts for task in suites.get(part, [part])))
     if len(tasks) > 1:
         for name in tasks:
             world_of(name).task(name)

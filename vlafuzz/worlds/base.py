@@ -219,6 +219,10 @@ class World(ABC):
         """A judge of scenes, for which no policy is needed; ``settle``: with physics, which takes longer."""
         raise UsageError("this world checks its scenes when they are run", hint="`vlafuzz run --scenes`")
 
+    def suite(self, name: str) -> Sequence[str]:
+        """The tasks of a suite, in order: those that the world lists for ``all``, none where there is no such suite."""
+        return tuple(self.tasks) if name == "all" else ()
+
     def prompts(self, suite: str = "") -> Iterable[Prompt]:
         """What its tasks tell a policy in their nominal scenes: those of a suite, or the one of that name, or all."""
         for task in [suite] if suite else self.tasks:

@@ -58,6 +58,10 @@ class Libero(TableWorld):
     def maps(self, task: str) -> list[SceneMap]:
         return maps_of_targets(find_task(task).concerned, "is moved")
 
+    def suite(self, name: str) -> Sequence[str]:
+        is_suite = name.startswith("libero") and "/" not in name
+        return [str(of) for of in find_tasks(name)] if is_suite else super().suite(name)
+
     def prompts(self, suite: str = "") -> Iterable[Prompt]:
         """What tasks of a suite, or of all four usual ones, tell a policy."""
         for name in [suite] if suite else SUITES:
