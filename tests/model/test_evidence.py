@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from tests.failures.triage.planted import SPACE
+from tests.failures.triage.planted import SPACE, WITH_EXTRAS
 from vlafuzz.model import Camera, Light, Placement, Scene, Threshold
 from vlafuzz.model.phrasing import describe, signature
+from vlafuzz.model.scene import PictureLoss
 from vlafuzz.model.space import spoken
 from vlafuzz.worlds.tabletop.space import SearchSpace
 
@@ -73,13 +74,15 @@ BRIGHT, DARK = replace(NOMINAL, light=Light(6.5)), replace(NOMINAL, light=Light(
 TILTED = replace(NOMINAL, camera=Camera(pitch=-3.0))
 WITH_APPLE = replace(NOMINAL, confounders=(Placement("apple", "upright", 0.1, 0.2),))
 
+FROZEN = replace(NOMINAL, picture_loss=PictureLoss(duration=7))
+
 
 def beyond(path: str, value: float):
     return ((path, value),), ()
 
 
 def clause(group: str, scene: Scene, *fails) -> str:
-    return SPACE.clause(scene, group, NOMINAL, fails)
+    return WITH_EXTRAS.clause(scene, group, NOMINAL, fails)
 
 
 @pytest.mark.parametrize(
@@ -99,6 +102,13 @@ def clause(group: str, scene: Scene, *fails) -> str:
             "the camera is at least 1.2 cm up ↑",
         ),
         ("confounders", WITH_APPLE, (), "apple is on the table"),
+        ("picture-loss", FROZEN, (), "the pictures stop (duration 7 steps) while the hand approaches"),
+        (
+            "picture-loss",
+            FROZEN,
+            (beyond("picture_loss.duration", 4),),
+            "the pictures stop for at least 4 steps while the hand approaches",
+        ),
     ],
 )
 def test_a_cause_is_said_as_an_engineer_would(group: str, scene: Scene, fails, says: str):

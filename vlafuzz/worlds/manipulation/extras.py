@@ -116,7 +116,8 @@ class EventOperator(Extra):
     Nothing is more severe in the moment or in the direction of an event, only in its size.
     """
 
-    happens: ClassVar[str]  # what happens, in a clause that goes on with how much
+    happens: ClassVar[str]  # what happens, in a clause that goes on with ``by`` and how much
+    by: ClassVar[str]
     slot: ClassVar[int] = 0  # of the target that is concerned: a task with fewer has no such event
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
@@ -150,8 +151,8 @@ def _of_part(base: type[Kind], name: str, says: str, *, part: str = "", **about:
     return operator
 
 
-def _event(name: str, says: str, happens: str) -> type[EventOperator]:
-    return _of_part(EventOperator, name, says, happens=happens, slot=int(name == "goal-slide"))
+def _event(name: str, says: str, happens: str, by: str = "by") -> type[EventOperator]:
+    return _of_part(EventOperator, name, says, happens=happens, by=by, slot=int(name == "goal-slide"))
 
 
 EVENT_KINDS = (
@@ -159,9 +160,9 @@ EVENT_KINDS = (
     _event("goal-slide", "how far the second target is slid in mid-episode", "the second target slides away"),
     _event("camera-bump", "how far the camera is turned in mid-episode", "the camera is turned"),
     _event("light-switch", "a factor on all lights in mid-episode", "the light changes"),
-    _event("picture-loss", "for how long the policy sees nothing new", "the pictures stop"),
-    _event("control-stall", "for how long the robot stands still in mid-episode", "the robot stands still"),
-    _event("grip-slip", "for how long the fingers open by themselves", "the fingers open"),
+    _event("picture-loss", "for how long the policy sees nothing new", "the pictures stop", "for"),
+    _event("control-stall", "for how long the robot stands still in mid-episode", "the robot stands still", "for"),
+    _event("grip-slip", "for how long the fingers open by themselves", "the fingers open", "for"),
     _event("target-topple", "whether the target falls over in mid-episode", "the target falls over"),
     _event("grip-weak", "a factor on the fingers' force in mid-episode", "the grip weakens"),
     _event("instruction-change", "what the instruction says from mid-episode on", "the instruction changes"),

@@ -177,9 +177,12 @@ class TableSpace(Space):
             far = " or ".join(_distances(dict(low), dict(high)) for low, high in fails)
             return f"the camera is {_moved(self.rig.view, scene.camera, far)}"
         if issubclass(kind := kinds.OPERATORS[self.group(group)[0]], extras.EventOperator):
-            usual, when = self.values(other), _MOMENTS[getattr(scene, kind.part).when]
+            event, usual = getattr(scene, kind.part), self.values(other)
             size = " or ".join(beyond(low, high, usual) for low, high in fails)
-            return f"{kind.happens}{f' by {size}' if size else ''} {when}"
+            names = [field.name for field in fields(event) if field.name not in ("when", "rest", "direction")]
+            here = _fields(event, model.EVENTS[kind.part], names)
+            how = f" {kind.by} {size}" if size else f" ({here})" if here else ""
+            return f"{kind.happens}{how} {_MOMENTS[event.when]}"
         if group == kinds.CameraOrientation.name:
             return self._turns(scene, other, fails)
         if group in (kinds.TargetPosition.name, kinds.TargetOrientation.name) and not fails:
