@@ -10,9 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vlafuzz.model.conditions import Conditions
-from vlafuzz.model.outcome import Outcome
-from vlafuzz.model.scene import Scene
+from vlafuzz.model import Conditions, Outcome, Scene
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.worlds import task_in, usual_world, world_of
 
