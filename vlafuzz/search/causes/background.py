@@ -10,8 +10,8 @@ Numbers = NDArray[np.float64]
 RATES = np.array([0.04, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])  # of failure by chance; one holds
 PRIOR = np.array([0.5, 0.1, 0.08, 0.07, 0.06, 0.05, 0.05, 0.04, 0.03, 0.02])
 BEYOND, WORTH = 0.3, 4.0  # prior of the share of scenes that fail for a cause, and how many draws it is worth
-# Rollouts of the reference at most, and at first; more only of a policy that fails there. With four, and with
-# 50 in place of CONFIRMED_ALONE, four of 40 lists of failures without a cause were not empty; with these, one.
+# Rollouts of the reference at most, and at first; more only of a policy that fails there. With four,
+# more lists of failures without a cause were not empty.
 NOMINAL, SOON = 20, 8
 SHORT = 40  # proposals, of which two alone are spent on the reference at first
 SHARE, OFTEN = 30, 15  # proposals for each of them, and if it fails there: few where the budget is small
