@@ -210,6 +210,13 @@ class TwoTasks(Carts):
     tasks = ("reach", "again")
 
 
+class LazyExpert(ReadBack):
+    """Its expert never moves."""
+
+    def solve(self, now):
+        return [0.0]
+
+
 class Solved(Carts):
     """Success is said to hold from the start."""
 

@@ -29,6 +29,7 @@ DEFECTS = (
     ("OtherNominal", "nominal", "the nominal scene differs from the environment's own"),
     ("Solved", "start", "the nominal scene is solved before the first step"),
     ("NoSuccess", "world", "define success(now)"),
+    ("LazyExpert", "expert", "it does not solve the nominal scene"),
     ("DrawsDifferently", "pictures", "drawn differently a second time"),
     ("DrawingMoves", "pictures", "render must change no state"),
     ("DrawingCrashes", "pictures", "drawing raises RuntimeError: no display"),

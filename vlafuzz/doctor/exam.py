@@ -28,6 +28,7 @@ from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, Usage
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import guesses
+from vlafuzz.policies.harness import WIDTH
 from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.rollouts.setup import make_evaluator
@@ -137,7 +138,8 @@ class Exam:
         hears = len(others) > 1 and not (spec.privileged or spec.calibrated)
         yield verdicts.on_sense("hearing", interview.change(reworded(self._rewordings)) if hears else None)
         if not quick:
-            yield verdicts.on_sense("proprioception", interview.change(moved) if spec.state else None)
+            posed = spec.state and spec.action.width == WIDTH  # else its numbers have no pose of a hand
+            yield verdicts.on_sense("proprioception", interview.change(moved) if posed else None)
             together = interview.together() if spec.max_batch > 1 else None
             yield verdicts.on_batch(spec, interview.answers, together)
             yield verdicts.on_speed(spec, recorder.seconds, len(recorder.moments[0].executed))

@@ -141,7 +141,9 @@ def operators_of(parameters: Collection[Parameter]) -> dict[str, list[Parameter]
 
 def read_parameters(path: Path) -> tuple[Parameter, ...]:
     """The parameters of a YAML file; a CatalogueError with file and key if it is wrong."""
-    entries = validated(_FILE, read_yaml(path, CatalogueError), path, CatalogueError)
+    entries = validated(
+        _FILE, read_yaml(path, CatalogueError), path, CatalogueError, "a text with a comma needs quotation marks"
+    )
     try:
         return tuple(entry.parameter(name) for name, entry in entries.items())
     except UsageError as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
@@ -18,13 +19,14 @@ import numpy as np
 from vlafuzz.common.check import Check
 from vlafuzz.common.plugins import make_of
 from vlafuzz.errors import UsageError, VlafuzzError, sentence
+from vlafuzz.model import Monitor
 from vlafuzz.policies.base import Observation
 from vlafuzz.worlds.base import World
 from vlafuzz.worlds.parameters import Parameter, Value
 from vlafuzz.worlds.values import ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
-SIMULATORS = 7  # that ``glance`` makes
+SIMULATORS = 8  # that ``glance`` makes
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -69,13 +71,13 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
     exam = _Exam(world, task)
     others = (lambda: in_another_process(exam, reference), exam.values, exam.effects, exam.nominal)
-    yield from _done((exam.resets, exam.steps, exam.repeats, *others, exam.start, exam.pictures))
+    yield from _done((exam.resets, exam.steps, exam.repeats, *others, exam.start, exam.expert, exam.pictures))
 
 
 def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
     """What takes seconds of ``examine``: all that is seen in nominal scenes, in ``SIMULATORS`` simulators."""
     exam = _Exam(world, task)
-    yield from _done((exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.pictures))
+    yield from _done((exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.expert, exam.pictures))
 
 
 def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
@@ -85,7 +87,9 @@ def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
         except VlafuzzError as error:
             finding = Check("world", error.message, "refuse", error.hint or "")
         except Exception as error:  # of the user's code, or of the simulator
-            finding = Check("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", "mend it")
+            frame = traceback.extract_tb(error.__traceback__)[-1]
+            where = f"{frame.filename}, line {frame.lineno}"
+            finding = Check("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", f"mend {where}")
         yield finding
         if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
             return
@@ -215,6 +219,14 @@ class _Exam:
                 return Check("start", found, "warn", "narrow the range, or let unfair(values) say so")
         return Check("start", "no scene is solved before the first step")
 
+    def expert(self) -> Check:
+        if self.world.expert() is None:
+            return Check("expert", "the world has none")
+        if self._shown(self.nominal_values)[1]:
+            return Check("expert", "it solves the nominal scene")
+        follows = "no failure would be certified: mend solve or success, or raise horizon"
+        return Check("expert", "it does not solve the nominal scene", "warn", follows)
+
     def pictures(self) -> Check:
         world = self._opened()
         try:
@@ -242,7 +254,7 @@ class _Exam:
             world.close()
         if watched.differs(self.pair[0]) is not None:
             found = "what follows is another, if pictures are drawn meanwhile"
-            return Check("pictures", found, "refuse", "render must change no state and draw from no generator")
+            return Check("pictures", found, "refuse", "render must change no state and draw from no generator; MuJoCo: draw a copy of its data")
         return Check("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")
 
     # How rollouts are made.
@@ -300,14 +312,15 @@ class _Exam:
         (first, mine), (second, theirs) = pair
         if mine.differs(theirs) is not None or mine.picture != theirs.picture:
             return True
-        return self._solved(one, first) != self._solved(one, second)
+        usual = self.nominal_values
+        return self._shown(usual | {one.name: first})[0] != self._shown(usual | {one.name: second})[0]
 
-    def _solved(self, one: Parameter, value: Value) -> list[bytes]:
-        """The states of a rollout of the expert with this value; none without an expert."""
-        expert, world = self.world.expert(), self._opened()
+    def _shown(self, values: Values) -> tuple[list[bytes], bool]:
+        """The states of a rollout of the expert, and whether it succeeds; without an expert there are none."""
+        expert, world, monitor = self.world.expert(), self._opened(), Monitor(tuple(self.world.stages))
         if expert is None:
-            return []
-        state, states = world.reset(self.nominal_values | {one.name: value}, SEED), list[bytes]()
+            return [], False
+        state, states = world.reset(dict(values), SEED), list[bytes]()
         while len(states) < world.horizon and not world.ended(state):
             seen = np.asarray(world.observe(state), dtype=np.float32)
             asked = Observation("exam", len(states), "", state=seen, privileged=state)
@@ -315,8 +328,9 @@ class _Exam:
                 if not world.ended(state):
                     state = world.step(state, action)
                     states.append(world.fingerprint(state))
+                    monitor.observe(state)
         world.close()
-        return states
+        return states, monitor.success_once
 
     def _far(self) -> dict[str, Value]:
         """A fair scene in which as much as possible is not nominal."""
