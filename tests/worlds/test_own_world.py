@@ -1,5 +1,6 @@
 """A world from outside the package: runs, causes, triage, reports, corpora and regress work on it."""
 
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,13 @@ def test_a_report_a_corpus_and_regress_work(store: Path, tmp_path: Path, capsys)
 
 def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path, capsys):
     assert "the file names" in typed(capsys, ["report", str(store)], code=2).err
+
+
+def test_the_command_to_see_a_failure_is_accepted_as_it_is_printed(store: Path, capsys):
+    (line,) = [
+        line for line in typed(capsys, ["report", str(store), "--trust"]).out.splitlines() if "vlafuzz replay" in line
+    ]
+    typed(capsys, [*shlex.split(line.partition("vlafuzz ")[2]), "--no-film"])
 
 
 @pytest.mark.parametrize(

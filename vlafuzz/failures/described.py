@@ -182,7 +182,7 @@ def _repeats(failures: int, repeats: int) -> str:
 
 
 def _replay(source: pathlib.Path, scene: Scene, policy: str) -> str:
-    return command("replay", source, scene.digest[:12], "--policy", policy)
+    return command("replay", source, scene.digest[:12], "--policy", policy, names=[scene.task])
 
 
 def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | None = None) -> tuple[Deviation, ...]:

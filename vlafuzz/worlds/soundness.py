@@ -77,7 +77,9 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
 def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
     """What takes seconds of ``examine``: all that is seen in nominal scenes, in ``SIMULATORS`` simulators."""
     exam = _Exam(world, task)
-    yield from _done((exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.expert, exam.pictures))
+    yield from _done(
+        (exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.expert, exam.pictures)
+    )
 
 
 def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
@@ -254,7 +256,8 @@ class _Exam:
             world.close()
         if watched.differs(self.pair[0]) is not None:
             found = "what follows is another, if pictures are drawn meanwhile"
-            return Check("pictures", found, "refuse", "render must change no state and draw from no generator; MuJoCo: draw a copy of its data")
+            follows = "render must change no state and draw from no generator; with MuJoCo, draw a copy of its data"
+            return Check("pictures", found, "refuse", follows)
         return Check("pictures", f"{drawn[0].shape[1]} × {drawn[0].shape[0]} pixels, the same again")
 
     # How rollouts are made.
