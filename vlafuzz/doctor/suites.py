@@ -25,7 +25,7 @@ COMMON = ("the", "and", "pick", "put", "place")  # words that may be part of a t
 
 
 class Problem(NamedTuple):
-    """What is wrong with a task, in a sentence; ``check``: ``words``, ``scene``, ``duplicate``, ``goal``, ``still``."""
+    """A sentence says what is wrong; ``check`` is ``words``, ``scene``, ``duplicate``, ``goal`` or ``still``."""
 
     task: str
     check: str
@@ -33,7 +33,7 @@ class Problem(NamedTuple):
 
 
 def of_words(prompts: Sequence[Prompt]) -> Iterator[Problem]:
-    """What is wrong with the words of tasks, each beside its scene and beside the others'."""
+    """Return what is wrong with the words of tasks, compared with their scenes and with one another."""
     known = {thing for prompt in prompts for thing in prompt.things}
     first = dict[tuple[str, tuple[str, ...]], Prompt]()
     for prompt in prompts:

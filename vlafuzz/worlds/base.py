@@ -70,7 +70,7 @@ class SceneMap:
 
 @dataclass(frozen=True, kw_only=True)
 class Prompt:
-    """What a task tells a policy, with what its words can be compared with; all in words, and empty if unknown.
+    """The words that a task tells a policy, and those with which they are compared; empty where they are unknown.
 
     Attributes:
         things: in its scene; ``wanted``: those that its goal moves.
@@ -224,7 +224,7 @@ class World(ABC):
         return tuple(self.tasks) if name == "all" else ()
 
     def prompts(self, suite: str = "") -> Iterable[Prompt]:
-        """What its tasks tell a policy in their nominal scenes: those of a suite, or the one of that name, or all."""
+        """Return what tasks tell a policy in nominal scenes: those of a suite, the one of that name, or all."""
         for task in [suite] if suite else self.tasks:
             scene = self.space(task, next(iter(self.robots))).nominal()
             yield Prompt(task=task, words=scene.instruction, goal=task)

@@ -75,7 +75,7 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
 
 
 def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
-    """What takes seconds of ``examine``: all that is seen in nominal scenes, in ``SIMULATORS`` simulators."""
+    """Run the checks of ``examine`` that take seconds: those in nominal scenes, in ``SIMULATORS`` simulators."""
     exam = _Exam(world, task)
     yield from _done(
         (exam.resets, exam.steps, exam.repeats, exam.nominal, exam.nominal_start, exam.expert, exam.pictures)

@@ -63,7 +63,7 @@ class Libero(TableWorld):
         return [str(of) for of in find_tasks(name)] if is_suite else super().suite(name)
 
     def prompts(self, suite: str = "") -> Iterable[Prompt]:
-        """What tasks of a suite, or of all four usual ones, tell a policy."""
+        """Return what the tasks of a suite, or of all four usual ones, tell a policy."""
         for name in [suite] if suite else SUITES:
             for of in [find_task(name)] if "/" in name else find_tasks(name):
                 named = {*of.things, *of.interest, *(thing for atom in of.goal for thing in atom[1:])}
