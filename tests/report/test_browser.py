@@ -144,20 +144,19 @@ def test_everything_that_can_be_clicked_can_be_reached_by_keyboard(page: "sync.P
 
 
 def test_dragging_along_a_row_of_lines_chooses_a_range_of_its_axis(page: "sync.Page"):
-    plot = page.locator(".plot", has_text="a line each").locator("svg")
+    plot = page.locator(".plot", has_text="a line each")
     plot.scroll_into_view_if_needed()
-    box, name = plot.bounding_box(), plot.locator("text").nth(1).text_content().partition(":")[0]
-    row = box["y"] + (22 + 38) * box["width"] / 340
-    page.mouse.move(box["x"] + box["width"] * 0.3, row - 2)
+    box, name = plot.locator(".overlay").nth(1).bounding_box(), plot.locator(".name text").nth(1).text_content()
+    page.mouse.move(box["x"] + box["width"] * 0.3, box["y"] + 5)
     page.mouse.down()
-    page.mouse.move(box["x"] + box["width"] * 0.6, row + 2)
+    page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 9)
     page.mouse.up()
     page.get_by_label(f"Highest {name}").wait_for(timeout=5000)
 
 
 def test_a_dot_opens_its_card(page: "sync.Page"):
     dot = page.locator(".plot a").first
-    card = dot.get_attribute("href")
+    card = dot.evaluate("(link) => link.href.baseVal")
     dot.focus()
     page.keyboard.press("Enter")
     eventually(page, f"location.hash === '{card}'")
@@ -166,7 +165,7 @@ def test_a_dot_opens_its_card(page: "sync.Page"):
 def test_a_dot_shows_the_picture_of_its_card_while_it_is_pointed_at(page: "sync.Page"):
     dot = page.locator(".plot").first.locator("a").last  # no other one lies on it
     dot.hover(force=True)
-    card = dot.get_attribute("href")
+    card = dot.evaluate("(link) => link.href.baseVal")
     assert page.locator("img.preview").get_attribute("src") == page.locator(f"{card} .fails video").get_attribute(
         "poster"
     )

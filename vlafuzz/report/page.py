@@ -78,8 +78,9 @@ def _script(data: object) -> Markup:
 @cache
 def environment() -> Environment:
     """The templates of pages."""
+    folder = Path(__file__).parent
     made = Environment(
-        loader=FileSystemLoader(Path(__file__).parent),
+        loader=FileSystemLoader(folder),
         autoescape=True,  # names and instructions are untrusted text
         finalize=_shown,
         undefined=StrictUndefined,
@@ -91,7 +92,7 @@ def environment() -> Environment:
         "film_id": film_id,
         "data": lambda content, kind: f"data:{kind};base64,{_encoded(content)}",
     }
-    made.globals["interval"] = interval
+    made.globals |= {"interval": interval, "library": lambda: Markup((folder / "plot.min.js").read_text("utf-8"))}
     return made
 
 

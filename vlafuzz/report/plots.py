@@ -61,10 +61,6 @@ class Axis:
         low, high, here = (np.log(max(one, 1e-9)) if self.log else one for one in (self.low, self.high, value))
         return float(min(max((here - low) / (high - low), 0.0), 1.0)) if high > low else 0.5
 
-    def at(self, share: float) -> float:
-        """The value at a position."""
-        return self.low * (self.high / self.low) ** share if self.log else self.low + (self.high - self.low) * share
-
     def says(self, value: float) -> str:
         """A value with its unit."""
         return f"× {value:.3g}" if self.unit == "×" else f"{value:.3g}{self.unit}"
@@ -167,7 +163,6 @@ def _rated(axis: Axis, values: Numbers, failed: Mask) -> Axis:
     weights = np.exp(-(((ends[:, None] - shares) / width) ** 2) / 2)
     worth = weights.sum(axis=1) ** 2 / (weights**2).sum(axis=1)  # scenes that would tell as much with equal weights
     rates = np.clip(weights @ failed / weights.sum(axis=1), 0, 1)
-    found = zip(ends.tolist(), rates.tolist(), worth.tolist(), strict=True)
-    return replace(
-        axis, curve=tuple((axis.at(end), (rate, *wilson(rate * number, number))) for end, rate, number in found)
-    )
+    places = (np.geomspace if axis.log else np.linspace)(axis.low, axis.high, PLACES)
+    found = zip(places.tolist(), rates.tolist(), worth.tolist(), strict=True)
+    return replace(axis, curve=tuple((at, (rate, *wilson(rate * number, number))) for at, rate, number in found))
