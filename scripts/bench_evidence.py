@@ -27,8 +27,8 @@ from strategies.search import search
 from strategies.triaged import Runner, cells_first
 
 from vlafuzz.common.statistics import Share
-from vlafuzz.failures.triage.jobs import known_to
-from vlafuzz.failures.triage.known import certified
+from vlafuzz.failures.triage.certify import certified
+from vlafuzz.failures.triage.pipeline import known_to
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model import Scene, Threshold
 from vlafuzz.search import registry

@@ -31,8 +31,7 @@ from bench_serving import server
 
 from vlafuzz.campaign import config, launch
 from vlafuzz.common.plugins import trust
-from vlafuzz.failures.triage.jobs import runner_of_run
-from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.failures.triage.pipeline import runner_of_run, triage
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.registry import Place, place_of

@@ -15,7 +15,7 @@ from vlafuzz.cli import load, main, named
 from vlafuzz.common.plugins import EVERYTHING, check_trusted, trusting
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.corpus.folder import write_corpus
-from vlafuzz.failures.triage.jobs import runner_of_run
+from vlafuzz.failures.triage.pipeline import runner_of_run
 from vlafuzz.report.films import RunFilms
 from vlafuzz.store.store import Store
 

@@ -31,8 +31,7 @@ from vlafuzz.failures.corpus.diff import Difference, diff_policies
 from vlafuzz.failures.corpus.policies import bisect_checkpoints, compare_policies
 from vlafuzz.failures.listed import failures_of
 from vlafuzz.failures.triage import pipeline
-from vlafuzz.failures.triage.jobs import Allowance
-from vlafuzz.failures.triage.pipeline import TriageSummary, summarise
+from vlafuzz.failures.triage.pipeline import Allowance, TriageSummary, summarise
 from vlafuzz.policies.base import Policy
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.search.base import looks_for_causes

@@ -169,7 +169,7 @@ def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None
     from vlafuzz.failures.corpus.export import export as export_corpus
     from vlafuzz.failures.corpus.export import tasks_of
     from vlafuzz.failures.corpus.folder import check_new, write_corpus
-    from vlafuzz.failures.triage.jobs import runner_of_run
+    from vlafuzz.failures.triage.pipeline import runner_of_run
     from vlafuzz.store.store import Store
 
     check_new(out)

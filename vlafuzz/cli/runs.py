@@ -31,8 +31,15 @@ from vlafuzz.doctor.exam import checked_plan
 from vlafuzz.errors import PolicyError, StoreError
 from vlafuzz.failures.causes import CauseList, causes_of
 from vlafuzz.failures.events import told as told_early
-from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
-from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable, certify_causes, hours, pace
+from vlafuzz.failures.triage.pipeline import (
+    PER_CAUSE,
+    Allowance,
+    affordable,
+    certify_causes,
+    hours,
+    pace,
+    runner_of_run,
+)
 from vlafuzz.model import Verdict
 from vlafuzz.report.cards import evidence, told
 from vlafuzz.report.tables import half_in_words, half_of_run, rate_of, standings_of

@@ -19,8 +19,7 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number
 
 if TYPE_CHECKING:
-    from vlafuzz.failures.triage.jobs import Allowance
-    from vlafuzz.failures.triage.pipeline import Progress, TriageSummary
+    from vlafuzz.failures.triage.pipeline import Allowance, Progress, TriageSummary
     from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.store.store import Store
 
@@ -54,8 +53,7 @@ def command(
     if not store.is_file():
         raise UsageError(f"{store}: no such store", hint="`vlafuzz run` says where its store is")
     from vlafuzz.failures.causes import all_causes
-    from vlafuzz.failures.triage.jobs import Allowance, runner_of_run
-    from vlafuzz.failures.triage.pipeline import hours, summarise, triage, usual_workers
+    from vlafuzz.failures.triage.pipeline import Allowance, hours, runner_of_run, summarise, triage, usual_workers
     from vlafuzz.failures.triage.triager import Unjudged
     from vlafuzz.rollouts.registry import place_of
     from vlafuzz.store.store import Store

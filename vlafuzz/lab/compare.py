@@ -14,8 +14,7 @@ from vlafuzz.common.statistics import Estimate, Share
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.failures.triage.jobs import Allowance, runner_of_run, work
-from vlafuzz.failures.triage.pipeline import HERE, findings_in_order, job_of
+from vlafuzz.failures.triage.pipeline import HERE, Allowance, findings_in_order, job_of, runner_of_run, work
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.lab.comparison import Comparison, Counted, compare_runs
 from vlafuzz.lab.runs import Job, SpeedOf, complete

@@ -8,8 +8,7 @@ import numpy as np
 from tests.search.worlds import Remembering
 from vlafuzz.failures.triage.certify import Shrunk, certify
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
-from vlafuzz.failures.triage.reference import Reference
-from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.shrink import Reference, shrink
 from vlafuzz.model import Scene, Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.extras import EXTRAS

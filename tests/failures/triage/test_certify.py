@@ -15,7 +15,7 @@ from vlafuzz.failures.triage.certify import Shrunk, certify_one
 from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
-from vlafuzz.failures.triage.reference import Reference
+from vlafuzz.failures.triage.shrink import Reference
 from vlafuzz.model import Outcome, Rate, Scene, Verdict
 from vlafuzz.store.records import Attribution, FoundCause, Judged, Triaged, Trial
 from vlafuzz.store.store import Store

@@ -8,8 +8,7 @@ import pytest
 
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedRunner, fill, scenes
-from vlafuzz.failures.triage.jobs import known_to
-from vlafuzz.failures.triage.pipeline import triage
+from vlafuzz.failures.triage.pipeline import known_to, triage
 from vlafuzz.model import Scene
 from vlafuzz.store.records import Triaged
 from vlafuzz.store.store import Store

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, STAGES, TILTED, Planted, fair
 from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import certify
-from vlafuzz.failures.triage.reference import Reference
-from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.shrink import Reference, shrink
 from vlafuzz.model import Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.space import GROUPS

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 
 from tests.failures.triage.planted import DARK, EDGES, SPACE, STAGES, Condition, Planted
-from vlafuzz.failures.triage.attribute import attribute
+from vlafuzz.failures.triage.attribute import Located, attribute, locate
 from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
 from vlafuzz.failures.triage.path import Path, directed, free_genes
-from vlafuzz.failures.triage.thresholds import Located, locate
 from vlafuzz.model import Camera, Causes, Rate, Scene, Verdict
 from vlafuzz.model.phrasing import describe
 from vlafuzz.store.records import Judged

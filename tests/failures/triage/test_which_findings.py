@@ -11,8 +11,7 @@ from tests.failures.triage.runners import PlantedRunner, fill, scenes, triaged
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SimulatorError
 from vlafuzz.failures.triage import pipeline
-from vlafuzz.failures.triage.jobs import Allowance
-from vlafuzz.failures.triage.pipeline import Progress, cause_findings, triage
+from vlafuzz.failures.triage.pipeline import Allowance, Progress, cause_findings, triage
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.registry import Place

@@ -1,6 +1,13 @@
-"""Attribute: which operators a failure needs, and from which values on it does; by intervention."""
+"""Attribute: which operators a failure needs, and from which values on; by intervention.
 
+A threshold is where along a path a policy starts to fail, and where beyond it passes: found by single rollouts.
+"""
+
+from __future__ import annotations
+
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,10 +15,59 @@ from numpy.typing import NDArray
 from vlafuzz.failures.triage.certify import Shrunk
 from vlafuzz.failures.triage.oracle import Oracle
 from vlafuzz.failures.triage.path import Path, direction, free_genes, steps
-from vlafuzz.failures.triage.thresholds import Seen, locate
-from vlafuzz.model import Causes, Gene, Scene, Space, Threshold
+from vlafuzz.model import Causes, Gene, Rate, Scene, Space, Threshold
 from vlafuzz.model.evidence import Values
 from vlafuzz.model.space import CONFOUNDERS
+
+NARROW = 1  # grid step: no interval needs to be narrower,
+NARROW_SHARE = 0.15  # nor than this share of the way to the scene that fails
+MOST = 16  # rollouts that narrow down a crossing, where the failure rate rises slowly
+FEW, SELDOM = 8, 0.25  # outcomes of a run that say how it is beyond the scene; of those there, so few pass
+CLEAR = 2  # failures more than passes at one place, or the reverse, that say how it is there
+_INTERVAL = (0.025, 0.975)  # 95 %
+_LIKELY = (0.4, 0.6)  # the next rollouts are where the crossing is below with these probabilities
+_SLACK = 0.2  # of a step, by which an interval may end beyond the step that it is rounded to
+_CELLS = 240  # of the grid over the crossing
+_WIDTHS = 9  # of the rise, from far less than a step to half of the path, weighted by their square roots
+_SHARPEST = 0.15  # steps
+# Failure rates far before and far beyond the crossing, as distances from 0 and 1, with their weights.
+_LAPSES, _WEIGHTS = (0.01, 0.06, 0.2), (0.5, 0.3, 0.2)
+_MOST_BY_CHANCE = 0.5  # of the background; beyond, the rise is too small to be located
+
+
+class Located(NamedTuple):
+    """Where a path starts to fail, in its steps.
+
+    Attributes:
+        crossing: the first step whose failure rate is above one half; the 95 % interval of where the rate crosses one
+            half goes from ``low`` to ``high``.
+        until: the last step that is known to fail; None where nothing beyond passes.
+    """
+
+    crossing: int
+    low: int
+    high: int
+    until: int | None
+
+
+class Seen(NamedTuple):
+    """Outcomes of a run in scenes in which all else that matters is as in the failing scene, or farther off.
+
+    Attributes:
+        outcomes: how far each scene is along the path, in its steps, and whether it failed.
+        otherwise: failure rate of scenes that are off in the other direction, or not at all.
+    """
+
+    outcomes: Sequence[tuple[float, bool]] = ()
+    otherwise: float = 0.0
+
+    def suffices(self, path: Path) -> bool:
+        """Whether they show that it mostly fails up to the end of the range."""
+        beyond = [failed for step, failed in self.outcomes if step >= path.length]
+        return len(self.outcomes) >= FEW and len(beyond) >= 2 and beyond.count(False) <= len(beyond) * SELDOM
+
+
+UNSEEN = Seen()
 
 
 def attribute(
@@ -64,11 +120,11 @@ def _seen(
 ) -> Seen:
     """The outcomes of a run that tell where a single number starts to make the policy fail."""
     if len(genes) != 1 or CONFOUNDERS in shrunk.operators:  # scenes with fewer confounders lack values
-        return Seen()
+        return UNSEEN
     others = [one for name in shrunk.operators if name != genes[0].operator for one in space.group(name)]
     taken = free_genes(space, shrunk.scene, others, start)
     if not {gene.kind for gene in (*genes, *taken)} <= {"real", "angle"}:
-        return Seen()
+        return UNSEEN
     usual = space.values(start)
 
     def away(scene: Scene) -> NDArray[np.float64]:
@@ -83,3 +139,106 @@ def _seen(
         elif min(beside, default=1.0) >= 1:
             outcomes.append((along * abs(whole[0]), failed))
     return Seen(outcomes, (sum(elsewhere) + 1) / (len(elsewhere) + 2))
+
+
+def locate(path: Path, oracle: Oracle, first: Rate | None, last: Rate, seen: Seen = UNSEEN) -> Located | None:
+    """Find where a path to a failing scene starts to fail, by a fit to all that is known and to a few more rollouts.
+
+    Args:
+        first: failure rate of the path's first scene, which passes; None where it still has to be tried.
+        last: failure rate of the scene that it leads to.
+
+    Returns:
+        None if the first scene does not pass, or there are too few rollouts left.
+    """
+    if not path.length or not (first or _fails(path, oracle, 0) is False):
+        return None
+    on = path.end == path.length or seen.suffices(path) or _fails(path, oracle, path.end) is not False
+    crossing = Crossing(path.length, first.failures / first.rollouts if first and first.rollouts else 0.0)
+    crossing.add(0, first.failures if first else 0, first.rollouts if first else CLEAR)
+    crossing.add(path.length, last.failures, last.rollouts)
+    for far, failed in seen.outcomes:
+        if far <= (path.end if on else path.length):
+            crossing.add(far, int(failed), 1, seen.otherwise)
+    if not _narrow(path, oracle, crossing):
+        return None
+    low, middle, high = crossing.quantiles(_INTERVAL[0], 0.5, _INTERVAL[1])
+    end = min(math.ceil(high - _SLACK), path.length)
+    return Located(max(math.ceil(middle), 1), math.floor(low + _SLACK), end, None if on else path.length)
+
+
+def _fails(path: Path, oracle: Oracle, step: int) -> bool | None:
+    """Whether the policy fails at a step; None where that cannot be judged."""
+    ahead = 0
+    while abs(ahead) < CLEAR:
+        (fails,) = oracle.sample([path.at(step)])
+        if fails is None:
+            return None
+        ahead += 1 if fails else -1
+    return ahead > 0
+
+
+def _narrow(path: Path, oracle: Oracle, crossing: Crossing) -> bool:
+    """Roll out where the crossing may be, until its interval is narrow; whether there were enough rollouts left."""
+    spent, unfair = 0, set[int]()
+    narrow = max(NARROW, NARROW_SHARE * path.length)
+    while spent < MOST:
+        low, high = crossing.quantiles(*_INTERVAL)
+        fair = [step for step in range(math.floor(low), math.ceil(high) + 1) if step not in unfair]
+        if high - low <= narrow or not fair:
+            break
+        before, beyond = crossing.quantiles(*_LIKELY)
+        guesses = math.floor(before), math.ceil(beyond)
+        steps = sorted({min(fair, key=lambda step: abs(step - guess)) for guess in guesses})
+        for step, fails in zip(steps, oracle.sample([path.at(step) for step in steps]), strict=True):
+            if fails is not None:
+                crossing.add(step, fails, 1)
+                spent += 1
+            elif not oracle.room:
+                return False
+            else:
+                unfair.add(step)
+    return True
+
+
+class Crossing:
+    """The posterior of the step at which the failure rate is one half, somewhere between 0 and ``upper``.
+
+    The rate rises as a logistic function between two asymptotes, as in fits of psychometric functions (Kontsevich,
+    Tyler 1999 <https://doi.org/10.1016/S0042-6989(98)00285-5>). Its width and both asymptotes are unknown, too, and
+    integrated out on a grid. Where a policy fails by chance, it is half the rise.
+
+    Args:
+        background: failure rate at the beginning.
+    """
+
+    def __init__(self, upper: float, background: float = 0.0) -> None:
+        edges = np.linspace(0.0, upper, _CELLS + 1)
+        widths = np.geomspace(_SHARPEST, max(upper / 2, 2 * _SHARPEST), _WIDTHS)
+        chance = min(background, _MOST_BY_CHANCE) if background > max(_LAPSES) else 0.0
+        low, high = chance + (1 - chance) * np.array(_LAPSES), 1 - np.array(_LAPSES)
+        self._edges = edges
+        centres, self._width, self._low, self._high = np.meshgrid(
+            (edges[:-1] + edges[1:]) / 2, widths, low, high, indexing="ij"
+        )
+        half = (max(0.5, chance + (1 - chance) / 2) - self._low) / (self._high - self._low)  # of the rise
+        self._middle = centres - self._width * np.log(half / (1 - half))
+        self._weight = np.sqrt(self._width) * np.multiply.outer(_WEIGHTS, _WEIGHTS)
+        self._weight /= self._weight.sum()
+
+    def add(self, step: float, failures: int, rollouts: int, otherwise: float = 0.0) -> None:
+        """Take the outcomes of rollouts at one step into account.
+
+        Args:
+            otherwise: probability that such a rollout fails for another reason.
+        """
+        scaled = np.clip((step - self._middle) / self._width, -50.0, 50.0)
+        rate = self._low + (self._high - self._low) / (1 + np.exp(-scaled))
+        rate = otherwise + (1 - otherwise) * rate
+        self._weight *= rate**failures * (1 - rate) ** (rollouts - failures)
+        self._weight /= self._weight.sum()
+
+    def quantiles(self, *shares: float) -> list[float]:
+        """Steps below which the crossing lies with these probabilities."""
+        below = np.concatenate([[0.0], np.cumsum(self._weight.sum(axis=(1, 2, 3)))])
+        return [float(step) for step in np.interp(shares, below / below[-1], self._edges)]

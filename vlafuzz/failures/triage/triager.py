@@ -8,12 +8,10 @@ from enum import Enum
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import Shrunk, certify, certify_one
-from vlafuzz.failures.triage.known import by_known_cause
+from vlafuzz.failures.triage.certify import Shrunk, by_known_cause, certify, certify_one
 from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Oracle
 from vlafuzz.failures.triage.path import deviating, directed, free_genes, outward
-from vlafuzz.failures.triage.reference import Reference, find_reference
-from vlafuzz.failures.triage.shrink import drop_confounders, drop_values, shrink
+from vlafuzz.failures.triage.shrink import Reference, drop_confounders, drop_values, find_reference, shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.model.phrasing import signature
