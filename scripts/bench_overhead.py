@@ -30,7 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from tests.search.toy import Region, Toy, near
-from vlafuzz.campaign import config, launch
+from vlafuzz.campaign import config
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.campaign.tally import Tally
 from vlafuzz.rollouts.executor import LocalExecutor
@@ -110,7 +110,7 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
             with Store.open(first.store, "write") as store:
                 for name in options.strategies:
                     prepared = plan(options, name, options.rollouts, folder)
-                    summary = launch.fuzz(prepared, store, executor, lambda tally: None, alone=True)
+                    summary = config.fuzz(prepared, store, executor, lambda tally: None, alone=True)
                     spent = {"search": summary.search_seconds, "store": summary.store_seconds}
                     row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
                     row |= {"proposals": summary.proposals, "seconds": summary.seconds}

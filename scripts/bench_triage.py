@@ -29,7 +29,7 @@ from typing import Any
 
 from bench_serving import server
 
-from vlafuzz.campaign import config, launch
+from vlafuzz.campaign import config
 from vlafuzz.common.plugins import trust
 from vlafuzz.failures.triage.pipeline import runner_of_run, triage
 from vlafuzz.policies.base import Policy
@@ -79,7 +79,7 @@ def measure(place: str, options: argparse.Namespace, folder: Path) -> tuple[dict
             workers=where.workers,
             executor=where.kind,
         )
-        launch.start(config.plan(run), lambda tally: None)
+        config.start(config.plan(run), lambda tally: None)
         assert run.store is not None
         with Store.open(run.store, "write") as store:
             some = store.findings()[: options.findings]

@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from vlafuzz.campaign import config, launch
+from vlafuzz.campaign import config
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.store.store import Store
 
@@ -49,7 +49,7 @@ class Bench:
     def start(self, count: int) -> None:
         """Workers that have all evaluated a scene."""
         prepared, began = self._plan("random", count, 0), time.perf_counter()
-        executor = self._stack.enter_context(closing(launch.make_executor(prepared)))
+        executor = self._stack.enter_context(closing(config.make_executor(prepared)))
         scenes = [prepared.space.decode(proposal.genome) for proposal in prepared.strategy.ask(count)]
         for _ in executor.run((number, [scene]) for number, scene in enumerate(scenes)):
             pass
@@ -58,7 +58,7 @@ class Bench:
     def _campaign(self, strategy: str, count: int, repetition: int) -> tuple[float, dict[str, int]]:
         prepared = self._plan(strategy, count, repetition)
         with Store.open(prepared.store, "write") as store:
-            summary = launch.fuzz(prepared, store, self._executors[count], lambda tally: None, alone=True)
+            summary = config.fuzz(prepared, store, self._executors[count], lambda tally: None, alone=True)
         return summary.rollouts / summary.seconds, summary.verdicts
 
     def _plan(self, strategy: str, count: int, repetition: int) -> config.Plan:

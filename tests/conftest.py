@@ -59,10 +59,10 @@ def pytest_terminal_summary(terminalreporter) -> None:
 def folder(tmp_path, monkeypatch):
     """Runs happen in a folder of their own, without a simulator: in the dark, policies fail."""
     from tests.doubles import ClosedForm
-    from vlafuzz.campaign import launch
+    from vlafuzz.campaign import config
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     return tmp_path
 
 

@@ -14,7 +14,7 @@ from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner
 from tests.report.stores import store as stored_findings
 from vlafuzz import api
 from vlafuzz.api import fuzz, triage
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.failures import regions
 from vlafuzz.failures.corpus.folder import write_corpus
@@ -52,7 +52,7 @@ def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
 def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(draws, "FIRST", 60)  # random scenes for shares, here and in ``regions``: more take seconds
     monkeypatch.setattr(regions, "DRAWN", 100)
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator([DARK]))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: PlantedEvaluator([DARK]))
     monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner([DARK]))
     run = fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db")
     store = vlafuzz.open_store(run.store)

@@ -19,7 +19,7 @@ from tests.documentation import ROOT, files, text
 from tests.doubles import ClosedForm
 from tests.report.stores import store
 from tests.worlds.tabletop.sim.scenes import evaluate, nominal, pick_up, put
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import COMMANDS, main
 from vlafuzz.model import Verdict
 from vlafuzz.policies.serving import serving
@@ -75,7 +75,7 @@ def test_the_example_of_an_own_policy_picks_up_what_it_sees(save):
 
 def test_the_example_of_an_own_strategy_runs(save, monkeypatch, capsys):
     save(OWN_STRATEGY)
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
     assert told(capsys, "run --strategy python:mine:make --budget 30 --store a.db --json")["rollouts"] == 30
 
 

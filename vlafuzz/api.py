@@ -20,8 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.campaign import launch
-from vlafuzz.campaign.config import RunConfig, plan
+from vlafuzz.campaign.config import SEARCH, RunConfig, plan, start
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
@@ -68,7 +67,7 @@ def fuzz(
     flags.setdefault("workers", 1)  # more are processes, which run the caller's script again
     planned = plan(RunConfig(policy=name, **flags), policy=_kept_open(own) if own else None)
     certifying = looks_for_causes(planned.strategy) if certify is None else certify
-    summary = launch.start(planned, watch, until.after(launch.SEARCH) if certifying else until)
+    summary = start(planned, watch, until.after(SEARCH) if certifying else until)
     if summary.unjudged and summary.first_error:
         raise VlafuzzError(summary.unjudged, hint=f"the errors are in {summary.store}: store.trials()")
     if certifying:

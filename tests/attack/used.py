@@ -19,7 +19,7 @@ from vlafuzz.failures.described import unusual
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.policies import built_in
 
-PLACES = ("campaign.launch", "campaign.replay", "rollouts.scene_runner")
+PLACES = ("campaign.config", "campaign.replay", "rollouts.scene_runner")
 RUN = {
     "task": "pick-up", "strategy": "random", "vary": ["light", "camera-position"], "batch": 2, "repeats": 1,
     "time": "1m", "label": "a", "operators": "tabletop", "robot": "panda",

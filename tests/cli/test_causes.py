@@ -8,7 +8,7 @@ import pytest
 from tests.cli.typed import told, typed
 from tests.failures.triage.planted import DARK, TILTED
 from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner, interrupted
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.store import Store
@@ -22,7 +22,7 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
     """Runs happen in a folder of their own, without a simulator: policies fail in the dark, or if tilted."""
     faults = [lambda scene: DARK(scene) or TILTED(scene)]
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: PlantedEvaluator(faults))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: PlantedEvaluator(faults))
     monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner(faults))
     return tmp_path
 

@@ -12,7 +12,7 @@ import pytest
 from tests.cli.typed import complaint
 from tests.doubles import ClosedForm, Gone, Raising
 from tests.failures.triage.runners import PlantedRunner, interrupted
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts import scene_runner as runner
@@ -31,7 +31,7 @@ def dark(scene: Scene) -> bool:
 def without_simulator(tmp_path: Path, monkeypatch) -> Path:
     """In the dark the policy fails."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+    monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
     monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner([dark]))
     return tmp_path
 
@@ -196,7 +196,7 @@ def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
 
 
 def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert "ended in an error, first: ConnectionError: refused" in refused(capsys, code=3)
 
 
@@ -204,7 +204,7 @@ def test_done_twice_nothing_is_run_again(capsys, monkeypatch, folder: Path):
     compare("--json")
     first = capsys.readouterr().out
     assert json.loads(first) == json.loads((folder / "out/compare.json").read_text())
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--json")
     assert capsys.readouterr().out == first
@@ -243,7 +243,7 @@ def test_the_same_command_goes_on_after_an_interruption(monkeypatch, capsys):
     whole = told_by(capsys, "--store", "whole.db")
     with monkeypatch.context() as patched:
         stopping = Raising(KeyboardInterrupt(), after=20)  # scenes of all runs
-        patched.setattr(launch, "make_evaluator", lambda *_: stopping)
+        patched.setattr(config, "make_evaluator", lambda *_: stopping)
         compare(code=130)
     assert "hint: the same command continues" in capsys.readouterr().err
     assert [status for *_, status in runs()] == ["finished", "interrupted"]
@@ -262,10 +262,10 @@ def test_a_run_that_others_answered_is_refused(capsys):
 
 
 def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys, folder: Path):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Gone(after=20))
     assert "8 scenes in a row had no answer" in refused(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]
     assert not (folder / "out" / "compare.json").exists()
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
     compare()
     assert {status for *_, status in runs()} == {"finished"}

@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.typed import typed
 from tests.doubles import ClosedForm, Idle
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.policies.harness import release
@@ -51,12 +51,12 @@ def chatty() -> Idle:
 
 
 def test_sigterm_ends_a_run_in_order_and_names_what_is_stored_to_go_on(monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Signalled())
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Signalled())
     before = signal.getsignal(signal.SIGTERM)
     assert main(["run", "--policy", "frozen", *FLAGS]) == 130
     assert "interrupted: all trials so far are stored in a.db\nhint: continue with" in capsys.readouterr().err
     assert signal.getsignal(signal.SIGTERM) is before
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: signal.raise_signal(signal.SIGTERM))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: signal.raise_signal(signal.SIGTERM))
     said = typed(capsys, ["run", "--policy", "frozen", *FLAGS[:-1], "b.db"], code=130).err
     assert "interrupted: nothing is stored yet" in said
     assert "--resume" not in said

@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.typed import IDLE, complaint, typed
 from tests.doubles import ClosedForm
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.model.scene_lines import load_scenes
 
@@ -21,7 +21,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A store of two runs."""
     path = tmp_path_factory.mktemp("made") / "a.db"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+        patch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
         main(["run", *IDLE, "--budget", "30", "--store", str(path)])
         main(["run", *IDLE, "--budget", "10", "--store", str(path), "--seed", "1"])
     return path

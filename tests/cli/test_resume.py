@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.typed import complaint, told, typed
 from tests.doubles import Raising
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.resume import resume
 from vlafuzz.cli import main
@@ -28,7 +28,7 @@ def run(*flags: str, code: int = 0) -> None:
 def cut(monkeypatch, *flags: str, after: int = 5) -> None:
     """A run that Ctrl-C ends."""
     with monkeypatch.context() as patched:
-        patched.setattr(launch, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=after))
+        patched.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt(), after=after))
         run(*flags, code=130)
 
 
@@ -167,7 +167,7 @@ def test_there_must_be_something_to_go_on_with(capsys):
 
 
 def test_a_second_run_in_a_store_is_told_at_once_who_writes(monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: pytest.fail("the simulator was started first"))
     with Store.open(Path("a.db"), "write"):
         message = complaint(capsys, ["run", *IDLE, "--store", "a.db"])
     assert "is writing to it" in message

@@ -9,7 +9,7 @@ import pytest
 
 from tests.cli.typed import IDLE, complaint, told, typed
 from tests.doubles import ClosedForm, Gone, Raising, scene
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.forecast import Speed
 from vlafuzz.cli import main
@@ -125,7 +125,7 @@ def test_findings_are_an_exit_code_where_asked_for(folder: Path, light: float, c
 
 
 def test_a_run_in_which_nothing_was_judged_is_no_success(monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     shown = typed(capsys, ["run", *IDLE, "--store", "a.db", "--config", "fail-on-finding=true"], code=3)
     assert "ConnectionError: refused" in shown.out
     assert "stopped: 8 scenes in a row ended in an error, the last: ConnectionError: refused" in shown.err
@@ -144,13 +144,13 @@ def test_a_label_is_named_before_the_policy(capsys):
 
 
 def test_a_run_whose_policy_goes_away_says_how_to_go_on(monkeypatch, capsys):
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Gone(after=20))
     asked = ["run", *IDLE, "--budget", "40", "--store", "a.db", "--json"]
     assert typed(capsys, asked, code=3).err.splitlines() == [
         "error: 8 scenes in a row had no answer: policy: connect: refused",
         "hint: when the policy is back, continue with `vlafuzz run --resume --store a.db --trust`",
     ]
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
     assert main(["run", "--resume", "--trust", "--store", "a.db"]) == 0
 
 
@@ -158,9 +158,9 @@ def test_a_run_of_given_scenes_finds_them_again(folder: Path, monkeypatch, capsy
     lights = [2.0**power for power in range(-4, 5)]
     write_scenes(folder / "given.jsonl", [scene(light, y=0.05 * y) for light in lights for y in range(-2, 3)])
     given = ["run", *IDLE, "--store", "a.db", "--scenes", "given.jsonl"]
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Gone(after=20))
     assert main(given) == 3
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: ClosedForm())
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
     (folder / "given.jsonl").rename(folder / "moved.jsonl")
     write_scenes(folder / "given.jsonl", [scene()])
     capsys.readouterr()
@@ -174,7 +174,7 @@ def test_a_run_of_given_scenes_finds_them_again(folder: Path, monkeypatch, capsy
 
 def test_a_run_that_an_earlier_version_chose_from_a_file_is_not_resumed(folder: Path, monkeypatch, capsys):
     write_scenes(folder / "given.jsonl", [scene(y=0.01 * number) for number in range(30)])
-    monkeypatch.setattr(launch, "make_evaluator", lambda *_: Gone(after=20))
+    monkeypatch.setattr(config, "make_evaluator", lambda *_: Gone(after=20))
     assert main(["run", *IDLE, "--store", "a.db", "--scenes", "given.jsonl"]) == 3
     with sqlite3.connect(folder / "a.db") as database:
         database.execute("UPDATE run SET scene_file = json_set(scene_file, '$.flag', 'pool'), strategy = 'nsga2'")

@@ -8,7 +8,7 @@ import pytest
 
 from tests.cli.typed import told, typed
 from tests.doubles import ClosedForm, Raising
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.store.records import Manifest
@@ -26,7 +26,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     store = tmp_path_factory.mktemp("mixed") / "mixed.db"
     other = ["--policy", "expert", "--strategy", "random", "--workers", "1"]
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(launch, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
+        patched.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
         for flags in (["--task", "pick-up"], ["--task", "put-on"], ["--task", "pick-up", *other]):
             assert main(["run", *IDLE, *flags, "--store", str(store)]) == 0
     return store
@@ -87,7 +87,7 @@ def test_an_interrupted_list_of_tasks_goes_on_where_it_was(monkeypatch, capsys):
         return end if manifest.task == "put-on" else ClosedForm(manifest.repeats)
 
     with monkeypatch.context() as patched:
-        patched.setattr(launch, "make_evaluator", evaluator)
+        patched.setattr(config, "make_evaluator", evaluator)
         patched.setattr("sys.argv", ["vlafuzz", "run", *wanted])
         assert shlex.join(["vlafuzz", "run", *wanted, "--resume"]) in typed(capsys, ["run", *wanted], code=130).err
     assert main(["run", *wanted, "--resume"]) == 0

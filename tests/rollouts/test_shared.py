@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from tests.rollouts.models import Counter, Sleeper, deadly, refused, unmade
-from vlafuzz.campaign import config, launch
+from vlafuzz.campaign import config
 from vlafuzz.errors import PolicyError, UsageError
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.policies.harness import Harness
@@ -53,7 +53,7 @@ def ask(policy: SharedPolicy, name: str = "scene", instruction: str = "move") ->
 
 def trials(store: Path, workers: int, policy: str, executor: str | None = None) -> list[tuple[object, ...]]:
     flags = {"policy": policy, "strategy": "nsga2", "budget": 6, "batch": 3, "seed": 5}
-    summary = launch.start(
+    summary = config.start(
         config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)), lambda tally: None
     )
     assert summary.rollouts == 6

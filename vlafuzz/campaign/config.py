@@ -1,18 +1,21 @@
-"""Plan: the objects that a RunConfig names, all of them checked."""
+"""Plan: the objects that a RunConfig names, all of them checked; and the start of its run."""
 
 import hashlib
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.campaign.causes import causes_like
-from vlafuzz.campaign.fuzz import PATIENCE, Proposed
+from vlafuzz.campaign.fuzz import PATIENCE, Campaign, Proposed
 from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
 from vlafuzz.campaign.options import RunConfig as RunConfig
+from vlafuzz.campaign.tally import Summary, Tally
+from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import OBJECT
 from vlafuzz.errors import SceneError, UsageError, check_number, suggestion
 from vlafuzz.model import Scene, Space, Task
@@ -20,21 +23,24 @@ from vlafuzz.model.conditions import check_choice, check_label
 from vlafuzz.model.scene_lines import is_document, load_scenes
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.servers import names_its_model
+from vlafuzz.rollouts.executor import Executor
 from vlafuzz.rollouts.lockstep import lanes_for
 from vlafuzz.rollouts.policies import check_policy_name
-from vlafuzz.rollouts.registry import Place, default_workers, place_of, policy_at
-from vlafuzz.rollouts.setup import here
+from vlafuzz.rollouts.registry import Place, default_workers, executor_at, place_of, policy_at
+from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.causes.strategy import Causes
 from vlafuzz.search.proposals import InOrder, Pool
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
+from vlafuzz.store.store import Store
 from vlafuzz.worlds import default_task, provenance, world_of
 
 BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
 STRATEGY = "causes"  # identifies most planted faults: scripts/bench_strategies.py
 MOST = 2**63 - 1  # the largest integer of SQLite
+SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -209,3 +215,29 @@ def _settings(config: RunConfig, task: str) -> dict[str, Any]:
             raise UsageError(f"{name} {value}: not for {task}", hint=f"leave {name} out")
         check_choice(name, value, settings[name].options)
     return {name: value for name, value in chosen.items() if value != settings[name].default}
+
+
+def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None = None) -> Summary:
+    """Run a plan; after the deadline no scene is begun, and the run can be resumed."""
+    # The store first: it shows at once whether it can be written, while a simulator takes seconds to start.
+    with Store.open(plan.store, "write") as store, closing(make_executor(plan)) as executor:
+        return fuzz(plan, store, executor, watch, deadline=deadline or Deadline())
+
+
+def fuzz(plan: Plan, store: Store, executor: Executor, watch: Callable[[Tally], None], **options: Any) -> Summary:
+    """Run a plan in an open store with an existing executor; ``options``: see ``Campaign``."""
+    planned = {name: getattr(plan, name) for name in ("manifest", "space", "strategy", "patience", "resume")}
+    return Campaign(**planned, executor=executor, store=store, watch=watch, **options).run()
+
+
+def make_executor(plan: Plan) -> Executor:
+    """The executor of a plan, with its evaluator."""
+    return executor_at(plan.place, partial(make_evaluator, plan.manifest), plan.policy)
+
+
+def stands_alone(policy: str) -> str:
+    """Why no stored outcome answers for a policy whose model nobody names, as a note."""
+    return (
+        f"note: {policy}: nothing says which model that is, so no stored outcome answers, and none of this "
+        "run will later; ?version=NAME in the policy's name, or --label NAME of `run`, says which it is"
+    )

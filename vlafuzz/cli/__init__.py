@@ -32,7 +32,7 @@ COMMANDS = {
     "regress": ("vlafuzz.cli.corpora:regress", "Check whether a policy got worse on an exported corpus."),
     "diff": ("vlafuzz.cli.corpora:diff", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.corpora:bisect", "Find out which of several checkpoints broke a policy."),
-    "confirm": ("vlafuzz.cli.confirm:command", "Say which certified causes hold in another world, too."),
+    "confirm": ("vlafuzz.cli.corpora:confirm", "Say which certified causes hold in another world, too."),
     "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: success rates with intervals."),
     "lint": ("vlafuzz.cli.lint:lint", "Check whether the scenes of a file are fair."),
     "serve": ("vlafuzz.cli.serve:serve", "Serve a policy to clients of other tools."),

@@ -1,8 +1,9 @@
-"""``vlafuzz regress``, ``diff`` and ``bisect``: policies compared in scenes of a corpus or store."""
+"""``vlafuzz regress``, ``diff``, ``bisect`` and ``confirm``: other policies or worlds in scenes of a corpus or store."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, VideosFlag, option, option_of
-from vlafuzz.cli.output import Bar, print_json, print_lines, print_rows
+from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
 
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from vlafuzz.failures.corpus.diff import Difference
     from vlafuzz.report.view import View
 
+UNFIT = 4  # exit code where the policy does not work in the other world, so that its failures there say nothing
 CorpusFlag = Annotated[Path, typer.Argument(help="A folder that `vlafuzz export --minimal` wrote.")]
 BaselineFlag = Annotated[
     str | None, option("Roll out this policy as the baseline, too.", "what the corpus recorded of its own")
@@ -197,3 +199,38 @@ def bisect(
         print_lines(f"{'' if result.in_time else '--time is over: '}{result.verdict}")
     if result.alarm:
         raise typer.Exit(1)
+
+
+def confirm(
+    source: Annotated[Path, typer.Argument(help="A store that `vlafuzz triage` worked on, or a corpus.")],
+    world: Annotated[str, option("The other world, which has the same tasks.", "none")],
+    trust: TrustFlag = False,
+    json: JsonFlag = False,
+) -> None:
+    """Say which certified causes hold in another world too, and which are the first simulator's own.
+
+    First the policy is rolled out in nominal scenes there: below 70 % success causes are not compared (exit code 4).
+    Then it is, jittered, in the scene of each cause and in its passing neighbours, as certification does: a cause holds
+    if it is shown to fail more often, most likely by 20 points; it does not where that has become improbable.
+    """
+    from vlafuzz.failures.causes import counted
+    from vlafuzz.failures.confirmation import confirm as confirmed_in
+
+    with interruptible("interrupted: nothing is stored") as bar:
+        result = confirmed_in(source, world, bar)
+    if json:
+        print_json(asdict(result))
+    else:
+        items = []
+        for one in result.causes:
+            here, there = (
+                f"fails {', without it '.join(counted(rate) if rate else 'unknown' for rate in rates)}"
+                for rates in (one.found, one.other)
+            )
+            why = f" ({one.why})" if one.why else ""
+            small = f"where it was found: {here} · {one.task} · {one.scene[:12]}"
+            items.append((one.cause, f"{one.verdict} in {world}{why}: {there}", small))
+        print_list(items, title=f"Causes of {source} in {world}")
+        print_lines(result.says)
+    if result.unfit:
+        raise typer.Exit(UNFIT)

@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import typer
 from rich.table import Table
 
-from vlafuzz.campaign.config import BUDGET, Plan, RunConfig, default_store
+from vlafuzz.campaign.config import BUDGET, SEARCH, Plan, RunConfig, default_store, start
 from vlafuzz.campaign.config import plan as plan_of
 from vlafuzz.campaign.forecast import Forecast, Speed
-from vlafuzz.campaign.launch import SEARCH, start
 from vlafuzz.campaign.options import AUTO, LEAST
 from vlafuzz.campaign.resume import begun
 from vlafuzz.campaign.resume import resume as resume_run

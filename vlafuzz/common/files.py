@@ -19,13 +19,13 @@ def reason(error: OSError) -> str:
 
 
 @contextmanager
-def writing(path: Path, hint: str = ELSEWHERE) -> Iterator[None]:
-    """Make the folder of a file that is written in this block; UsageError if the system refuses."""
+def writing(path: Path, hint: str = ELSEWHERE, problem: type[UsageError] = UsageError) -> Iterator[None]:
+    """Make the folder of what is written in this block; a ``problem`` if the system refuses."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
-        raise UsageError(f"{path}: cannot be written: {reason(error)}", hint) from None
+        raise problem(f"{path}: cannot be written: {reason(error)}", hint) from None
 
 
 @contextmanager

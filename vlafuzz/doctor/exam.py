@@ -14,9 +14,8 @@ from statistics import fmean, median
 import numpy as np
 
 from vlafuzz.campaign import config
-from vlafuzz.campaign.config import Plan, RunConfig
+from vlafuzz.campaign.config import Plan, RunConfig, stands_alone
 from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
-from vlafuzz.campaign.launch import stands_alone
 from vlafuzz.common.check import Check
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural

@@ -7,9 +7,8 @@ from functools import partial
 from itertools import groupby
 from typing import NamedTuple
 
-from vlafuzz.campaign.config import Plan
+from vlafuzz.campaign.config import Plan, fuzz, make_executor, stands_alone
 from vlafuzz.campaign.forecast import Forecast, Speed, usual_speed
-from vlafuzz.campaign.launch import fuzz, make_executor, stands_alone
 from vlafuzz.campaign.resume import check_version
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.text import duration, plural

@@ -11,7 +11,7 @@ from _pytest.mark import ParameterSet
 from tests.cli.typed import typed
 from tests.policies.clients import broken
 from tests.policies.clients.broken import ANSWERS, FAULTS, STEPS, Breaking, Server, bench
-from vlafuzz.campaign import launch
+from vlafuzz.campaign import config
 from vlafuzz.cli import main
 from vlafuzz.model import Verdict
 from vlafuzz.store.store import Store
@@ -31,7 +31,7 @@ def _cases(*all_of: tuple[object, ...], quick: set[tuple[object, ...]]) -> list[
 @pytest.fixture(autouse=True)
 def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(launch, "make_evaluator", bench)
+    monkeypatch.setattr(config, "make_evaluator", bench)
     for name in ("what", "place", "at", "asked"):
         monkeypatch.setattr(Breaking, name, getattr(Breaking, name))
 

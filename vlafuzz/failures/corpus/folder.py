@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BeforeValidator, ConfigDict, TypeAdapter, ValidationError
 
 from vlafuzz.common.assets import corpus_dir
-from vlafuzz.common.files import reason, replacing
+from vlafuzz.common.files import replacing, writing
 from vlafuzz.common.reading import MIB, decoded, first_problem, npy_array, read_bytes, read_json
 from vlafuzz.errors import CorpusError, SceneError, VlafuzzError
 from vlafuzz.failures.corpus.corpus import SCHEMA, Case, Control, Corpus, Evidence, Facts
@@ -122,26 +122,17 @@ def write_corpus(corpus: Corpus, folder: Path) -> None:
 def whole(folder: Path) -> Iterator[Path]:
     """A temporary folder that is renamed to ``folder`` at the end; checks like ``check_new``."""
     check_new(folder)
-    try:
-        with replacing(folder) as unfinished:
-            yield unfinished
-    except OSError as error:
-        raise _unwritable(folder, error) from None
+    with writing(folder, "give --out elsewhere", CorpusError), replacing(folder) as unfinished:
+        yield unfinished
 
 
 def check_new(folder: Path) -> None:
     """Raise a CorpusError if a folder exists already, or cannot be written."""
     if folder.exists():
         raise CorpusError(f"{folder}: exists already", hint="give --out a new folder")
-    try:
-        folder.mkdir(parents=True)
+    with writing(folder, "give --out elsewhere", CorpusError):
+        folder.mkdir()
         folder.rmdir()
-    except OSError as error:
-        raise _unwritable(folder, error) from None
-
-
-def _unwritable(folder: Path, error: OSError) -> CorpusError:
-    return CorpusError(f"{folder}: cannot be written: {reason(error)}", hint="give --out elsewhere")
 
 
 def _write(corpus: Corpus, folder: Path) -> None:
