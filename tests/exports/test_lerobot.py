@@ -19,7 +19,7 @@ from PIL import Image
 
 from tests.cli.typed import typed
 from tests.worlds.tabletop.sim.scenes import nominal
-from vlafuzz.exports.packed import Packed, packed
+from vlafuzz.exports.demonstrations import Packed
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
@@ -65,7 +65,7 @@ def pictures(number: int, steps: int) -> np.ndarray:
 def shown(number: int, steps: int) -> Packed:
     states, actions = np.random.default_rng(number).normal(size=(2, steps, 7)).astype(np.float32)
     about = replace(nominal(), instruction=f"pick up thing {number % 2}")
-    return packed(about, {"observation.images.front": pictures(number, steps)}, states, actions)
+    return Packed.of(about, {"observation.images.front": pictures(number, steps)}, states, actions)
 
 
 @pytest.fixture

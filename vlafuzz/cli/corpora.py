@@ -1,4 +1,4 @@
-"""``vlafuzz regress``, ``diff``, ``bisect`` and ``confirm``: other policies or worlds in scenes of a corpus or store."""
+"""``regress``, ``diff``, ``bisect`` and ``confirm``: other policies or worlds in scenes of a corpus or store."""
 
 from __future__ import annotations
 

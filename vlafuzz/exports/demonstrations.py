@@ -1,17 +1,18 @@
 """Demonstrations: the expert solves scenes as the policy of a run would have to, and is shown as that would see it."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Picture
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.exports.packed import Packed, packed
 from vlafuzz.exports.selection import WantedScene
 from vlafuzz.model import Actions, Latency, Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
@@ -23,11 +24,49 @@ from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.recording import to_png
+
+Numbers = NDArray[np.float32]
+Levels = NDArray[np.int64]
 
 UNFAIR = "its scene is not fair"
 BROKEN = "the simulator broke"
 UNSOLVED = "the expert does not solve it"
 UNPLAYED = "a replay of the expert's actions does not solve it"
+
+
+@dataclass(frozen=True, eq=False)
+class Packed:
+    """A demonstration, a solution from the start to success with one item per control step, its pictures as PNG.
+
+    Attributes:
+        pictures: by name, before the action; ``sizes``: their height, width and channels; ``levels``: see ``levels``.
+        states: float32 ``(steps, m)``, in the policy's layout; ``actions``: ``(steps, n)``, as it writes them.
+        finding: digest of the failing scene that it is for; empty for a random scene.
+    """
+
+    scene: Scene
+    pictures: Mapping[str, list[bytes]]
+    sizes: Mapping[str, tuple[int, ...]]
+    levels: Mapping[str, Levels]
+    states: Numbers
+    actions: Numbers
+    finding: str = ""
+
+    @classmethod
+    def of(
+        cls, scene: Scene, images: Mapping[str, Picture], states: Numbers, actions: Numbers, finding: str = ""
+    ) -> Self:
+        """A demonstration with its ``images``, ``(steps, height, width, 3)`` by name, compressed."""
+        pictures = {name: list(map(to_png, frames)) for name, frames in images.items()}
+        sizes = {name: frames.shape[1:] for name, frames in images.items()}
+        counts = {name: levels(frames) for name, frames in images.items()}
+        return cls(scene, pictures, sizes, counts, states, actions, finding)
+
+
+def levels(pictures: Picture) -> Levels:
+    """How often each level from 0 to 255 occurs, by channel, in images ``(n, height, width, 3)``: ``(3, 256)``."""
+    return np.array([np.bincount(pictures[..., channel].reshape(-1), minlength=256) for channel in range(3)])
 
 
 class ExpertRunner:
@@ -75,7 +114,7 @@ class ExpertRunner:
         names = self.interface.pictures.items()
         images = {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names}
         states = np.stack([self.interface.state(seen) for seen, _ in steps])
-        return packed(scene, images, states, np.stack([written for _, written in steps]), finding)
+        return Packed.of(scene, images, states, np.stack([written for _, written in steps]), finding)
 
     def close(self) -> None:
         for evaluator in (self._solving, *(evaluator for evaluator, _ in self._playing.values())):

@@ -16,7 +16,7 @@ import pyarrow
 import pyarrow.parquet
 from numpy.typing import NDArray
 
-from vlafuzz.exports.packed import Levels, Packed, Stats, summary, summary_of_levels
+from vlafuzz.exports.demonstrations import Levels, Packed
 
 VERSION = "v3.0"
 FILE_BYTES = 100 << 20  # of images in a file, before the next file begins
@@ -26,7 +26,9 @@ TASKS = "meta/tasks.parquet"
 STATE, ACTION = "observation.state", "action"
 _COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 NUMBERS = {"timestamp": "float32"} | dict.fromkeys(_COUNTERS, "int64")
+QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 Columns = dict[str, NDArray[Any]]
+Stats = dict[str, Any]  # nested lists of numbers
 
 
 class Dataset:
@@ -166,3 +168,29 @@ def _column(values: NDArray[Any]) -> pyarrow.Array:
         return pyarrow.array(values)
     flat = pyarrow.array(np.ascontiguousarray(values, dtype=np.float32).reshape(-1))
     return pyarrow.FixedSizeListArray.from_arrays(flat, values.shape[1])
+
+
+def summary(values: NDArray[Any]) -> Stats:
+    """Statistics of numbers ``(n,)`` or vectors ``(n, d)``, as lists of length 1 or d."""
+    table = values.reshape(len(values), -1).astype(np.float64)
+    stats = {"min": table.min(0), "max": table.max(0), "mean": table.mean(0), "std": table.std(0)}
+    stats |= zip(map(_named, QUANTILES), np.quantile(table, QUANTILES, axis=0), strict=True)
+    return {name: stat.tolist() for name, stat in stats.items()} | {"count": [len(values)]}
+
+
+def summary_of_levels(counts: Levels, pictures: int) -> Stats:
+    """Statistics of levels in [0, 1] by channel: lists (3, 1, 1). Quantiles are levels that occur."""
+    level, share = np.arange(256) / 255, counts / counts.sum(1, keepdims=True)
+    mean, below = share @ level, np.cumsum(share, axis=1)
+    stats = {
+        "min": level[(share > 0).argmax(1)],
+        "max": level[255 - (share[:, ::-1] > 0).argmax(1)],
+        "mean": mean,
+        "std": np.sqrt(((level - mean[:, None]) ** 2 * share).sum(1)),
+        **{_named(quantile): level[(below >= quantile - 1e-12).argmax(1)] for quantile in QUANTILES},
+    }
+    return {name: stat.reshape(3, 1, 1).tolist() for name, stat in stats.items()} | {"count": [pictures]}
+
+
+def _named(quantile: float) -> str:
+    return f"q{100 * quantile:02.0f}"

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.failures.mechanisms import dose
-from vlafuzz.model import Causes, Scene, Space, Threshold
+from vlafuzz.model import Causes, Scene, Space
 from vlafuzz.search.causes.units import Units
 from vlafuzz.search.probability import Probability, share_of_range, shared_out
 
@@ -40,23 +40,19 @@ class Band:
 
 def bands_of(space: Space, scene: Scene, causes: Causes) -> tuple[Band, ...]:
     """What the thresholds of a minimal scene bound: of a displacement along its farthest direction."""
-    return tuple(band for threshold in causes.thresholds for band in _bands(space, scene, threshold))
-
-
-def _bands(space: Space, scene: Scene, threshold: Threshold) -> list[Band]:
-    ways = {name: far for (operator, name), far in space.derived(scene).items() if operator == threshold.operator}
-    paths = [path for path, _ in threshold.at]
-    if not ways and len(paths) > 1:
-        return []  # several move together: no single range says which fail
-    quantity = max(ways, key=lambda way: abs(ways[way])) if ways else paths[0]
     values, bands = space.values(scene), list[Band]()
-    usual = float(space.quantity(space.nominal(like=scene), threshold.operator, quantity) or 0.0)
-    for ends in threshold.fails:
-        scenes = (space.compose(values | dict(end)) for end in ends if end)
-        low, *high = (float(space.quantity(one, threshold.operator, quantity)) for one in scenes)
-        first, last = sorted((low, high[0] if high else inf if low > usual else -inf))
-        bands.append(Band(threshold.operator, quantity, first, last))
-    return bands
+    for name, threshold in ((one.operator, one) for one in causes.thresholds):
+        ways = {way: abs(far) for (operator, way), far in space.derived(scene).items() if operator == name}
+        paths = [path for path, _ in threshold.at]
+        if not ways and len(paths) > 1:
+            continue  # several move together: no single range says which fail
+        quantity = max(ways, key=ways.__getitem__, default=paths[0])
+        usual = float(space.quantity(space.nominal(like=scene), name, quantity) or 0.0)
+        for ends in threshold.fails:
+            scenes = (space.compose(values | dict(end)) for end in ends if end)
+            low, *high = (float(space.quantity(one, name, quantity)) for one in scenes)
+            bands.append(Band(name, quantity, *sorted((low, high[0] if high else inf if low > usual else -inf))))
+    return tuple(bands)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from vlafuzz.failures.triage.contrast import HOPELESS, likely
 from vlafuzz.failures.triage.oracle import Answer, Oracle
-from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
+from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes, start_values
 from vlafuzz.failures.triage.shrink import Reference, drop_confounders, shrink
 from vlafuzz.model import Rate, Scene, Space
 from vlafuzz.model.space import CONFOUNDERS
@@ -232,7 +232,7 @@ def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> 
     whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
     kept = {gene.path for gene in free_genes(space, known.shrunk, operators, known.reference)}
     kept |= {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
-    start = space.nominal_values if reference.scene is None else space.values(reference.scene)
+    start = start_values(space, reference.scene)
     others = {
         gene.path: start[gene.path] for gene in space.genes if gene.path not in kept and gene.operator != space.subject
     }

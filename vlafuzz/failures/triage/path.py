@@ -23,7 +23,7 @@ def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: 
 
     The direction of a displacement counts only where both are displaced.
     """
-    values, start = space.values(scene), _start(space, reference)
+    values, start = space.values(scene), start_values(space, reference)
     both = _severe(space, values) & _severe(space, start)
     return [
         gene
@@ -35,7 +35,8 @@ def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: 
     ]
 
 
-def _start(space: Space, reference: Scene | None) -> Values:
+def start_values(space: Space, reference: Scene | None) -> Values:
+    """The values of a reference, by default the nominal ones."""
     return space.nominal_values if reference is None else space.values(reference)
 
 
@@ -62,7 +63,7 @@ class Path:
 
     def __init__(self, space: Space, scene: Scene, genes: Sequence[Gene], reference: Scene | None = None) -> None:
         self._space, self._scene = space, scene
-        self._values, self._start = space.values(scene), _start(space, reference)
+        self._values, self._start = space.values(scene), start_values(space, reference)
         self._away = {
             gene: steps(gene, self._start[gene.path], self._values[gene.path])
             for gene in genes

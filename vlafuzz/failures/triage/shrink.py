@@ -14,7 +14,7 @@ import numpy as np
 
 from vlafuzz.failures.triage.contrast import EFFECT
 from vlafuzz.failures.triage.oracle import LEAD, Answer, Oracle
-from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.failures.triage.path import Path, deviating, free_genes, start_values
 from vlafuzz.model import Gene, Scene, Space
 from vlafuzz.model.space import CONFOUNDERS
 
@@ -258,6 +258,6 @@ class _Shrinker:
         return self.space.nominal(like=self.best) if self.reference is None else self.reference
 
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
-        start = self.space.nominal_values if self.reference is None else self.space.values(self.reference)
+        start = start_values(self.space, self.reference)
         reset = {gene.path: start[gene.path] for gene in genes}
         return self.space.compose(self.space.values(self.best) | reset)
