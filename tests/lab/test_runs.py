@@ -8,8 +8,8 @@ from tests.doubles import ClosedForm, manifest
 from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
-from vlafuzz.lab import runs
-from vlafuzz.lab.runs import Job, complete, note_places, stored
+from vlafuzz.lab import compare
+from vlafuzz.lab.compare import Job, complete, note_places, stored
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -38,7 +38,7 @@ def executors(monkeypatch) -> list[Plan]:
         plans.append(planned)
         return LocalExecutor(ClosedForm())
 
-    monkeypatch.setattr(runs, "make_executor", make)
+    monkeypatch.setattr(compare, "make_executor", make)
     return plans
 
 
