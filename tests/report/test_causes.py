@@ -18,6 +18,7 @@ from vlafuzz.failures.listed import listing_of_store
 from vlafuzz.failures.triage.pipeline import cause_findings, triage
 from vlafuzz.model import Mechanism, Outcome, Rate, Scene
 from vlafuzz.model.scene import Slide
+from vlafuzz.report.cards import told
 from vlafuzz.report.page import render
 from vlafuzz.report.sources import view_of, view_of_store
 from vlafuzz.report.tables import cause_table
@@ -278,3 +279,11 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
     assert "goes on after the event: never (median of 5 rollouts; its solution in 4)" in found.causes[0].says
     says = "from the end of the event until the policy makes progress again"
     assert ("never (median of 5 rollouts; its solution in 4)", says) in view.causes[0].numbers
+
+
+def test_beside_an_estimated_rate_no_count_of_chosen_scenes_is_told():
+    found = CauseList(
+        run=1, of="", causes=(), unexplained=4, probability=Probability(0.8, 0.5, 0.9), found=0, certified=0, rollouts=0
+    )
+    assert told(found, (), 4, 11) == "No cause was found."
+    assert told(found, (), 4, 11, going_on=True) == "No cause is known yet."

@@ -31,6 +31,8 @@ def told(
     """
     if causes:
         return sentence(causes)
+    if found and found.probability and failed:  # most scenes were chosen: their count would contradict that estimate
+        return "No cause is known yet." if going_on else f"No cause was found{found.nominal}."
     if going_on:
         return f"{failed} of {plural(judged, 'scene')} failed so far; no cause is known yet."
     if not judged:
