@@ -1,15 +1,14 @@
 """Events in mid-episode: whether they had begun when the policy failed, and how soon there is progress after them."""
 
 from collections.abc import Collection, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, isfinite
 from statistics import median_high
 
 from vlafuzz.common.text import plural
 from vlafuzz.model import Outcome, Scene
-from vlafuzz.model.scene import EVENTS
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.events import begins
+from vlafuzz.worlds.events import begins, without
 
 
 def came_about(scene: Scene, outcome: Outcome) -> Scene:
@@ -19,7 +18,7 @@ def came_about(scene: Scene, outcome: Outcome) -> Scene:
         return scene
     stages = world_of(scene.task).task(scene.task).stage_names
     never = [name for name, one in scene.events.items() if all(begins(one, trace, stages) is None for trace in failing)]
-    return replace(scene, **{name: EVENTS[name] for name in never}) if never else scene
+    return without(scene, never) if never else scene
 
 
 def failed_before(scene: Scene, outcome: Outcome) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import atexit
 import hashlib
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from PIL import Image
@@ -79,7 +79,9 @@ class LiberoEpisode(Episode):
         due, _ = self._commands.exchange(action, self._spec.action.relative_to)
         events, slides = self._events, dict[int, Array]()
         if events.parts:
-            for event in events.begin(len(self.actions) - 1, self.monitor.progress):
+            for event in events.begin(
+                len(self.actions) - 1, self.monitor.progress, partial(self._setting.let_in, self.scene)
+            ):
                 self._setting.happen(self.scene, event)
                 if isinstance(event, InstructionChange):
                     self._instruction, left = STOP, self._last - len(self.actions) + 1

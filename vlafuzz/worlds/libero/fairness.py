@@ -10,7 +10,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Light, Placement, Rejection, Scene
 from vlafuzz.model.scene import EXTRAS
-from vlafuzz.worlds.events import NUMBERS, afterwards, unstoppable
+from vlafuzz.worlds.events import NUMBERS, afterwards, impossible, without
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
@@ -51,7 +51,8 @@ class Fairness:
             return Rejection("semantic", problem)
         # the rest of a scene decides nothing here
         judged = ("targets", "confounders", "start", "initial_pose", "camera")
-        seen = replace(nominal, light=Light(), **{part: getattr(scene, part) for part in judged})
+        first = without(scene, scene.events)
+        seen = replace(nominal, light=Light(), **{part: getattr(first, part) for part in judged})
         rejection = self._judged(seen, replace(nominal, start=scene.start))
         if rejection is None and scene.events:
             late = (self.check(afterwards(scene, share)) for share in SLID)
@@ -93,7 +94,7 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
             return f"{part}: scenes of {nominal.task} have none of their own"
     if scene.instruction_change.to in NUMBERS:
         return f"instruction-change: it names no other thing in {nominal.task}"
-    if problem := unstoppable(scene):
+    if problem := impossible(scene):
         return problem
     if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.placements):
         return "things: LIBERO's have one size, and rest as LIBERO places them"

@@ -67,7 +67,7 @@ class MujocoPhysics:
         self._touched = touched
         self._before: tuple[Array, Array] | None = None
         self.states_hash = hashlib.blake2b(digest_size=16)
-        return self._read()
+        return self.read()
 
     @property
     def poses(self) -> tuple[Placed, ...]:
@@ -96,16 +96,17 @@ class MujocoPhysics:
                 pose[:2] += shift / self._substeps
                 speed[[0, 1, 3, 4, 5]] = 0.0
             mujoco.mj_step(self.model, self.data, nstep=1 if slides else self._substeps)
-        return self._read()
+        return self.read()
 
-    def topple(self, pose: Placed) -> None:
-        now, speed = self._state_of(0)
-        now[2:], speed[:] = [pose.p[2], *pose.q], 0.0
+    def put(self, number: int, pose: Placed, up: float = 0.0, *, floats: bool = False) -> None:
+        now, speed = self._state_of(number)
+        now[2:], speed[:] = [pose.p[2] + up, *pose.q], 0.0
+        self.model.body_gravcomp[self.model.body(str(number)).id] = float(floats)
 
     def exchange(self, number: int) -> State:
         self._order[0], self._order[number] = self._order[number], self._order[0]
         self._label()
-        return self._read()
+        return self.read()
 
     def grip(self, force: float) -> None:
         for finger in range(ARM_JOINTS, len(self._targets)):
@@ -126,7 +127,7 @@ class MujocoPhysics:
         at, moves = joints + 7 * number, joints + 6 * number
         return self.data.qpos[at : at + 7], self.data.qvel[moves : moves + 6]
 
-    def _read(self) -> State:
+    def read(self) -> State:
         """The present state, which is added to the hash."""
         data = self.data
         self.states_hash.update(data.qpos.tobytes() + data.qvel.tobytes())

@@ -113,7 +113,7 @@ def belief(known: object) -> Belief:
     return Belief(
         a=things[0],
         b=things[1] if targets == 2 else None,
-        others=tuple(things[targets:]),
+        others=tuple(things[index] for index in state.there if index >= targets),
         tcp=state.tcp,
         tcp_rotation=state.tcp_rotation,
         held=state.held == 0,

@@ -10,7 +10,7 @@ import numpy as np
 
 from vlafuzz.common.text import ambiguous
 from vlafuzz.model import Camera, Placement, Rejection, Scene
-from vlafuzz.worlds.events import NUMBERS, STOP, afterwards, unstoppable
+from vlafuzz.worlds.events import STOP, afterwards, impossible
 from vlafuzz.worlds.manipulation.base import Visible
 from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import RIGS, Hand, Rig, rig
@@ -52,9 +52,7 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
     if not scene.events:
         return None
     change = scene.instruction_change
-    if NUMBERS.get(change.to, 0) > len(scene.confounders):
-        return Rejection("semantic", f"instruction-change: there is no {change.to} other thing")
-    if problem := unstoppable(scene):
+    if problem := impossible(scene):
         return Rejection("semantic", problem)
     if change.to == STOP and change.when != "approach" and task_named(scene.task).targets == 1:
         # what is in the hand by then, and a second later in the air, is there if one goes on as well

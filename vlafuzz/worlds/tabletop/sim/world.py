@@ -75,7 +75,7 @@ class World:
         self._touched = False
         self._before = None
         self.states_hash = hashlib.blake2b(digest_size=16)
-        return self._read()
+        return self.read()
 
     def step(self, action: Array, relative_to: str = "target", slides: Mapping[int, Array] | None = None) -> State:
         """Execute a metric action for one control step (see ``MetricArm``); the state after it.
@@ -90,7 +90,7 @@ class World:
             for index, shift in (slides or {}).items():
                 self._slide(self._placed[index], shift / self._substeps)
             system.step()
-        return self._read()
+        return self.read()
 
     def grip(self, force: float) -> None:
         """Let the fingers press with a share of their usual force."""
@@ -100,17 +100,21 @@ class World:
     def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
         return place(model, placement)
 
-    def topple(self, pose: sapien.Pose) -> None:
-        """Turn the first object, where it is, as in a pose on the table."""
-        body = self._placed[0]
-        body.entity_pose = sapien.Pose([*body.entity_pose.p[:2], pose.p[2]], pose.q)
+    def put(self, number: int, pose: sapien.Pose, up: float = 0.0, *, floats: bool = False) -> None:
+        """Turn an object, where it is, as in a pose on the table, or metres above.
+
+        ``floats``: whether it stays in the air.
+        """
+        body = self._placed[number]
+        body.entity_pose = sapien.Pose([*body.entity_pose.p[:2], pose.p[2] + up], pose.q)
         body.linear_velocity = body.angular_velocity = np.zeros(3, dtype=np.float32)
+        body.disable_gravity = floats
 
     def exchange(self, number: int) -> State:
         """Exchange the first object with another one in all states from now on; the present state."""
         self._bodies[0], self._bodies[number] = self._bodies[number], self._bodies[0]
         self._labels |= {body: index for index, body in enumerate(self._bodies)}
-        return self._read()
+        return self.read()
 
     @staticmethod
     def _slide(body: physx.PhysxRigidDynamicComponent, shift: Array) -> None:
@@ -120,7 +124,7 @@ class World:
         body.linear_velocity = np.array([0.0, 0.0, body.linear_velocity[2]], dtype=np.float32)
         body.angular_velocity = np.zeros(3, dtype=np.float32)
 
-    def _read(self) -> State:
+    def read(self) -> State:
         """The present state, which is added to the hash."""
         poses = self.poses
         places, quaternions = [pose.p for pose in poses], [pose.q for pose in poses]
