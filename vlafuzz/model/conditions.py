@@ -1,7 +1,5 @@
 """Conditions: everything beside the scene that decides an outcome, each field declared once with its role."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -50,7 +48,7 @@ class Model:
         """The name of the model: its label, or the ``version`` in the policy's name."""
         return self.label or dict(parse_qsl(self.policy.partition("?")[2])).get("version", "")
 
-    def replaces(self, other: Model) -> bool:
+    def replaces(self, other: Self) -> bool:
         """Whether the two are asked at one address, but are different models: then one at a time can be."""
         return self.address == other.address and self.which != other.which
 
@@ -121,7 +119,7 @@ class Setting(Generic[T]):
     default: T
     options: tuple[T, ...] = ()
 
-    def of(self, conditions: Conditions) -> T:
+    def of(self, conditions: "Conditions") -> T:
         """Its value under these conditions."""
         known: Mapping[str, Any] = conditions.world
         value: T = known.get(self.name, self.default)
@@ -226,7 +224,7 @@ class Conditions:
         return f"{self.policy}:{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
 
     def differences(
-        self, other: Conditions, *, roles: Collection[Role] = tuple(Role), origins: Collection[Origin] = tuple(Origin)
+        self, other: Self, *, roles: Collection[Role] = tuple(Role), origins: Collection[Origin] = tuple(Origin)
     ) -> tuple[str, ...]:
         """Names of the fields and settings, of some roles and origins, in which others differ."""
         differing = [
@@ -242,7 +240,7 @@ class Conditions:
             differing[at : at + 1] = [name for name in names if self.value(name) != other.value(name)]
         return tuple(differing)
 
-    def comparable(self, other: Conditions) -> bool:
+    def comparable(self, other: Self) -> bool:
         """Whether shares of failures may be compared: nothing but search, seed and place differs."""
         return not self.differences(other, roles=set(Role) - {Role.SEARCH, Role.SEED, Role.PLACE})
 

@@ -1,13 +1,11 @@
 """Gene: one coordinate of a scene on a grid of levels. Categories and counts are numbers, too."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,11 +33,11 @@ class Grid:
     wraps: bool = False
 
     @staticmethod
-    def choice(size: int, nominal: int = 0) -> Grid:
+    def choice(size: int, nominal: int = 0) -> "Grid":
         """One of ``size`` options, by index."""
         return Grid(0, size - 1, 1, nominal)
 
-    def narrowed(self, share: float) -> Grid:
+    def narrowed(self, share: float) -> Self:
         """The same grid with both ends so much nearer to nominal, at the nearest levels."""
         start = self._scaled(self.nominal)
         ends = (start + self.step * round(share * self._steps(end)) for end in (self.low, self.high))
@@ -136,7 +134,7 @@ class Gene:
     spread: Spread = "even"
     drawn: float = 1.0
 
-    def narrowed(self, share: float) -> Gene:
+    def narrowed(self, share: float) -> Self:
         """The gene with its range scaled towards nominal; a category is drawn that much less often."""
         if share == 1 or self.neutral:
             return self

@@ -1,7 +1,5 @@
 """Outcome: the rollouts of a scene and their verdict."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -79,15 +77,15 @@ class Outcome:
         return self.verdict is Verdict.PASSED
 
     @staticmethod
-    def invalid(check: str, detail: str) -> Outcome:
+    def invalid(check: str, detail: str) -> "Outcome":
         return Outcome(verdict=Verdict.INVALID, detail=detail, check=check)
 
     @staticmethod
-    def error(detail: str, *, unanswered: bool = False) -> Outcome:
+    def error(detail: str, *, unanswered: bool = False) -> "Outcome":
         return Outcome(verdict=Verdict.ERROR, detail=detail, unanswered=unanswered)
 
     @staticmethod
-    def of(rollouts: tuple[Rollout, ...], stages: tuple[str, ...]) -> Outcome:
+    def of(rollouts: tuple[Rollout, ...], stages: tuple[str, ...]) -> "Outcome":
         """PASSED if every rollout succeeded once, else FAILED at the worst one's first missing stage."""
         worst = min(rollouts, key=lambda rollout: (rollout.success_once, rollout.progress))
         if worst.success_once:

@@ -1,7 +1,5 @@
 """Space: every scene that a world's operators can make of a task, as points of a unit cube."""
 
-from __future__ import annotations
-
 import copy
 import math
 import re

@@ -1,7 +1,5 @@
 """Lockstep executor: several scenes at a time in this process, so that one call of the policy serves all."""
 
-from __future__ import annotations
-
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -70,7 +68,7 @@ class LockstepExecutor:
             lane.evaluator.close()
         release(self._policy)
 
-    def _idle(self) -> _Lane:
+    def _idle(self) -> "_Lane":
         for lane in self._lanes:
             if lane.job is None:
                 return lane
@@ -78,7 +76,7 @@ class LockstepExecutor:
         self._lanes.append(_Lane(policy, self._make(policy)))
         return self._lanes[-1]
 
-    def _tick(self, busy: Sequence[_Lane]) -> None:
+    def _tick(self, busy: Sequence["_Lane"]) -> None:
         """Resume the lanes whose pause is over, or else those that wait for the policy."""
         acting = [lane for lane in busy if isinstance(lane.asked, Observation)]
         until = {lane: lane.asked for lane in busy if isinstance(lane.asked, float)}

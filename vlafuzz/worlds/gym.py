@@ -3,8 +3,6 @@
 ``class Pole(GymWorld)`` is enough for ``vlafuzz run --world python:pole:Pole --policy python:pole:push``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -114,7 +112,7 @@ class GymWorld(ValuesWorld[Now]):
         return None
 
     @classmethod
-    def policy(cls, act: Any, *, name: str = "", deterministic: bool = True) -> Callable[[], GymPolicy]:
+    def policy(cls, act: Any, *, name: str = "", deterministic: bool = True) -> Callable[[], "GymPolicy"]:
         """A factory of a policy of this world, for ``--policy python:module:NAME``; also as a decorator.
 
         Args:

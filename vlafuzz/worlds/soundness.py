@@ -1,7 +1,5 @@
 """Whether a world of values can be believed: checks of its resets, steps, values and pictures, each a sentence."""
 
-from __future__ import annotations
-
 import math
 import random
 import traceback
@@ -12,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations, pairwise
 from multiprocessing import get_context
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -53,7 +51,7 @@ class Trace:
     solved: bool
     finite: bool
 
-    def differs(self, other: Trace) -> int | None:
+    def differs(self, other: Self) -> int | None:
         """The first step after which it is not as the other, 0 for the reset; None if there is none."""
         pairs = enumerate(zip(self.states, other.states, strict=False))
         first = next((step for step, (mine, theirs) in pairs if mine != theirs), None)

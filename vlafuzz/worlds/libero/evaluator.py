@@ -1,7 +1,5 @@
 """LiberoEvaluator runs a policy in scenes of LIBERO as the suites' own evaluations do, in workplaces that it shares."""
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 from functools import cached_property, partial
@@ -140,7 +138,7 @@ class LiberoEvaluator(SceneEvaluator):
             give_back(self._workplace)
             self._workplace = None
 
-    def _at(self, scene: Scene) -> Workplace:
+    def _at(self, scene: Scene) -> "Workplace":
         """The workplace for a scene: that of the check is that of the rollout."""
         cameras = [*self._policy.spec.cameras, *filter(None, [self.recorded])]
         # pictures of robots that stored scenes may have were cheaper

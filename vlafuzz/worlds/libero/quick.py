@@ -5,11 +5,9 @@ allows. For a camera that moves, edges are smoothed by drawing several pixels fo
 samples. A picture depends on nothing but the state, as LIBERO's own do.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +51,7 @@ class _Buffer:
         """Draw here, copy from here, or both."""
         self._gl.glBindFramebuffer(role, self._number)
 
-    def copy(self, target: _Buffer, what: int) -> None:
+    def copy(self, target: Self, what: int) -> None:
         """Copy colours or depths to a buffer of the same size; samples become pixels."""
         self.bind(self._gl.GL_READ_FRAMEBUFFER)
         target.bind(self._gl.GL_DRAW_FRAMEBUFFER)

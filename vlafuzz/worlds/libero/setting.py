@@ -3,8 +3,6 @@
 Where nothing deviates, the state is the suite's own, bit for bit.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple
 
@@ -115,7 +113,7 @@ class Setting:
         for owner, name, usual in self._lamps:
             getattr(owner, name)[:] = usual * intensity
 
-    def _swap(self, standing: Standing, positions: Array) -> None:
+    def _swap(self, standing: "Standing", positions: Array) -> None:
         for own, name in zip(self._task.things, self.env.task.things, strict=True):
             if name != own:
                 at, new = self._addresses[own], self._addresses[name]

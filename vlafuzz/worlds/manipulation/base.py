@@ -1,11 +1,9 @@
 """Operator, what all scene operators have in common, and its ranges as written in YAML."""
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -39,7 +37,7 @@ class Span(Strict):
     step: Step
 
     @model_validator(mode="after")
-    def _ordered(self) -> Span:
+    def _ordered(self) -> Self:
         if self.low > self.high:
             raise ValueError(f"low is above high: {self.low:g} > {self.high:g}")
         check_levels(self.low, self.high, self.step)
@@ -62,7 +60,7 @@ class Range(Span):
     nominal: Number
 
     @model_validator(mode="after")
-    def _around(self) -> Range:
+    def _around(self) -> Self:
         if not self.holds(self.nominal):
             raise ValueError(f"nominal {self.nominal:g} is not between {self.low:g} and {self.high:g}")
         return self

@@ -1,11 +1,9 @@
 """The operators that are off by default: what a scene may have besides, and what happens in mid-episode."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, replace
 from types import GenericAlias
-from typing import Any, ClassVar, TypeVar, get_type_hints
+from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 
 from pydantic import Field, create_model, model_validator
 
@@ -55,7 +53,7 @@ class Extra(Operator):
         )
 
     @model_validator(mode="after")
-    def _has_nominal(self) -> Extra:
+    def _has_nominal(self) -> Self:
         for field, span in self:
             nominal = self._nominal(field)
             if not (span.holds(nominal) if isinstance(span, Span) else nominal in span):

@@ -1,7 +1,5 @@
 """OperatorSet: the operators with their ranges, from YAML, narrowed by the user, kept in conditions."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -9,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, Field, ValidationError, create_model
 
@@ -47,10 +45,10 @@ class OperatorSet:
     operators: Mapping[str, Operator]
     varied: frozenset[str]
     visible: Visible | None = None
-    tasks: Mapping[str, OperatorSet] = field(default_factory=dict)
+    tasks: Mapping[str, "OperatorSet"] = field(default_factory=dict)
     severity: float = 1.0
 
-    def only(self, names: Iterable[str]) -> OperatorSet:
+    def only(self, names: Iterable[str]) -> Self:
         """The same set with only these operators varying; a UsageError for one that is none, or has nothing to vary.
 
         ``events`` stands for all that happens in the middle of an episode.
@@ -69,7 +67,7 @@ class OperatorSet:
         tasks = {name: replace(part, varied=frozenset(varied)) for name, part in self.tasks.items()}
         return replace(self, varied=frozenset(varied), tasks=tasks)
 
-    def in_task(self, task: str) -> OperatorSet:
+    def in_task(self, task: str) -> "OperatorSet":
         found = self.tasks.get(task, self)
         return found if found.severity == self.severity else replace(found, severity=self.severity)
 

@@ -1,10 +1,8 @@
 """The scene operators: what each varies, in which ranges, and its genes in a task. Extras have a file of their own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -51,7 +49,7 @@ class _Position(Operator):
     nominal: tuple[Annotated[tuple[Number, Number], Field(strict=False)], ...] = Field(strict=False)
 
     @model_validator(mode="after")
-    def _has_spots(self) -> _Position:
+    def _has_spots(self) -> Self:
         if len(self.nominal) != self.spots:
             raise ValueError(f"nominal has {len(self.nominal)} places, {self.spots} are needed")
         for index, (x, y) in enumerate(self.nominal):
@@ -131,7 +129,7 @@ class ConfounderCount(Operator):
     nominal: int
 
     @model_validator(mode="after")
-    def _ordered(self) -> ConfounderCount:
+    def _ordered(self) -> Self:
         if not self.low <= self.nominal <= self.high:
             raise ValueError(f"not low <= nominal <= high: {self.low}, {self.nominal}, {self.high}")
         return self
@@ -148,7 +146,7 @@ class Light(Operator):
     spread: Literal["even", "coin"] = "even"
 
     @model_validator(mode="after")
-    def _positive(self) -> Light:
+    def _positive(self) -> Self:
         if self.intensity.low <= 0:
             raise ValueError(f"intensity must be positive, low is {self.intensity.low:g}")
         check_levels(math.log2(self.intensity.low), math.log2(self.intensity.high), self.intensity.step)
@@ -173,7 +171,7 @@ class CameraPosition(Operator):
     direction_step: Annotated[Step, Field(ge=0.01)]
 
     @model_validator(mode="after")
-    def _not_negative(self) -> CameraPosition:
+    def _not_negative(self) -> Self:
         if self.distance.low < 0 or self.distance.nominal != 0:
             raise ValueError("distance must start at 0, its nominal value")
         return self

@@ -1,11 +1,9 @@
 """The seeing expert: it fits the poses of known objects to the outlines that its calibrated camera shows."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from itertools import product
 from operator import attrgetter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,7 +44,7 @@ class Guess(NamedTuple):
     def thing(self) -> Thing:
         return standing(self.model, self.pose, self.shift[:2], self.shift[2])
 
-    def moved(self, by: Array) -> Guess:
+    def moved(self, by: Array) -> Self:
         return self._replace(shift=self.shift + by)
 
 

@@ -1,7 +1,5 @@
 """ObjectModel, the interface of a built object: convex parts, mesh files, stable poses and grasps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
@@ -117,7 +115,7 @@ class ObjectModel:
         """``(3,)`` from the mesh's origin to the object's at this orientation and nominal size, metres."""
         return np.zeros(3) if self.fit is None else -self.turned(quaternion) @ self.fit.position
 
-    def scaled(self, scale: float) -> ObjectModel:
+    def scaled(self, scale: float) -> "ObjectModel":
         """The same object in another size, of the same density, without grasps."""
         return self if scale == 1.0 else _scaled(self, scale)
 
