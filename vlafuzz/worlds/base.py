@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.common.check import Check
 from vlafuzz.common.watch import Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Rejection, Scene, Setting, Solver, Space, Task
-from vlafuzz.policies.base import ActionSpec, Policy
+from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
 from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.events import STAY, STOP
 from vlafuzz.worlds.recording import Recording
 
 
@@ -82,6 +84,35 @@ class Prompt:
     things: tuple[str, ...] = ()
     wanted: tuple[str, ...] = ()
     goal: str
+
+
+Acting = Callable[[Observation], Array]  # gives actions (7,)
+
+
+class Scripted(ABC):
+    """A policy that is a script, which acts in each rollout by itself. Once told to stop, it stands still."""
+
+    def __init__(self, spec: PolicySpec) -> None:
+        self.spec = spec
+        self._acting: dict[str, Acting] = {}
+        self._last: dict[str, Array] = {}
+
+    @abstractmethod
+    def begin(self, start: EpisodeStart) -> Acting:
+        """Begin a rollout; returns what gives its actions."""
+
+    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
+        for start in episodes:
+            self._acting[start.episode], self._last[start.episode] = self.begin(start), STAY
+
+    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
+        for seen in observations:
+            told, last = seen.instruction == STOP, self._last[seen.episode]
+            self._last[seen.episode] = last * STAY if told else self._acting[seen.episode](seen)
+        return [ActionChunk(self._last[seen.episode][None]) for seen in observations]
+
+    def close(self) -> None:
+        self._acting.clear()
 
 
 Judge = Callable[[Scene], Rejection | None]  # why a scene is not fair; None if it is

@@ -12,7 +12,8 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
-from vlafuzz.worlds.events import STAY, STOP
+from vlafuzz.worlds.base import Acting, Scripted
+from vlafuzz.worlds.events import STAY
 from vlafuzz.worlds.libero.env import HZ, METRES, RADIANS, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.grasps import Grasp, find_grasps, obstacles, surface
 from vlafuzz.worlds.libero.stages import held
@@ -30,6 +31,7 @@ STUCK = 8  # control steps without a millimetre of movement that end a move, too
 FAR, STALLED = 0.03, 12  # metres from a place from which on it takes more of them than those that an event takes away
 SPREAD = 0.6  # of half a region's size: how far from its middle things go that share it
 TRIES = 4  # for each thing
+OWN = ActionSpec(relative_to="current", hz=HZ)
 Check = Callable[[], bool]
 
 
@@ -65,7 +67,7 @@ class Expert:
     def _place(self, atom: Atom, attempt: int) -> Generator[Array, None, bool]:
         """Bring a thing to its place; whether it was grasped."""
         _, name, goal = atom
-        if self._holds(name):
+        if held(self._env, name):
             yield from self._bring(name, goal, self._yaw())
             return True
         while True:
@@ -82,7 +84,7 @@ class Expert:
                 break
         yield from self._move(grasp.position, grasp.yaw, gripper=-1.0, close=0.004)
         yield from self._wait(10, gripper=1.0)
-        if not self._holds(name):
+        if not held(self._env, name):
             yield from self._move(self._shifted(up=HOVER), grasp.yaw, gripper=-1.0)
             return False
         yield from self._bring(name, goal, grasp.yaw)
@@ -185,9 +187,6 @@ class Expert:
         now = self._env.data.site_xmat[self._site].reshape(3, 3) @ self._upright.T
         return float(np.arctan2(now[1, 0], now[0, 0]))
 
-    def _holds(self, name: str) -> bool:
-        return held(self._env, name)
-
     def _lowest(self, name: str) -> float:
         return float(surface(self._env, self._env.bodies[name], 2000)[:, 2].min())
 
@@ -207,43 +206,35 @@ def _other(grasps: list[Grasp], attempt: int) -> Grasp:
     return others[min(len(others) - 1, 10 * (attempt - 1))] if others else best
 
 
-class LiberoExpert:
+class LiberoExpert(Scripted):
     """A scripted controller for LIBERO's pick-and-place tasks, which reads the simulator's state.
 
     ``attempt``: index of the grasp with which it begins.
     """
 
-    spec = PolicySpec("libero-expert", action=ActionSpec(relative_to="current", hz=HZ), privileged=True)
-
-    def __init__(self) -> None:
-        self.attempt = 0
-        self._plans: dict[str, Iterator[Array] | None] = {}
-        self._last: dict[str, Array] = {}
+    def __init__(self, action: ActionSpec = OWN, *, state: bool = False) -> None:
+        super().__init__(PolicySpec("libero-expert", action=action, state=state, privileged=True))
+        self.attempt, self._pace = 0, HZ // action.hz
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        self._plans = {start.episode: None for start in episodes}
-        self._last = dict.fromkeys(self._plans, STAY)
+        self._acting.clear()  # a plan keeps its environment
+        super().reset(episodes)
 
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [ActionChunk(self._next(seen)[None]) for seen in observations]
+    def begin(self, start: EpisodeStart) -> Acting:
+        plan: Iterator[Array] | None = None
 
-    def close(self) -> None:
-        self._plans.clear()
+        def act(seen: Observation) -> Array:
+            """Give the next action in metres and radians, for ``pace`` control steps."""
+            nonlocal plan
+            if not isinstance(seen.privileged, LiberoEnv):
+                raise PolicyError("LIBERO's expert acts in LIBERO's worlds only", cause="protocol")
+            plan = plan or Expert(seen.privileged, self.attempt, pace=self._pace).actions()
+            action = next(plan, None)
+            metric = STAY.copy() if action is None else action * UNITS
+            metric[:6] *= self._pace
+            return metric
 
-    def _next(self, seen: Observation, pace: int = 1) -> Array:
-        """The next action in metres and radians, for ``pace`` control steps."""
-        if not isinstance(seen.privileged, LiberoEnv):
-            raise PolicyError("LIBERO's expert acts in LIBERO's worlds only", cause="protocol")
-        plan = self._plans[seen.episode]
-        if plan is None:
-            plan = self._plans[seen.episode] = Expert(seen.privileged, self.attempt, pace=pace).actions()
-        if seen.instruction == STOP:
-            return np.asarray(self._last[seen.episode] * STAY)
-        action = next(plan, None)
-        metric = STAY.copy() if action is None else action * UNITS
-        metric[:6] *= pace
-        self._last[seen.episode] = metric
-        return metric
+        return act
 
 
 class LiberoDemonstrator(LiberoExpert):
@@ -252,17 +243,15 @@ class LiberoDemonstrator(LiberoExpert):
     tries = TRIES
 
     def __init__(self, interface: Interface) -> None:
-        super().__init__()
+        super().__init__(interface.spec.action, state=True)
         self._interface = interface
         self.written: list[Written] = []
-        self.spec = PolicySpec("libero-expert", action=interface.spec.action, state=True, privileged=True)
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         super().reset(episodes)
         self.written = []
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        pace = HZ // self.spec.action.hz
-        written = [self._interface.written(self._next(seen, pace)) for seen in observations]
+        written = [self._interface.written(chunk.actions[0]) for chunk in super().act(observations)]
         self.written += written
         return [ActionChunk(action[None].astype(np.float64)) for action in written]

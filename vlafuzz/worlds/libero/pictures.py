@@ -9,13 +9,13 @@ import numpy as np
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.model import Setting
-from vlafuzz.worlds.libero.packages import load, versions
+from vlafuzz.worlds.libero.packages import versions
 from vlafuzz.worlds.libero.quick import Artist
+from vlafuzz.worlds.opengl import Canvas
 from vlafuzz.worlds.opengl import device as opengl_device
 
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 QUALITY = Setting("quality", "full", ("full", "fast"))
-_MOST_GEOMS = 1000  # as robosuite
 _MOST_PIXELS = 512  # of a texture's side in a smaller model; a thing takes some fifty of a picture
 _DONTNEED = 4  # of Linux's madvise
 
@@ -29,50 +29,29 @@ class Pictures:
     """
 
     def __init__(self, model: Any, size: int, quality: str) -> None:
-        self._mujoco = load("mujoco")
         self._model, self._size, self._quality = model, size, quality
-        self._context: Any = None
+        self._canvas: Canvas | None = None
         self._artist: Artist | None = None
 
     def take(self, data: Any, camera: str, size: int) -> Picture:
         """``(size, size, 3)`` of a camera, turned by 180° as LIBERO's models expect it."""
-        if self._context is None:
-            self._start()
-        mujoco = self._mujoco
-        self._gl.make_current()
-        self._camera.fixedcamid = mujoco.mj_name2id(self._model, mujoco.mjtObj.mjOBJ_CAMERA, camera)
-        if self._artist:
-            return np.ascontiguousarray(self._artist.draw(data, self._camera, size)[::-1, ::-1])
-        everything = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self._model, data, self._options, None, self._camera, everything, self._scene)
-        picture = np.empty((size, size, 3), dtype=np.uint8)
-        view = mujoco.MjrRect(0, 0, size, size)
-        mujoco.mjr_render(view, self._scene, self._context)
-        mujoco.mjr_readPixels(picture, None, view, self._context)
-        return np.ascontiguousarray(picture[::-1, ::-1])
+        canvas = self._canvas = self._canvas or self._begun()
+        canvas.look(camera)
+        drawn = self._artist.draw(data, canvas.camera, size) if self._artist else canvas.draw(data, size, size)
+        return np.ascontiguousarray(drawn[::-1, ::-1])
 
     def close(self) -> None:
-        if self._context is not None:
-            self._gl.make_current()
-            self._context.free()
-            self._gl.free()
-            self._context = self._artist = None
+        if self._canvas is not None:
+            self._canvas.close()
+            self._canvas = self._artist = None
 
-    def _start(self) -> None:
-        mujoco, model = self._mujoco, self._model
-        model.vis.global_.offwidth = model.vis.global_.offheight = self._size
-        self._gl = load("mujoco.egl").GLContext(self._size, self._size)
-        self._gl.make_current()
-        self._scene = mujoco.MjvScene(model, maxgeom=_MOST_GEOMS)
-        self._options = mujoco.MjvOption()
-        self._options.geomgroup[0] = 0  # shapes that collide
-        self._camera = mujoco.MjvCamera()
-        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_150)
-        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._context)
+    def _begun(self) -> Canvas:
+        canvas = Canvas(self._model, self._size, self._size)
+        canvas.options.geomgroup[0] = 0  # shapes that collide
         if self._quality == "fast":
-            self._artist = Artist(model, self._scene, self._options, self._context)
-        discard(model.tex_data)  # the renderer has its own copy
+            self._artist = Artist(self._model, canvas)
+        discard(self._model.tex_data)  # the renderer has its own copy
+        return canvas
 
 
 def opengl() -> str:

@@ -15,6 +15,7 @@ from PIL import Image as Pillow
 
 from vlafuzz.worlds.libero.collapse import Mesh, collapsed
 from vlafuzz.worlds.libero.packages import load
+from vlafuzz.worlds.opengl import Canvas
 
 Image = NDArray[np.uint8]
 SAMPLES = 4  # of a pixel in LIBERO's own pictures
@@ -77,17 +78,18 @@ class _Still:
 
 
 class Artist:
-    """Draws a MuJoCo model into a context of its renderer, which is current."""
+    """Draws a MuJoCo model on a canvas, whose context of OpenGL is current."""
 
-    def __init__(self, model: Any, scene: Any, options: Any, context: Any) -> None:
+    def __init__(self, model: Any, canvas: Canvas) -> None:
         self._mujoco, self._gl = load("mujoco"), load("OpenGL.GL")
         self._parts = self._mujoco.mjtCatBit
-        self._model, self._scene, self._options, self._context = model, scene, options, context
-        self._detail = Detail(model, context)
+        self._model, self._options = model, canvas.options
+        self._scene, self._context = canvas.scene, canvas.context
+        self._detail = Detail(model, canvas.context)
         self._buffers: dict[tuple[int, int], _Buffer] = {}
         self._stills: dict[tuple[int, int], _Still] = {}
         self._resting = model.body_weldid[model.geom_bodyid] == 0
-        scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = 0  # LIBERO's lamps cast none
+        canvas.scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = 0  # LIBERO's lamps cast none
 
     def draw(self, data: Any, view: Any, size: int) -> Image:
         """``(size, size, 3)`` of a fixed camera of the model, from the lowest row up."""

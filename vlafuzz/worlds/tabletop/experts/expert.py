@@ -3,8 +3,7 @@
 Here is also what experts are told beside pictures: the ground truth, or how to read a picture.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -16,15 +15,13 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.model import Scene
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Interface, Written
-from vlafuzz.worlds.events import STAY, STOP
+from vlafuzz.worlds.base import Acting, Scripted
 from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.rigs import PANDA, rig
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.tasks import State, task
-
-Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,32 +41,6 @@ class Calibration:
     view: CameraPose
     light: float
     targets: tuple[ObjectModel, ...]
-
-
-class Scripted(ABC):
-    """A policy that is a script, which acts in each rollout by itself. Once told to stop, it stands still."""
-
-    def __init__(self, spec: PolicySpec) -> None:
-        self.spec = spec
-        self._acting: dict[str, Acting] = {}
-        self._last: dict[str, Array] = {}
-
-    @abstractmethod
-    def begin(self, start: EpisodeStart) -> Acting:
-        """Begin a rollout; returns what gives its actions."""
-
-    def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        for start in episodes:
-            self._acting[start.episode], self._last[start.episode] = self.begin(start), STAY
-
-    def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        for seen in observations:
-            told, last = seen.instruction == STOP, self._last[seen.episode]
-            self._last[seen.episode] = last * STAY if told else self._acting[seen.episode](seen)
-        return [ActionChunk(self._last[seen.episode][None]) for seen in observations]
-
-    def close(self) -> None:
-        self._acting.clear()
 
 
 GRASPS = 4

@@ -12,10 +12,11 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
+from vlafuzz.worlds.base import Acting, Scripted
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.camera import SUBPIXEL, blank, fill, paint, polygons
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
-from vlafuzz.worlds.tabletop.experts.expert import Acting, Calibration, Scripted, controller
+from vlafuzz.worlds.tabletop.experts.expert import Calibration, controller
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.pinhole import GRIPPED, NOISE, camera_values, raised, standing
 from vlafuzz.worlds.tabletop.experts.planning import Thing
