@@ -47,7 +47,7 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.robots import MetricArm
-from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World, place
+from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS, State
 
@@ -111,7 +111,7 @@ class StockEnv(BaseEnv):  # type: ignore[misc]
             for file in model.collision:
                 builder.add_convex_collision_from_file(str(file), material=material, density=model.density)
             builder.add_visual_from_file(str(model.visual))
-            builder.initial_pose = place(model, placement)
+            builder.initial_pose = World.place(model, placement)
             self._objects.append(builder.build(f"{index}-{placement.object}"))
 
     def _initialize_episode(self, env_idx: torch.Tensor, options: dict[str, Any]) -> None:

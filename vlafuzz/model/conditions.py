@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, Field, asdict, dataclass, field, fields, replace
 from enum import Enum
-from typing import Any, Final, Generic, Self, TypeVar
+from typing import Any, Final, Generic, Self, TypeVar, cast
 from urllib.parse import parse_qsl
 
 from pydantic import BaseModel, TypeAdapter, ValidationError
@@ -121,9 +121,7 @@ class Setting(Generic[T]):
 
     def of(self, conditions: "Conditions") -> T:
         """Its value under these conditions."""
-        known: Mapping[str, Any] = conditions.world
-        value: T = known.get(self.name, self.default)
-        return value
+        return cast(T, conditions.world.get(self.name, self.default))
 
 
 @dataclass(frozen=True, kw_only=True)

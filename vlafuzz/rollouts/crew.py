@@ -8,7 +8,7 @@ from functools import partial
 from itertools import count
 from operator import methodcaller
 from queue import Empty, SimpleQueue
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 from vlafuzz.common.plugins import check_trusted, trust
 from vlafuzz.errors import SimulatorError, UsageError
@@ -128,12 +128,10 @@ class SharedRunner:
         return [future.result() for future in asked]
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
-        outcome: Outcome = self._ask(methodcaller("solve", scene, attempt, solver)).result()
-        return outcome
+        return cast(Outcome, self._ask(methodcaller("solve", scene, attempt, solver)).result())
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
-        outcome: Outcome = self._ask(methodcaller("play", scene, actions)).result()
-        return outcome
+        return cast(Outcome, self._ask(methodcaller("play", scene, actions)).result())
 
     def picture(self, scene: Scene) -> bytes | None:
         picture = self._ask(methodcaller("picture", scene)).result()

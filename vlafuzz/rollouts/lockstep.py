@@ -123,6 +123,7 @@ class _Batch:
     outcomes: dict[int, Outcome] = field(default_factory=dict)
 
 
+_END = (-1, ())  # after the last batch
 _Job = tuple[_Batch, int]  # a scene of a batch, by its index
 
 
@@ -180,7 +181,14 @@ class _Queue:
     def next(self) -> _Job | None:
         """The next scene; None where there is none for now, or at all."""
         while not self._jobs and not self.exhausted and not self.paused:
-            self._pull()
+            pulled = next(self._source, _END)
+            if pulled is _END:
+                self.exhausted = True
+            elif pulled is None:
+                self.paused = True  # until the next outcome
+            else:
+                self.open.append(_Batch(*pulled))
+                self._jobs += [(self.open[-1], index) for index in range(len(self.open[-1].scenes))]
         return self._jobs.popleft() if self._jobs else None
 
     def finished(self) -> Iterator[tuple[int, list[Outcome]]]:
@@ -188,16 +196,3 @@ class _Queue:
             self.open.remove(batch)
             self.paused = False
             yield batch.tag, [batch.outcomes[index] for index in range(len(batch.scenes))]
-
-    def _pull(self) -> None:
-        try:
-            pulled = next(self._source)
-        except StopIteration:
-            self.exhausted = True
-            return
-        if pulled is None:
-            self.paused = True  # until the next outcome
-            return
-        batch = _Batch(*pulled)
-        self.open.append(batch)
-        self._jobs += [(batch, index) for index in range(len(batch.scenes))]

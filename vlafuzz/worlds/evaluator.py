@@ -4,7 +4,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, cast
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
@@ -72,8 +72,7 @@ def proceed(evaluation: Evaluation, answer: ActionChunk | PolicyError | None) ->
     try:
         return evaluation.throw(answer) if isinstance(answer, PolicyError) else evaluation.send(answer)
     except StopIteration as over:
-        outcome: Outcome = over.value
-        return outcome
+        return cast(Outcome, over.value)
 
 
 def drive(evaluation: Evaluation, policy: Policy) -> Outcome:

@@ -5,7 +5,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
 from math import prod
@@ -185,11 +185,8 @@ class GymWorld(ValuesWorld[Now]):
     def step(self, state: Now, action: Array) -> Now:
         fitting = fitted(self.space_of_actions, action)
         observation, reward, terminated, truncated, info = state.env.step(fitting)
-        return Now(
-            env=state.env,
-            task=state.task,
-            values=state.values,
-            seed=state.seed,
+        return replace(
+            state,
             observation=observation,
             info=info,
             reward=float(reward),

@@ -164,8 +164,7 @@ def _described(vulkan: ctypes.CDLL, handle: int) -> Renderer:
     vulkan.vkGetPhysicalDeviceProperties2(ctypes.c_void_p(handle), device)
     _, _, _, driver_name, version = struct.unpack_from(_DRIVER, driver)
     _, _, device_name = struct.unpack_from(_DEVICE, device)
-    texts = (field.partition(b"\0")[0].decode() for field in (driver_name, version, device_name))
-    name, info, shown = texts
+    name, info, shown = (field.partition(b"\0")[0].decode() for field in (driver_name, version, device_name))
     return Renderer(shown, info if info.startswith("Mesa") else f"{name} {info}")
 
 

@@ -19,7 +19,7 @@ from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.packs import find_pack, packs_of, spoken
-from vlafuzz.worlds.tabletop.sim.world import place
+from vlafuzz.worlds.tabletop.sim.world import World
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 STICK = box(0.03, 0.03, 0.08)
@@ -138,7 +138,7 @@ def test_a_raw_quaternion_is_that_of_the_mesh(tmp_path):
     points = solid(upright, model)
     assert np.allclose(np.ptp(points, axis=0), [0.03, 0.03, 0.06], atol=1e-3)
     assert np.allclose(points[:, :2].min(axis=0) + 0.015, [0.125, 0.2], atol=1e-3)
-    pose = place(model.scaled(0.5), upright)
+    pose = World.place(model.scaled(0.5), upright)
     assert pose.p == pytest.approx([0.125, 0.2, 0.03], abs=1e-3)
     assert abs(pose.q[0]) == pytest.approx(1.0)  # as it is built: z is up
 

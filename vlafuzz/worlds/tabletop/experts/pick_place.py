@@ -41,6 +41,9 @@ class Belief:
         return (*self.others, *((self.b,) if self.b else ()))
 
 
+Phase = Callable[[Belief], Array]  # gives actions (7,)
+
+
 class Steering:
     """Keeps the hand pointing down, ``lean`` radians off the vertical; positive leans towards the robot."""
 
@@ -94,7 +97,7 @@ class PickPlaceController:
     def __init__(self, task: str, rig: Rig, *, fluent: bool = False, attempt: int = 0, lean: float = 0.0) -> None:
         self._task, self._rig, self._fluent = kind(task), rig, fluent
         self._hand = Steering(rig, lean)
-        self._phase: Callable[[Belief], Array] = self._approach
+        self._phase: Phase = self._approach
         self.attempt = attempt
         self._waited = 0
         self._plan: Reach | None = None
@@ -112,8 +115,7 @@ class PickPlaceController:
 
     def _approach(self, belief: Belief) -> Array:
         if self._fluent and belief.held:  # another controller grasped it
-            self._take(belief)
-            return self._lift(belief)
+            return self._take(belief)
         reach = self._choose(belief)
         over = np.array([reach.x, reach.y, max(reach.z + HOVER, belief.a.top + FINGERTIP + 0.015)])
         over[:2] += self._hand.behind(over, over[2] - reach.z)
@@ -121,8 +123,7 @@ class PickPlaceController:
         self._waited += 1
         patient = LEVEL if self._waited < 3 * PATIENCE else 3 * LEVEL
         if _level(over, belief.tcp) < patient and self._turned(belief, reach.yaw):
-            self._enter(self._descend)
-            return self._descend(belief)
+            return self._enter(self._descend, belief)
         if self._fluent:
             over[2] -= HOVER * self._in_place(belief, over, reach.yaw)
         return self._hand.toward(belief, over, reach.yaw, OPEN)
@@ -133,15 +134,13 @@ class PickPlaceController:
         self._waited += 1
         upright = self._hand.upright(belief)
         if (upright and abs(belief.tcp[2] - reach.z) < 0.006) or self._waited > PATIENCE:
-            self._enter(self._close)
-            return self._close(belief)
+            return self._enter(self._close, belief)
         return self._hand.toward(belief, down, reach.yaw, OPEN)
 
     def _close(self, belief: Belief) -> Array:
         self._waited += 1
         if belief.held and self._waited >= (2 if self._fluent else 3):
-            self._take(belief)
-            return self._lift(belief)
+            return self._take(belief)
         if self._waited > PATIENCE + 1:
             return self._retry(belief)
         assert self._plan is not None
@@ -158,8 +157,7 @@ class PickPlaceController:
             return self._hand.toward(belief, up, self._yaw, CLOSE)
         height = self._carry_height(belief)
         if belief.tcp[2] > height - 0.015:
-            self._enter(self._carry)
-            return self._carry(belief)
+            return self._enter(self._carry, belief)
         return self._hand.toward(belief, np.array([*self._taken_at[:2], height]), self._yaw, CLOSE)
 
     def _carry(self, belief: Belief) -> Array:
@@ -172,8 +170,7 @@ class PickPlaceController:
         self._waited += 1
         level = _level(over, belief.tcp)
         if (level < LEVEL or (self._waited > 2 * PATIENCE and level < 0.02)) and self._turned(belief, self._goal_yaw):
-            self._enter(self._lower)
-            return self._lower(belief)
+            return self._enter(self._lower, belief)
         if self._fluent:
             air = max(float(over[2]) - self._goal.floor - self._hang - 0.03, 0.0)
             over[2] -= air * self._in_place(belief, over, self._goal_yaw)
@@ -188,8 +185,7 @@ class PickPlaceController:
         self._waited += 1
         stalled = self._waited > 2 and air < 0.03 and self._last_tcp[2] - belief.tcp[2] < 0.003
         if air < 0.004 or stalled:
-            self._enter(self._release)
-            return self._release(belief)
+            return self._enter(self._release, belief)
         down = min(air, STEP) if air > 0.05 else min(air + 0.004, GENTLE)
         below = np.array([*self._target_xy(belief), belief.tcp[2] - (air - 0.03 if air > 0.05 else down)])
         return self._hand.toward(belief, below, self._goal_yaw, CLOSE)
@@ -197,8 +193,7 @@ class PickPlaceController:
     def _release(self, belief: Belief) -> Array:
         self._waited += 1
         if self._waited > 2:
-            self._enter(self._retreat)
-            return self._retreat(belief)
+            return self._enter(self._retreat, belief)
         assert self._goal is not None
         return self._hand.toward(belief, belief.tcp, self._goal_yaw, OPEN)
 
@@ -214,13 +209,15 @@ class PickPlaceController:
 
     # what the phases share
 
-    def _enter(self, phase: Callable[[Belief], Array]) -> None:
+    def _enter(self, phase: Phase, belief: Belief) -> Array:
+        """Begin a phase; its first action."""
         self._phase, self._waited = phase, 0
+        return phase(belief)
 
     def _retry(self, belief: Belief) -> Array:
         self.attempt += 1
         self._plan = None
-        self._enter(self._approach)
+        self._phase, self._waited = self._approach, 0
         up = np.array([*belief.tcp[:2], belief.tcp[2] + 0.08])
         return self._hand.toward(belief, up, self._hand.yaw(belief), OPEN)
 
@@ -260,7 +257,7 @@ class PickPlaceController:
         if belief.tcp[2] < over[2] - 0.03:
             over[:2] = belief.tcp[:2]
 
-    def _take(self, belief: Belief) -> None:
+    def _take(self, belief: Belief) -> Array:
         a = belief.a
         self._yaw = self._hand.yaw(belief)
         self._taken_at = belief.tcp.copy()
@@ -268,7 +265,7 @@ class PickPlaceController:
         self._hang = float(belief.tcp[2] - a.corners[:, 2].min())
         self._radius = float(np.linalg.norm(a.corners[:, :2] - a.position[:2], axis=1).max())
         self._aim(belief)
-        self._enter(self._lift)
+        return self._enter(self._lift, belief)
 
     def _aim(self, belief: Belief) -> None:
         self._goal = self._find_goal(belief)

@@ -78,17 +78,14 @@ def _grasps(thing: Thing) -> list[tuple[float, float, Array, float, float]]:
         nominal = np.array(rotation_matrix(pose.quaternion))
         if thing.rotation[2] @ nominal[2] > UPRIGHT and pose.grasps:  # the vertical in the object's frame
             level = thing.rotation @ nominal.T
-            yaw = float(np.arctan2(level[1, 0], level[0, 0]))
-            turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-            return [
-                (np.radians(g.yaw) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality)
-                for g in pose.grasps
-            ]
-    shift = np.array([0.0, 0.0, thing.position[2] - bottom])
-    parts = [part @ thing.rotation.T + shift for part in thing.model.parts]
+            grasps, yaw = pose.grasps, float(np.arctan2(level[1, 0], level[0, 0]))
+            break
+    else:
+        shift = np.array([0.0, 0.0, thing.position[2] - bottom])
+        grasps, yaw = find_grasps([part @ thing.rotation.T + shift for part in thing.model.parts], shift), 0.0
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
     return [
-        (float(np.radians(g.yaw)), g.width, np.array([g.x, g.y]), bottom + g.z, g.quality)
-        for g in find_grasps(parts, shift)
+        (float(np.radians(g.yaw)) + yaw, g.width, turn @ np.array([g.x, g.y]), bottom + g.z, g.quality) for g in grasps
     ]
 
 

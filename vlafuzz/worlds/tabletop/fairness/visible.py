@@ -222,22 +222,18 @@ def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: boo
 
     ``outlines``: whether the policy gets outlines in flat colours instead of pictures.
     """
-    return next(_problems(scene, catalogue, bounds, outlines=outlines), None)
-
-
-def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: bool) -> Iterator[str]:
     picture = Picture(scene, catalogue)
     for index, placement in enumerate(scene.targets):
         model, seen = catalogue[placement.object], picture.hidden(index)
         if seen.inside < bounds.inside:
             least = f"at least {bounds.inside:.0%} is required"
-            yield f"{model.spoken}: only {seen.inside:.0%} of it is in the picture; {least}"
+            return f"{model.spoken}: only {seen.inside:.0%} of it is in the picture; {least}"
         if seen.unhidden < bounds.unhidden:
             most = f"at most {1 - bounds.unhidden:.0%} may be hidden"
-            yield f"{model.spoken}: {seen.by} hides {1 - seen.unhidden:.0%} of it; {most}"
+            return f"{model.spoken}: {seen.by} hides {1 - seen.unhidden:.0%} of it; {most}"
         if seen.area < bounds.area:
             least = f"at least {bounds.area:.3%} is required"
-            yield f"{model.spoken}: it covers only {seen.area:.3%} of the picture; {least}"
+            return f"{model.spoken}: it covers only {seen.area:.3%} of the picture; {least}"
         if outlines:
             apart, around, needed = _flat(scene, model), "the table", bounds.apart_in_outlines
         else:
@@ -247,7 +243,8 @@ def _problems(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: 
         if apart < needed:
             difference = f"only {math.floor(apart)}/255 apart from {around}"
             light = f"under light × {scene.light.intensity:.3g}"
-            yield f"{model.spoken}: {difference} {light}; at least {needed:g}/255 is required"
+            return f"{model.spoken}: {difference} {light}; at least {needed:g}/255 is required"
+    return None
 
 
 def _flat(scene: Scene, model: ObjectModel) -> float:

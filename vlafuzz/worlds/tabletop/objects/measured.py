@@ -93,20 +93,20 @@ def _read(file: Path) -> bytes:
 
 
 @contextmanager
-def _reading(file: Path) -> Iterator[None]:
-    """Convert all kinds of errors that trimesh's readers raise for damaged files to a CatalogueError."""
+def _reading(file: Path) -> Iterator[io.BytesIO]:
+    """Open a mesh; all kinds of errors that trimesh's readers raise for damaged ones become a CatalogueError."""
+    data = _read(file)
     try:
-        yield
+        yield io.BytesIO(data)
     except Exception as error:
         raise CatalogueError(f"{file}: no mesh: {error}") from None
 
 
 def _parts(spec: PackObject) -> list[Array]:
     """Corners ``(n, 3)`` of each connected part of the collision mesh, without tiny or flat parts."""
-    data = _read(spec.collision)
-    with _reading(spec.collision):
+    with _reading(spec.collision) as data:
         kind = spec.collision.suffix[1:]
-        loaded: Any = trimesh.load_mesh(io.BytesIO(data), file_type=kind, process=False, skip_materials=True)
+        loaded: Any = trimesh.load_mesh(data, file_type=kind, process=False, skip_materials=True)
         whole = trimesh.Trimesh(loaded.vertices, loaded.faces, process=False)
         _check_bounds(whole, spec.scale)
         whole.merge_vertices()
@@ -212,9 +212,8 @@ def _looks(spec: PackObject, body: solids.Solid, fit: Fit, folder: Path) -> tupl
 def _embedded(visual: Path | None) -> list[Array]:
     if visual is None or visual.suffix != ".glb":
         return []
-    data = _read(visual)
-    with _reading(visual):
-        meshes = trimesh.load_scene(io.BytesIO(data), file_type="glb").geometry.values()
+    with _reading(visual) as data:
+        meshes = trimesh.load_scene(data, file_type="glb").geometry.values()
         materials = [getattr(mesh.visual, "material", None) for mesh in meshes]
         textures = [getattr(material, "baseColorTexture", None) for material in materials]
         return [_mean_of(texture) for texture in textures if texture is not None]

@@ -41,6 +41,7 @@ class World:
         self.scene, self._rig = scene, rig
         self._robot: physx.PhysxArticulation = agent.robot._objs[0]
         self.controller: MetricArm = agent.controller.arm
+        self.grip = self.controller.grip
         links: dict[str, Link] = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
         self._tcp, self._tool = links[agent.tcp_name], agent.tool
         self._fingers = [[links[name] for name in finger] for finger in agent.fingers]
@@ -71,7 +72,7 @@ class World:
         for link in self._robot.links:
             self._labels[link] = HAND if any(part in link.name for part in _HAND) else ARM
         self._placed = tuple(self._bodies)
-        self.controller.grip(1.0)
+        self.grip(1.0)
         self._touched = False
         self._before = None
         self.states_hash = hashlib.blake2b(digest_size=16)
@@ -92,13 +93,16 @@ class World:
             system.step()
         return self.read()
 
-    def grip(self, force: float) -> None:
-        """Let the fingers press with a share of their usual force."""
-        self.controller.grip(force)
-
     @staticmethod
     def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
-        return place(model, placement)
+        """The pose of an object's origin at resting height."""
+        if placement.quaternion is not None:
+            turn, position = pose_of(placement, model)
+            return sapien.Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
+        pose = model.stable_pose(placement.rest)
+        half = np.radians(placement.yaw) / 2
+        turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
+        return sapien.Pose(np.array([placement.x, placement.y, pose.height]), turned.q)
 
     def put(self, number: int, pose: sapien.Pose, up: float = 0.0, *, floats: bool = False) -> None:
         """Turn an object, where it is, as in a pose on the table, or metres above.
@@ -231,17 +235,6 @@ def _state(scene: sapien.Scene, bodies: Sequence[physx.PhysxRigidDynamicComponen
 CONTACT_OFFSET = 0.005  # metres; ManiSkill's 0.02 is an eighth slower and changes no grasp
 
 
-def place(model: ObjectModel, placement: Placement) -> sapien.Pose:
-    """The pose of an object's origin at resting height."""
-    if placement.quaternion is not None:
-        turn, position = pose_of(placement, model)
-        return sapien.Pose(position, Rotation.from_matrix(turn).as_quat(scalar_first=True))
-    pose = model.stable_pose(placement.rest)
-    half = np.radians(placement.yaw) / 2
-    turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
-    return sapien.Pose(np.array([placement.x, placement.y, pose.height]), turned.q)
-
-
 @lru_cache(maxsize=64)
 def _material(friction: float) -> physx.PhysxMaterial:
     return physx.PhysxMaterial(friction, friction, 0.0)
@@ -277,7 +270,7 @@ def add_object(
         visual = sapien.render.RenderBodyComponent()
         visual.attach(looks(model, placement.scale))
         entity.add_component(visual)
-    entity.pose = place(model, placement)
+    entity.pose = World.place(model, placement)
     scene.add_entity(entity)
     return body
 
