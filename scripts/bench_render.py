@@ -51,8 +51,7 @@ from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 from vlafuzz.worlds.tabletop.sim import rendering, robots, world
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator, TabletopEnv
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

@@ -139,7 +139,7 @@ def answers(options: argparse.Namespace, name: str, process: int) -> tuple[Measu
 
 def make_evaluator(name: str, policy: Policy | None = None) -> SceneEvaluator:
     from vlafuzz.model import Conditions
-    from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+    from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 
     catalogue, apart = load_catalogue(), load_operators().min_distance
     return ManiSkillEvaluator(

@@ -44,8 +44,7 @@ from vlafuzz.model.scene import LightSwitch, PictureLoss
 from vlafuzz.worlds.manipulation.rigs import PANDA
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, load_catalogue
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator, TabletopEnv
 from vlafuzz.worlds.tabletop.sim.robots import MetricArm
 from vlafuzz.worlds.tabletop.sim.world import SIM_HZ, World
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators

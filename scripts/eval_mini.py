@@ -28,7 +28,7 @@ from vlafuzz.model import Camera, Conditions, Light, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS, load_wordings, say
 

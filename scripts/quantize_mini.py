@@ -23,7 +23,7 @@ from train_mini import VERSION
 from vlafuzz.model import Conditions, Verdict
 from vlafuzz.policies.mini.policy import CARD, SHIPPED, Mini
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
 SEEDS = 3 * 10**6  # neither of demonstrations nor of evaluations

@@ -23,7 +23,7 @@ from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 

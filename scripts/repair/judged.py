@@ -15,7 +15,7 @@ from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 
 JOB = 20  # scenes
 

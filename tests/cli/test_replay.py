@@ -59,7 +59,7 @@ def test_what_the_pinhole_saw_shows_the_object_on_the_table(tmp_path, capsys):
 
 def test_who_sees_nothing_is_told_of_before_the_rollout(tmp_path, capsys, monkeypatch):
     write_scenes(tmp_path / "s.jsonl", [nominal("pick-up")])
-    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.evaluator.ManiSkillEvaluator.evaluate", None)
+    monkeypatch.setattr("vlafuzz.worlds.tabletop.sim.env.ManiSkillEvaluator.evaluate", None)
     arguments = [str(tmp_path / "s.jsonl"), "--policy", "expert", "--seen", str(tmp_path / "seen.png")]
     assert typed(capsys, ["replay", *arguments], code=2).err.startswith("error: policy 'expert' asks for no pictures")
 

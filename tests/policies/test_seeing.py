@@ -16,7 +16,7 @@ from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import Look, SeeingExpert
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
@@ -66,7 +66,7 @@ def test_it_moves_around_what_stands_in_its_way():
         episode = evaluator.begin(scene, 0)
         before = obstacle(episode.observe().outlines)
         policy.reset([episode.start])
-        while not episode.success:
+        while not episode.monitor.success_once:
             episode.advance(policy.act([episode.observe()])[0].actions[0])
         assert len(episode.actions) < 40
         assert np.allclose(obstacle(episode.observe().outlines), before, atol=0.01)

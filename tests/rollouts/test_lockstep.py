@@ -18,7 +18,7 @@ from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.registry import Place, executor_at
 from vlafuzz.worlds.evaluator import Evaluation
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.sim.world import World
 
 LONG, SHORT, JUMP, LATE = (scene(light=light) for light in (4.0, 2.0, 1.0, 0.5))

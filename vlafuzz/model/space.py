@@ -50,7 +50,6 @@ class Operators(Protocol):
         varied: names of those that vary; the others stay nominal.
         decisive: names of those that decide something even if they do not vary.
         severity: by how much all ranges are scaled towards nominal, in (0, 1]; 1 for the ranges as they are written.
-        digest: 32 hexadecimal digits, equal where the same ones vary in the same ranges.
     """
 
     @property
@@ -64,9 +63,6 @@ class Operators(Protocol):
 
     @property
     def severity(self) -> float: ...
-
-    @property
-    def digest(self) -> str: ...
 
 
 class Space(ABC):

@@ -43,26 +43,21 @@ class StandIn(ABC):
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
         first, self._number = self._number, self._number + len(episodes)
         begun = [(start, f"{number}/{start.episode}") for number, start in enumerate(episodes, first)]
-        self._answer(self._request(begin=[replace(start, episode=name) for start, name in begun]))
+        self._answer(self.request(begin=[replace(start, episode=name) for start, name in begun]))
         self._live += begun
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return self._answer(self.request(observations))
+        return self._answer(self.request(act=observations))
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         """Sent with the next request: garbage collection may call this in the middle of one."""
         self._over += [name for start, name in self._live if any(start is ended for ended in episodes)]
         self._live = [(start, name) for start, name in self._live if name not in self._over]
 
-    def request(self, observations: Sequence[Observation]) -> Request:
+    def request(self, *, begin: Sequence[EpisodeStart] = (), act: Sequence[Observation] = ()) -> Request:
         names = {start.episode: name for start, name in self._live}
-        return self._request(
-            act=[replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in observations]
-        )
-
-    def _request(self, *, begin: Sequence[EpisodeStart] = (), act: Sequence[Observation] = ()) -> Request:
         over, self._over = self._over, []
-        return Request(begin, act, over)
+        return Request(begin, [replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in act], over)
 
     @abstractmethod
     def _answer(self, request: Request) -> list[ActionChunk]:

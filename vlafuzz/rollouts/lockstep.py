@@ -102,7 +102,7 @@ class _LanePolicy(StandIn):
     def flush(self) -> None:
         """Tell the policy at once which rollouts are over, not only with the next request."""
         if self._over:
-            self._answer(self._request())
+            self._answer(self.request())
 
     def close(self) -> None:
         """Nothing: the executor closes the policy."""
@@ -145,7 +145,7 @@ class _Lane:
         self.resume(None)
 
     def request(self) -> tuple[int, Request]:
-        return self.policy.number, self.policy.request([cast(Observation, self.asked)])
+        return self.policy.number, self.policy.request(act=[cast(Observation, self.asked)])
 
     def resume(self, answer: ActionChunk | PolicyError | None) -> None:
         """Continue to the next question, or to the outcome."""

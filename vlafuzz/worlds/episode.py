@@ -83,16 +83,6 @@ class Episode(ABC):
     def over(self) -> bool:
         return len(self.actions) >= self._last
 
-    @property
-    def success(self) -> bool:
-        """Whether the task has been solved at any time."""
-        return self.monitor.success_once
-
-    @property
-    def success_now(self) -> bool:
-        """Whether the task is solved after the last step."""
-        return self.monitor.success_now
-
     @abstractmethod
     def observe(self) -> Observation:
         """The present observation, with the parts that the policy's spec asks for."""
@@ -113,10 +103,10 @@ class Episode(ABC):
         """The result of a rollout that took so many seconds."""
         monitor = self.monitor
         return Rollout(
-            success_once=self.success,
-            success_at_end=self.success_now,
+            success_once=monitor.success_once,
+            success_at_end=monitor.success_now,
             reached=tuple(monitor.reached),
-            progress=1.0 if self.success else min(monitor.progress, 0.99),
+            progress=1.0 if monitor.success_once else min(monitor.progress, 0.99),
             trace=monitor.trace,
             actions=np.array(self.actions, dtype=np.float32),
             states_hash=self.states_hash.hexdigest(),

@@ -94,17 +94,11 @@ class ValuesEpisode(Episode):
     """A rollout in a scene of values; ``cameras`` are names of pictures that the policy asks for."""
 
     def __init__(
-        self,
-        world: ValuesWorld[Any],
-        scene: Scene,
-        seed: int,
-        conditions: Conditions,
-        task: Task,
-        cameras: Collection[str] = (),
+        self, world: ValuesWorld[Any], scene: Scene, seed: int, conditions: Conditions, cameras: Collection[str]
     ) -> None:
         self._world, self._state, self._cameras = world, world.reset(world.values_in(scene), seed), cameras
         self.states_hash = hashlib.blake2b(digest_size=16)
-        monitor = Monitor(task.stages)
+        monitor = Monitor(tuple(world.stages))
         super().__init__(scene, seed, conditions, monitor, hz=world.control_hz, horizon=world.horizon)
 
     @property
@@ -157,7 +151,7 @@ class ValuesEvaluator(SceneEvaluator):
         return Rejection("geometry", problem) if problem else None
 
     def begin(self, scene: Scene, seed: int) -> Episode:
-        return ValuesEpisode(self._world, scene, seed, self._conditions, self._task, self._cameras)
+        return ValuesEpisode(self._world, scene, seed, self._conditions, self._cameras)
 
     def renew(self) -> None:
         self._world.close()

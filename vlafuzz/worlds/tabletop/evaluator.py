@@ -51,7 +51,7 @@ class TabletopEpisode(Episode):
             images={camera.name: env.seen(camera.name) for camera in spec.cameras},
             state=proprioception(state, env.rig.opening) if spec.state else None,
             outlines=outlines(env.models, state, env.view, env.light, env.table_colour) if spec.silhouettes else None,
-            privileged=Privileged(scene, env.models, state, self.success_now) if spec.privileged else None,
+            privileged=Privileged(scene, env.models, state, self.monitor.success_now) if spec.privileged else None,
             calibration=Calibration(env.view, env.light, env.models[: env.task.targets]) if spec.calibrated else None,
         )
 

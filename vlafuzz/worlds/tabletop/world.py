@@ -71,7 +71,7 @@ class Tabletop(TableWorld):
             begin_probe()
 
     def preload(self) -> None:
-        import vlafuzz.worlds.tabletop.sim.evaluator  # noqa: F401
+        import vlafuzz.worlds.tabletop.sim.env  # noqa: F401
 
     def conditions_of(self, scene: Scene) -> dict[str, str]:
         """The packs that its objects are from."""
@@ -93,7 +93,7 @@ class Tabletop(TableWorld):
     def evaluator(
         self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
     ) -> SceneEvaluator:
-        from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+        from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 
         catalogue = self.catalogue(conditions, space)
         return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)

@@ -13,7 +13,7 @@ import trimesh
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.model import Backdrop, Placement
-from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, planks, shade, shown
+from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, shade, shown
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
@@ -181,7 +181,7 @@ def _textured(file: Path) -> tuple[Any, Picture]:
 
 @lru_cache(maxsize=64)
 def _table(pattern: str, colour: Colour) -> Picture:
-    shades = planks() if pattern == "planks" else shade(pattern)
+    shades = shade(pattern)
     linear = np.array(colour) * (shades / shades.mean())[..., None]
     pixels: Picture = np.round(np.clip(linear, 0, 1) ** (1 / GAMMA) * 255).astype(np.uint8)
     return pixels

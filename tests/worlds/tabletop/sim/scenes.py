@@ -11,8 +11,7 @@ from vlafuzz.model import Camera, Conditions, Light, Outcome, Placement, Scene
 from vlafuzz.policies.base import CameraRequest, Policy
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects import load_catalogue
-from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator, TabletopEnv
 from vlafuzz.worlds.tabletop.tasks import State, load_wordings, say
 
 CATALOGUE = load_catalogue()

@@ -16,7 +16,7 @@ from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, RIGS, WIDOWX, rig
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.fairness import check_static
-from vlafuzz.worlds.tabletop.sim.evaluator import ManiSkillEvaluator
+from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 ASSETS = Path(__file__).resolve().parents[4].parent / "shared" / "vlatest" / "assets"

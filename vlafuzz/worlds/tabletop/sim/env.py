@@ -1,4 +1,4 @@
-"""The ManiSkill 3 environment of all four tasks, which builds a scene and reports what the simulator contains then."""
+"""The ManiSkill 3 environment of all four tasks, and the evaluator of a policy in it."""
 
 import gc
 from collections.abc import Sequence
@@ -13,15 +13,16 @@ from mani_skill.utils.structs.types import SceneConfig, SimConfig
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model import Backdrop, Scene
+from vlafuzz.model import Backdrop, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.room import WRIST_CAMERA, Room
 from vlafuzz.worlds.tabletop.sim import rendering
 from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
-from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, substeps
+from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, settled, substeps
 from vlafuzz.worlds.tabletop.tasks import State
 
 
@@ -176,3 +177,13 @@ class TabletopEnv(BaseEnv, Room):
 
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
         self.world = World(self.scene.sub_scenes[0], self.agent, self.rig, self.control_hz)
+
+
+class ManiSkillEvaluator(TabletopEvaluator):
+    """Runs a policy in scenes of one task on ManiSkill."""
+
+    def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> TabletopEnv:
+        return TabletopEnv(self._task.name, self.catalogue, cameras, hz, robot, shown)
+
+    def settled(self, scene: Scene) -> Rejection | None:
+        return settled(scene, self.catalogue)

@@ -18,7 +18,7 @@ from sapien.render import RenderMaterial, RenderTexture2D
 from vlafuzz.common import assets
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Backdrop
-from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, Colour, planks, shade
+from vlafuzz.worlds.manipulation.looks import COLOUR, FLOOR_COLOUR, PAINTS, WALL, WALL_COLOUR, planks, shade
 from vlafuzz.worlds.manipulation.rigs import Lights, Table
 from vlafuzz.worlds.tabletop.renderer import rendering_device
 from vlafuzz.worlds.tabletop.room import FRICTION
@@ -218,8 +218,8 @@ class BackdropPainter:
                 self._materials.append(body.render_shapes[0].material)
             self._textures = {("planks", "oak"): self._materials[0].base_color_texture}
 
-    def paint(self, backdrop: Backdrop) -> Colour:
-        """Show a backdrop; the mean colour of the table top."""
+    def paint(self, backdrop: Backdrop) -> None:
+        """Show a backdrop."""
         if self._materials and backdrop != self.backdrop:
             table, wall = self._materials
             look = backdrop.table, backdrop.colour
@@ -228,7 +228,6 @@ class BackdropPainter:
             table.base_color_texture = self._textures[look]
             wall.base_color = [*PAINTS[backdrop.wall], 1.0]
         self.backdrop = backdrop
-        return PAINTS[backdrop.colour]
 
 
 # A key light from the front left, and a weak one against it. All of it is as bright as the Panda's own lights.
