@@ -15,7 +15,6 @@ from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import Evaluator
-from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.tabletop.space import load_operators
 from vlafuzz.worlds.tabletop.tasks import LIFTED, State
 
@@ -51,11 +50,7 @@ def simulated(density: Density, seed: int, policy: str) -> SimulatedWorld:
 def _evaluator(policy: str, task: str) -> tuple[Evaluator, Faulty]:
     """One for all worlds of a policy."""
     operators, faulty = load_operators(), Faulty(make_policy(policy))
-    conditions = Conditions(
-        task=task,
-        world={"min_distance": operators.min_distance, "visible": visible_json(operators.visible)},
-        stop_early=True,
-    )
+    conditions = Conditions(task=task, world=operators.conditions["world"], stop_early=True)
     return make_evaluator(conditions, faulty, space=space_of(task)), faulty
 
 

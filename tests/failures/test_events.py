@@ -14,9 +14,8 @@ from vlafuzz.report.sources import view_of_store
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.stored import StoredResults
 from vlafuzz.worlds.events import begins, recovery
-from vlafuzz.worlds.manipulation.operator_set import operators_json
 
-MANIFEST = manifest(operators=operators_json(WITH_EXTRAS.operators), budget=3, batch=1)
+MANIFEST = manifest(operators=WITH_EXTRAS.operators.conditions["operators"], budget=3, batch=1)
 SLID = replace(WITH_EXTRAS.nominal(), target_slide=Slide("approach", 0.06))
 EARLY, LATE = failed(0.05), failed(0.3)  # a fifteenth of the progress is a fifth of the way to the grasp
 

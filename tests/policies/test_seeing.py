@@ -11,7 +11,6 @@ from vlafuzz.errors import PolicyError
 from vlafuzz.model import Camera, Conditions, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.manipulation.arms import hand_boxes
-from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.tabletop.evaluator import outlines
 from vlafuzz.worlds.tabletop.experts.expert import Calibration
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
@@ -104,7 +103,7 @@ def test_a_fit_finds_place_and_rest_pose_although_something_stands_before_it(nam
 def test_it_solves_nearly_all_random_scenes_that_are_seen(task):
     operators = load_operators()
     space = SearchSpace(operators, CATALOGUE, task)
-    world = {"min_distance": operators.min_distance, "visible": visible_json(operators.visible)}
+    world = operators.conditions["world"]
     with closing(ManiSkillEvaluator(Conditions(task=task, world=world), SeeingExpert(), CATALOGUE)) as evaluator:
         scenes = [space.sample(np.random.default_rng([1, number])) for number in range(60)]
         verdicts = [outcome.verdict for outcome in evaluator.evaluate(scenes)]

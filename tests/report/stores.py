@@ -17,10 +17,9 @@ from vlafuzz.report.view import View
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.evaluator import Film
-from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 PLANTED = {name: CONDITIONS[name][0] for name in ("camera-orientation", "light")}
-MANIFEST = manifest(operators=operators_json(SPACE.operators))
+MANIFEST = manifest(operators=SPACE.operators.conditions["operators"])
 
 
 def store(path: Path, *, findings: int = 3, triaged: int | None = None, policy: str = "idle") -> Path:

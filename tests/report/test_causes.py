@@ -26,7 +26,6 @@ from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import severity_of
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.manipulation.operator_set import operators_json
 
 SHARE, PROBABILITY = Probability(0.2, 0.15, 0.26), Probability(0.4, 0.3, 0.5)
 
@@ -263,7 +262,7 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
     far = Slide("approach", 0.08)
     scenes = [replace(WITH_EXTRAS.nominal(), target_slide=far)]
     scenes += [replace(SPACE.sample(rng), target_slide=far) for _ in range(6)]
-    about = replace(MANIFEST, strategy="causes", operators=operators_json(WITH_EXTRAS.operators))
+    about = replace(MANIFEST, strategy="causes", operators=WITH_EXTRAS.operators.conditions["operators"])
     with Store.open(tmp_path / "a.db", "write") as opened:
         outcomes = (failed(0.05 if proposal > 4 else 0.3) for proposal in range(len(scenes)))
         begun(opened, *map(ended, scenes, outcomes, range(len(scenes))), about=about)

@@ -16,7 +16,6 @@ from vlafuzz.rollouts import setup
 from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds.evaluator import FILM_SPEED, Film
-from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 SEEDS: list[int] = []
@@ -61,7 +60,7 @@ def make_frozen(**_):
 
 
 def run(factory: str, **changes: object) -> Manifest:
-    operators = operators_json(load_operators())
+    operators = load_operators().conditions["operators"]
     return manifest(policy=f"python:tests.rollouts.test_scene_runner:{factory}", seed=7, operators=operators, **changes)
 
 

@@ -17,7 +17,6 @@ from vlafuzz.errors import SceneError
 
 SCHEMA = 1
 MOST = 100  # objects or values
-_STRICT = ConfigDict(extra="forbid", allow_inf_nan=False)
 # Of scenes from outside: far beyond what is fair, and near enough that squares and differences stay numbers.
 Real = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=-1e6, le=1e6)]
 Quaternion = tuple[Real, Real, Real, Real]  # w, x, y, z
@@ -37,8 +36,14 @@ def _later(default: Any) -> Any:
 _EXTRA = {"later": True, "extra": True}  # the part of a scene that an extra operator varies
 
 
+class _Strict:
+    """What is read of it has no unknown keys, and no numbers that are not finite."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+
 @dataclass(frozen=True)
-class Placement:
+class Placement(_Strict):
     """One object: its rest pose at (x, y), in metres, turned by ``yaw`` degrees about the vertical.
 
     For imported scenes: ``quaternion`` (w, x, y, z) replaces rest pose and yaw. It rotates the mesh of a pack's object,
@@ -46,7 +51,6 @@ class Placement:
     position in a list that does not start with the targets.
     """
 
-    __pydantic_config__ = _STRICT
     object: Text
     rest: Text
     x: Real = _quantity(" m")
@@ -59,22 +63,20 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Light:
+class Light(_Strict):
     """``intensity`` multiplies all lights of the nominal scene, ambient light included."""
 
-    __pydantic_config__ = _STRICT
     intensity: Real = _quantity("×", 1.0)
 
 
 @dataclass(frozen=True)
-class Camera:
+class Camera(_Strict):
     """The third-person camera's deviation from its nominal pose.
 
     The camera is ``distance`` metres off, in the direction of ``azimuth`` (about the vertical, from the world's x axis)
     and ``elevation``, and is rotated by ``roll``, ``pitch`` and ``yaw`` about its own axes. Angles are in degrees.
     """
 
-    __pydantic_config__ = _STRICT
     distance: Real = _quantity(" m", 0.0)
     azimuth: Real = _quantity("°", 0.0)
     elevation: Real = _quantity("°", 0.0)
@@ -97,20 +99,18 @@ WallPaint = Literal["sage", "white", "grey", "black", "red", "green", "blue"]
 
 
 @dataclass(frozen=True)
-class Backdrop:
+class Backdrop(_Strict):
     """Pattern and colour of the table top, and the colour of the wall behind the robot."""
 
-    __pydantic_config__ = _STRICT
     table: Pattern = "planks"
     colour: TablePaint = "oak"
     wall: WallPaint = "sage"
 
 
 @dataclass(frozen=True, kw_only=True)
-class InitialPose:
+class InitialPose(_Strict):
     """Offsets of the arm's joints at the start of an episode, from the base on; degrees."""
 
-    __pydantic_config__ = _STRICT
     j1: Real = _quantity("°", 0.0)
     j2: Real = _quantity("°", 0.0)
     j3: Real = _quantity("°", 0.0)
@@ -121,32 +121,29 @@ class InitialPose:
 
 
 @dataclass(frozen=True)
-class Noise:
+class Noise(_Strict):
     """Noise in every image that the policy sees, applied in this order.
 
     ``blur`` and ``grain`` are standard deviations of Gaussian blur and Gaussian noise. ``jpeg`` is the quality of JPEG
     compression, 100 for none.
     """
 
-    __pydantic_config__ = _STRICT
     blur: Annotated[Real, Field(ge=0, le=100)] = _quantity(" px", 0.0)
     grain: Annotated[Real, Field(ge=0)] = _quantity(" grey levels", 0.0)
     jpeg: Annotated[Real, Field(ge=1, le=100)] = 100.0
 
 
 @dataclass(frozen=True)
-class Latency:
+class Latency(_Strict):
     """``delay`` in control steps, from the policy's answer to its execution."""
 
-    __pydantic_config__ = _STRICT
     delay: Annotated[int, Field(strict=True, ge=0, le=100)] = _quantity(" steps", 0)
 
 
 @dataclass(frozen=True)
-class Start:
+class Start(_Strict):
     """``state``: number of the initial state from which a scene deviates, where a task has several."""
 
-    __pydantic_config__ = _STRICT
     state: Annotated[int, Field(strict=True, ge=0, le=10**6)] = 0
 
 
@@ -154,10 +151,9 @@ Moment = Literal["start", "approach", "grasp", "carry"]
 
 
 @dataclass(frozen=True)
-class Event:
+class Event(_Strict):
     """Something that happens once in the middle of an episode, at the moment ``when``; see ``worlds.events``."""
 
-    __pydantic_config__ = _STRICT
     when: Moment = "approach"
 
 
@@ -237,13 +233,12 @@ class Newcomer(Event):
 
 
 @dataclass(frozen=True)
-class Scene:
+class Scene(_Strict):
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
     ``values`` are those of a world without a table, by name, in place of targets.
     """
 
-    __pydantic_config__ = _STRICT
     task: Text
     targets: Annotated[tuple[Placement, ...], Field(max_length=MOST)]
     instruction: Text

@@ -193,11 +193,8 @@ class _Exam:
         step = self.pair[0].differs(own)
         if step is None:
             return Check("nominal", "the nominal scene is the environment's own")
-        pairs = [
-            (one, own.applied[one.name], self.nominal_values[one.name])
-            for one in self.world.parameters
-            if one.name in own.applied
-        ]
+        told = [(one, own.applied[one.name]) for one in self.world.parameters if one.name in own.applied]
+        pairs = [(one, has, self.nominal_values[one.name]) for one, has in told]
         said = [f"{_named(one)} is {_said(one, a)}, not {_said(one, b)}" for one, a, b in pairs if not _equal(b, a)]
         where = "from its reset on" if step == 0 else f"after step {step}"
         found = f"the nominal scene differs from the environment's own {where}{': ' * bool(said)}{', '.join(said)}"
@@ -311,19 +308,19 @@ class _Exam:
 
     def _shown(self, values: Values) -> tuple[list[bytes], bool]:
         """The states of a rollout of the expert, and whether it succeeds; without an expert there are none."""
-        expert, world, monitor = self.world.expert(), self._opened(), Monitor(tuple(self.world.stages))
+        expert, monitor, states = self.world.expert(), Monitor(tuple(self.world.stages)), list[bytes]()
         if expert is None:
             return [], False
-        state, states = world.reset(dict(values), SEED), list[bytes]()
-        while len(states) < world.horizon and not world.ended(state):
-            seen = np.asarray(world.observe(state), dtype=np.float32)
-            asked = Observation("exam", len(states), "", state=seen, privileged=state)
-            for action in expert.act([asked])[0].actions:
-                if not world.ended(state):
-                    state = world.step(state, action)
-                    states.append(world.fingerprint(state))
-                    monitor.observe(state)
-        world.close()
+        with closing(self._opened()) as world:
+            state = world.reset(dict(values), SEED)
+            while len(states) < world.horizon and not world.ended(state):
+                seen = np.asarray(world.observe(state), dtype=np.float32)
+                asked = Observation("exam", len(states), "", state=seen, privileged=state)
+                for action in expert.act([asked])[0].actions:
+                    if not world.ended(state):
+                        state = world.step(state, action)
+                        states.append(world.fingerprint(state))
+                        monitor.observe(state)
         return states, monitor.success_once
 
     def _far(self) -> dict[str, Value]:

@@ -13,7 +13,6 @@ from vlafuzz.failures.corpus.controls import draw
 from vlafuzz.failures.corpus.corpus import Control
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.rollouts.policies import make_policy
-from vlafuzz.worlds.manipulation.operator_set import operators_json
 from vlafuzz.worlds.provenance import here
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -24,7 +23,7 @@ PICK_UP = str(corpus_dir() / "mini-pick-up")
 
 def corpus(folder: Path, *, passed: bool = False, **of_run: str) -> None:
     """A failure of ``frozen``, and what it is said to have done in controls."""
-    run = manifest(policy="frozen", operators=operators_json(load_operators()), **of_run)
+    run = manifest(policy="frozen", operators=load_operators().conditions["operators"], **of_run)
     space = SearchSpace(load_operators(), load_catalogue(), run.task)
     controls = [Control(draw(space, 0, number), passed) for number in range(8)]
     failing = replace(case(), counterparts={}, nominal_passes=False)

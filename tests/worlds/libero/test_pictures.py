@@ -15,7 +15,7 @@ from vlafuzz.model import Camera, Light
 from vlafuzz.policies.base import CameraRequest, PolicySpec
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.packages import load
-from vlafuzz.worlds.libero.pictures import CAMERAS, discard, opengl, shrink
+from vlafuzz.worlds.libero.pictures import CAMERAS, discard, shrink
 from vlafuzz.worlds.libero.setting import Setting
 from vlafuzz.worlds.libero.space import nominal_scene
 from vlafuzz.worlds.libero.suites import find_task
@@ -121,7 +121,7 @@ def test_what_is_given_back_is_these_pixels_and_nothing_beside_them():
 
 def test_a_place_names_what_draws_the_pictures_of_a_policy_that_sees():
     seeing = PolicySpec("seeing", cameras=(CameraRequest("front", 8, 8),))
-    assert "MuJoCo" in opengl()
-    assert "robosuite" in opengl()
-    assert opengl() in in_words(here("mini", seeing, WORLD.renderer))
+    assert "MuJoCo" in WORLD.renderer()
+    assert "robosuite" in WORLD.renderer()
+    assert WORLD.renderer() in in_words(here("mini", seeing, WORLD.renderer))
     assert json.loads(here("mini", PolicySpec("blind"), WORLD.renderer))["renderer"] == ""

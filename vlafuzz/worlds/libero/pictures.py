@@ -1,4 +1,4 @@
-"""Pictures of LIBERO's two cameras, and which OpenGL draws them."""
+"""Pictures of LIBERO's two cameras."""
 
 import ctypes
 import mmap
@@ -9,10 +9,8 @@ import numpy as np
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.model import Setting
-from vlafuzz.worlds.libero.packages import versions
 from vlafuzz.worlds.libero.quick import Artist
 from vlafuzz.worlds.opengl import Canvas
-from vlafuzz.worlds.opengl import device as opengl_device
 
 CAMERAS = ("agentview", "robot0_eye_in_hand")
 QUALITY = Setting("quality", "full", ("full", "fast"))
@@ -52,12 +50,6 @@ class Pictures:
             self._artist = Artist(self._model, canvas)
         discard(self._model.tex_data)  # the renderer has its own copy
         return canvas
-
-
-def opengl() -> str:
-    """Device, driver and the versions of what draws with it; empty if no pictures can be drawn."""
-    found, drawn = versions(), opengl_device()
-    return f"{drawn}, MuJoCo {found.mujoco}, robosuite {found.robosuite}" if drawn else ""
 
 
 def shrink(model: Any) -> None:

@@ -11,11 +11,12 @@ from vlafuzz.model import Conditions, Solver, Space, Task
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
+from vlafuzz.worlds import opengl
 from vlafuzz.worlds.base import Demonstrator, Prompt, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
-from vlafuzz.worlds.libero.pictures import QUALITY, opengl
+from vlafuzz.worlds.libero.pictures import QUALITY
 from vlafuzz.worlds.libero.space import LiberoSpace
 from vlafuzz.worlds.libero.stages import task
 from vlafuzz.worlds.libero.suites import SUITES, find_task, find_tasks
@@ -47,7 +48,8 @@ class Libero(TableWorld):
         return f"vlafuzz {__version__}/mujoco {mujoco}/robosuite {robosuite}/libero {libero}"
 
     def renderer(self) -> str:
-        return opengl()
+        found, drawn = versions(), opengl.device()
+        return f"{drawn}, MuJoCo {found.mujoco}, robosuite {found.robosuite}" if drawn else ""
 
     def has(self, task: str) -> bool:
         return task.startswith("libero") and "/" in task

@@ -85,9 +85,16 @@ class OperatorSet:
 
     @property
     def conditions(self) -> dict[str, Any]:
-        """The set as fields of ``Conditions``, by name."""
-        world = {MIN_DISTANCE.name: self.min_distance, VISIBLE.name: visible_json(self.visible)}
-        return {"world": world, "operators": operators_json(self), "operators_digest": self.digest}
+        """The set as fields of ``Conditions``, by name; ``stored_operators`` reads them."""
+        visible = self.visible.model_dump_json() if self.visible else ""
+        ranges = {name: operator.model_dump(mode="json") for name, operator in self.decisive.items()}
+        kept = {"min_distance": self.min_distance, "varied": sorted(self.varied), "operators": ranges}
+        scaled = {"severity": self.severity} if self.severity != 1 else {}
+        return {
+            "world": {MIN_DISTANCE.name: self.min_distance, VISIBLE.name: visible},
+            "operators": json.dumps(kept | scaled, sort_keys=True),
+            "operators_digest": self.digest,
+        }
 
     @cached_property
     def digest(self) -> str:
@@ -204,16 +211,8 @@ def _validated(path: Path, raw: object) -> _Whole:
     )
 
 
-def operators_json(operators: OperatorSet) -> str:
-    """Operators with their ranges as a field of conditions."""
-    ranges = {name: operator.model_dump(mode="json") for name, operator in operators.decisive.items()}
-    kept = {"min_distance": operators.min_distance, "varied": sorted(operators.varied), "operators": ranges}
-    scaled = {"severity": operators.severity} if operators.severity != 1 else {}
-    return json.dumps(kept | scaled, sort_keys=True)
-
-
 def stored_operators(source: Path, conditions: Conditions, vary: Collection[str] | None = None) -> OperatorSet:
-    """The operators that ``operators_json`` wrote, of which those in ``vary`` vary, by default as then.
+    """The operators of stored conditions, of which those in ``vary`` vary, by default as then.
 
     ``source`` is the store or corpus, for messages.
     """
@@ -240,12 +239,7 @@ def stored_operators(source: Path, conditions: Conditions, vary: Collection[str]
     return operators if vary is None else operators.only(vary)
 
 
-def visible_json(visible: Visible | None) -> str:
-    """Bounds of visibility as a field of conditions."""
-    return visible.model_dump_json() if visible else ""
-
-
 def stored_visible(conditions: Conditions) -> Visible | None:
-    """The bounds that ``visible_json`` wrote; a ValueError if another version did."""
+    """The bounds of visibility of stored conditions; a ValueError if another version wrote them."""
     kept = VISIBLE.of(conditions)
     return Visible.model_validate_json(kept) if kept else None

@@ -130,11 +130,11 @@ def _toward(remaining: float, whole: float) -> float:
     return min(max(1.0 - remaining / max(whole, 1e-6), 0.0), 1.0)
 
 
-def _to_hand(state: State) -> float:
-    return math.dist(state.positions[A], state.tcp)
+def _reaching(s: Situation) -> float:
+    return _toward(*(math.dist(state.positions[A], state.tcp) for state in (s.now, s.start)))
 
 
-GRASP = Stage("grasp", lambda s: s.now.held == A, lambda s: _toward(_to_hand(s.now), _to_hand(s.start)))
+GRASP = Stage("grasp", lambda s: s.now.held == A, _reaching)
 
 
 # pick up a
@@ -189,12 +189,8 @@ def _nearing(s: Situation) -> float:
 # put a on b, put a into b
 
 
-def _level_distance(state: State) -> float:
-    return math.dist(state.positions[A, :2], state.positions[B, :2])
-
-
 def _bringing(s: Situation) -> float:
-    return _toward(_level_distance(s.now), _level_distance(s.start))
+    return _toward(*(math.dist(state.positions[A, :2], state.positions[B, :2]) for state in (s.now, s.start)))
 
 
 def _is_over(s: Situation) -> bool:

@@ -13,7 +13,6 @@ from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, Observation
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.controls import Frozen, Random
-from vlafuzz.worlds.manipulation.operator_set import visible_json
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
@@ -62,7 +61,7 @@ def test_an_unfair_scene_is_invalid_with_its_reason_and_never_shown_to_the_polic
 def test_a_scene_is_judged_by_the_picture_that_its_policy_gets():
     """Under this light, table and spoon are both white in outlines, but not in a rendered picture."""
     bright = pick_up(put("spoon", -0.05, 0.0), light=6.0)
-    visible = {"min_distance": 0.15, "visible": visible_json(load_operators().visible)}
+    visible = {"min_distance": 0.15, "visible": load_operators().conditions["world"]["visible"]}
     (outcome,) = evaluate(Pinhole(), bright, world=visible)
     assert (outcome.verdict, outcome.check) == (Verdict.INVALID, "unseen")
     assert outcome.detail.startswith("spoon: only 0/255 apart from the table under light × 6; at least 4/255")

@@ -15,7 +15,7 @@ from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Sce
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
-from vlafuzz.worlds.manipulation.operator_set import operators_json, stored_operators, visible_json
+from vlafuzz.worlds.manipulation.operator_set import stored_operators
 from vlafuzz.worlds.manipulation.operators import OPERATORS
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -87,9 +87,9 @@ def test_a_scene_of_an_extra_that_does_not_vary_has_no_genome_but_a_severity(nam
 def test_sets_that_vary_an_extra_have_digests_of_their_own_and_are_read_back_as_stored(name: str) -> None:
     usual = load_operators()
     assert usual.only({*usual.varied, name}).digest != usual.digest
-    assert name not in json.loads(operators_json(usual))["operators"]
+    assert name not in json.loads(usual.conditions["operators"])["operators"]
     for operators in (usual, usual.only([name])):
-        conditions = Conditions(task="pick-up", operators=operators_json(operators))
+        conditions = Conditions(task="pick-up", operators=operators.conditions["operators"])
         stored = stored_operators(Path("here.db"), conditions)
         assert stored.digest == operators.digest
         assert stored.operators == operators.operators
@@ -97,11 +97,11 @@ def test_sets_that_vary_an_extra_have_digests_of_their_own_and_are_read_back_as_
 
 def test_bounds_of_visibility_are_read_back_and_missing_in_older_stores() -> None:
     operators = load_operators()
-    text, bounds = operators_json(operators), visible_json(operators.visible)
+    text, bounds = operators.conditions["operators"], operators.conditions["world"]["visible"]
     kept = Conditions(task="pick-up", operators=text, world={"visible": bounds})
     assert stored_operators(Path("here.db"), kept).visible == operators.visible
     assert stored_operators(Path("here.db"), kept.without("visible")).visible is None
-    assert visible_json(load_operators("paper").visible) == ""
+    assert load_operators("paper").conditions["world"]["visible"] == ""
 
 
 @pytest.mark.parametrize(("robot", "joints"), [("panda", 7), ("widowx", 6), ("google", 7)])
