@@ -35,11 +35,15 @@ GOOD = 0.98  # agreement above which no better pose is looked for
 
 
 class Guess(NamedTuple):
-    """An object in a stable pose on the table. ``shift``: x and y, metres, and yaw, radians."""
+    """An object in a stable pose on the table.
+
+    ``shift``: x and y, metres, and yaw, radians. ``agreement``: with an outline, in [0, 1].
+    """
 
     model: ObjectModel
     pose: StablePose
     shift: Array
+    agreement: float = 0.0
 
     @property
     def thing(self) -> Thing:
@@ -47,13 +51,6 @@ class Guess(NamedTuple):
 
     def moved(self, by: Array) -> Self:
         return self._replace(shift=self.shift + by)
-
-
-class RatedGuess(NamedTuple):
-    """A guess with its agreement with an outline, in [0, 1]."""
-
-    agreement: float
-    guess: Guess
 
 
 agreement = attrgetter("agreement")
@@ -109,13 +106,13 @@ class Look:
             best = max(filter(None, [best, self._fit(model, label)]), key=agreement)
             if best.agreement > GOOD:
                 break
-        return best.guess.thing if best else None
+        return best.thing if best else None
 
     def recognize(self, models: Sequence[ObjectModel], label: int) -> Thing:
         """Which of some objects an outline is most like, and its pose, less surely than with ``find``."""
-        return self._refine(self._start(models, label), label).guess.thing
+        return self._refine(self._start(models, label), label).thing
 
-    def _fit(self, model: ObjectModel, label: int) -> RatedGuess:
+    def _fit(self, model: ObjectModel, label: int) -> Guess:
         """The best pose of all; of several that agree well, the first."""
         fits = []
         for pose in model.stable_poses:
@@ -125,18 +122,18 @@ class Look:
                     return fits[-1]
         return max(fits, key=agreement)
 
-    def _start(self, models: Sequence[ObjectModel], label: int) -> RatedGuess:
+    def _start(self, models: Sequence[ObjectModel], label: int) -> Guess:
         poses = ((model, pose) for model in models for pose in model.stable_poses)
         return max((self._starts(*pair, label)[0] for pair in poses), key=agreement)
 
-    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[RatedGuess]:
+    def _starts(self, model: ObjectModel, pose: StablePose, label: int) -> list[Guess]:
         """The object where the outline is, in all directions, the best first."""
         guesses = (Guess(model, pose, np.array([0.0, 0.0, yaw])) for yaw in YAWS)
         rated = (self._rate(self._centred(guess, label), label) for guess in guesses)
         return sorted(rated, key=agreement, reverse=True)
 
-    def _rate(self, guess: Guess, label: int) -> RatedGuess:
-        return RatedGuess(self.agreement(guess.thing, label), guess)
+    def _rate(self, guess: Guess, label: int) -> Guess:
+        return guess._replace(agreement=self.agreement(guess.thing, label))
 
     def _centred(self, guess: Guess, label: int) -> Guess:
         """The object moved so that the middles of the two outlines coincide."""
@@ -149,11 +146,11 @@ class Look:
         middle = (uv.min(axis=0) + uv.max(axis=0))[None] / 2
         return guess.moved(place - self._view.back_project(middle, height)[0] * [1, 1, 0])
 
-    def _refine(self, fit: RatedGuess, label: int) -> RatedGuess:
+    def _refine(self, fit: Guess, label: int) -> Guess:
         """Move and turn a guess as long as it agrees better, by ever smaller steps."""
         halved = 0
         while halved < HALVINGS and fit.agreement <= GOOD:
-            tries = (self._rate(fit.guess.moved(step / 2**halved), label) for step in STEPS)
+            tries = (self._rate(fit.moved(step / 2**halved), label) for step in STEPS)
             better = next((tried for tried in tries if tried.agreement > fit.agreement), None)
             fit, halved = better or fit, halved + (better is None)
         return fit

@@ -187,13 +187,16 @@ class World:
         self.initial_pose = InitialPose(**{f"j{joint}": offset for joint, offset in enumerate(offsets, 1)})
 
     def _contacts(self) -> tuple[frozenset[tuple[int, int | str]], int | None]:
+        """Contacts of the last physics step, see ``object_contacts``, and the object that all fingers press on."""
         pairs: set[tuple[int, int | str]] = set()
-        pressed: Pressed = {finger[0]: {} for finger in self._fingers}
+        pressed: dict[Link, dict[int, Impulses]] = {finger[0]: {} for finger in self._fingers}
         for index, other, body, impulses in object_contacts(self.scene.physx_system, self._labels):
             pairs.add((index, other))
             if body in self._pads:
                 pressed[self._pads[body]].setdefault(index, []).extend(impulses)
-        return frozenset(pairs), held_object(pressed, self._hz)
+        common = sorted(set.intersection(*map(set, pressed.values())))
+        held = (index for index in common if all(_presses(one, pressed[one][index], self._hz) for one in pressed))
+        return frozenset(pairs), next(held, None)
 
 
 def substeps(rig: Rig, control_hz: int) -> tuple[int, int]:
@@ -278,7 +281,6 @@ def add_object(
 Labels = Mapping[object, int | str]
 Link: TypeAlias = physx.PhysxArticulationLinkComponent
 Impulses = list[list[float]]  # three numbers per contact point; lists are faster than arrays at this size
-Pressed = dict[Link, dict[int, Impulses]]  # by finger and object
 TOUCH_IMPULSE = 1e-6  # newton seconds; smaller for bodies that are within the contact offset but apart
 
 
@@ -303,15 +305,8 @@ def object_contacts(system: physx.PhysxCpuSystem, labels: Labels) -> Iterator[tu
             yield other, label, first, impulses
 
 
-def held_object(pressed: Pressed, hz: int) -> int | None:
-    """The object that all fingers press on, given the impulses of a physics step of 1 / ``hz`` seconds."""
-    for index in sorted(set.intersection(*map(set, pressed.values()))):
-        if all(_presses(finger, objects[index], hz) for finger, objects in pressed.items()):
-            return index
-    return None
-
-
 def _presses(finger: Link, impulses: Impulses, hz: int) -> bool:
+    """Whether a finger presses on an object, given the impulses of a physics step of 1 / ``hz`` seconds."""
     push = [sum(axis) for axis in zip(*impulses, strict=True)]
     size = math.hypot(*push)
     closing = finger.entity_pose.to_transformation_matrix()[:3, 1].tolist()
