@@ -16,6 +16,8 @@ from vlafuzz.rollouts.executor import evaluate_safely
 from vlafuzz.rollouts.worker_pool import TIMEOUT, Lost, WorkerPool
 from vlafuzz.worlds.evaluator import Evaluator
 
+Make = Callable[[], Evaluator]  # makes a worker's evaluator, in the worker; picklable
+
 
 class ProcessExecutor(WorkerPool):
     """Workers that are forked once, with one thread each, and replaced when they die.
@@ -24,20 +26,13 @@ class ProcessExecutor(WorkerPool):
     are ERROR. A worker that never becomes ready counts as dead.
 
     Args:
-        make: creates a worker's evaluator, in the worker; picklable.
         timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
         memory: bytes that a worker may use; None for an equal share.
         options: see ``WorkerPool``.
     """
 
     def __init__(
-        self,
-        make: Callable[[], Evaluator],
-        workers: int,
-        *,
-        timeout: float = TIMEOUT,
-        memory: int | None = None,
-        **options: Any,
+        self, make: Make, workers: int, *, timeout: float = TIMEOUT, memory: int | None = None, **options: Any
     ) -> None:
         limit = memory or share(workers)
         super().__init__(lambda: _started(make, timeout, limit), _wait, workers, **options)
@@ -48,7 +43,7 @@ def share(workers: int) -> int:
     return int(0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / workers)
 
 
-def _started(make: Callable[[], Evaluator], timeout: float, memory: int) -> "_Process":
+def _started(make: Make, timeout: float, memory: int) -> "_Process":
     """A worker; where the server that forks them dies, another one begins, once."""
     with suppress(EOFError, OSError):
         return _Process(make, timeout, memory)
@@ -62,7 +57,7 @@ def _started(make: Callable[[], Evaluator], timeout: float, memory: int) -> "_Pr
 class _Process:
     """A ``Worker`` in a process, with the pipe to it."""
 
-    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int) -> None:
+    def __init__(self, make: Make, timeout: float, memory: int) -> None:
         forked = forks.context()
         self.pipe, child_end = forked.Pipe()
         self._process = forked.Process(target=_serve, args=(child_end,), daemon=True)
@@ -120,7 +115,7 @@ def _wait(workers: Sequence[Any], seconds: float) -> None:
 def _serve(pipe: Any) -> None:
     """A worker's main loop: scenes in, outcomes out, until the pipe is closed."""
     forks.settle_in(pipe.recv())
-    make: Callable[[], Evaluator] = pipe.recv()
+    make: Make = pipe.recv()
     evaluator: Evaluator | None = None
     pipe.send(None)
     while True:

@@ -4,7 +4,7 @@ import logging
 import os
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -15,9 +15,8 @@ from ray.exceptions import RayActorError, RayError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError
 from vlafuzz.model import Outcome
-from vlafuzz.rollouts.processes import ProcessExecutor, share
+from vlafuzz.rollouts.processes import Make, ProcessExecutor, share
 from vlafuzz.rollouts.worker_pool import TIMEOUT, TRIES, Lost, WorkerPool
-from vlafuzz.worlds.evaluator import Evaluator
 
 REPLY = 5.0  # seconds for a cluster to accept a connection; ray itself tries for minutes
 STORE = 100 * 2**20  # bytes of shared memory for our own ray instance: scenes and outcomes are small
@@ -41,7 +40,7 @@ class RayExecutor(WorkerPool):
 
     def __init__(
         self,
-        make: Callable[[], Evaluator],
+        make: Make,
         workers: int,
         *,
         address: str | None = None,
@@ -69,7 +68,7 @@ class RayExecutor(WorkerPool):
 class _Actor:
     """A ``Worker`` as the driver sees it: an actor and its pending call."""
 
-    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int) -> None:
+    def __init__(self, make: Make, timeout: float, memory: int | None, workers: int) -> None:
         actor: Any = ray.remote(num_cpus=1)(_RemoteWorker)
         self._actor = actor.remote(make, timeout, memory, workers)
         self._timeout = timeout
@@ -105,7 +104,7 @@ class _Actor:
 class _RemoteWorker:
     """The class of the actors, which runs on the worker's machine and keeps the process that evaluates."""
 
-    def __init__(self, make: Callable[[], Evaluator], timeout: float, memory: int | None, workers: int) -> None:
+    def __init__(self, make: Make, timeout: float, memory: int | None, workers: int) -> None:
         if os.environ.get("CUDA_VISIBLE_DEVICES") == "":
             del os.environ["CUDA_VISIBLE_DEVICES"]  # older ray hides GPUs from actors that request none
         neighbours = min(workers, os.cpu_count() or 1)  # so many workers may share this machine

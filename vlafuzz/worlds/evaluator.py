@@ -4,7 +4,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Sequence
 from dataclasses import KW_ONLY, dataclass
-from typing import Protocol, TypeVar, cast
+from typing import Protocol, TypedDict, TypeVar, cast
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
@@ -89,6 +89,13 @@ def drive(evaluation: Evaluation, policy: Policy) -> Outcome:
                 answer = error
         asked = proceed(evaluation, answer)
     return asked
+
+
+class Options(TypedDict, total=False):
+    """What evaluators of all worlds take: see ``SceneEvaluator``."""
+
+    recording: Recording | None
+    checked: bool
 
 
 class SceneEvaluator(ABC):

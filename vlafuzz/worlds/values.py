@@ -18,7 +18,7 @@ from abc import abstractmethod
 from collections.abc import Collection, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Generic, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar, Unpack
 
 import numpy as np
 
@@ -30,9 +30,8 @@ from vlafuzz.model.space import Values
 from vlafuzz.policies.base import Observation, Policy
 from vlafuzz.worlds.base import Robot, TryingPolicy, World
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.parameters import PREFIX, Parameter, Parameters, Value, operators_of
-from vlafuzz.worlds.recording import Recording
 
 ROBOT = "own"  # the only one of such a world
 REDRAWS = 200  # scenes that are drawn for a fair one
@@ -131,18 +130,12 @@ class ValuesEvaluator(SceneEvaluator):
     """Runs a policy in scenes of values; what is kept between two of them, the world decides."""
 
     def __init__(
-        self,
-        world: ValuesWorld[Any],
-        conditions: Conditions,
-        policy: Policy,
-        *,
-        recording: Recording | None,
-        checked: bool,
+        self, world: ValuesWorld[Any], conditions: Conditions, policy: Policy, **options: Unpack[Options]
     ) -> None:
         self._task = world.task(conditions.task)
         self._world = world.opened(own_name(conditions.task))
         self._cameras = [camera.name for camera in policy.spec.cameras]
-        super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
+        super().__init__(conditions, policy, self._task.stage_names, **options)
 
     def check(self, scene: Scene) -> Rejection | None:
         if scene.task != self._task.name or dict(scene.values).keys() != self._world.named.keys():
@@ -290,9 +283,9 @@ class ValuesWorld(World, Generic[State]):
         return now if vary is None else self._space(conditions.task, vary)
 
     def evaluator(
-        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
+        self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
-        return ValuesEvaluator(self, conditions, policy, recording=recording, checked=checked)
+        return ValuesEvaluator(self, conditions, policy, **options)
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         expert = self.expert()

@@ -3,6 +3,7 @@
 import atexit
 import hashlib
 from functools import cached_property, partial
+from typing import Unpack
 
 import numpy as np
 from PIL import Image
@@ -14,7 +15,7 @@ from vlafuzz.model.scene import InstructionChange
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.events import STOP, Events, cancelled
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
@@ -25,7 +26,6 @@ from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
-from vlafuzz.worlds.recording import Recording
 
 SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
@@ -107,11 +107,8 @@ def _shown(env: LiberoEnv, camera: CameraRequest) -> Picture:
 class LiberoEvaluator(SceneEvaluator):
     """Runs a policy in scenes of one task; a UsageError if it asks for what LIBERO does not have."""
 
-    def __init__(
-        self, conditions: Conditions, policy: Policy, *, recording: Recording | None = None, checked: bool = True
-    ) -> None:
-        stages = task_named(conditions.task).stage_names
-        super().__init__(conditions, policy, stages, recording=recording, checked=checked)
+    def __init__(self, conditions: Conditions, policy: Policy, **options: Unpack[Options]) -> None:
+        super().__init__(conditions, policy, task_named(conditions.task).stage_names, **options)
         _check_spec(policy.spec)
         self._workplace: Workplace | None = None
 

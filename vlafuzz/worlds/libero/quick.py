@@ -101,7 +101,7 @@ class Artist:
         self._arrange(data, view, self._parts.mjCAT_DYNAMIC)
         self._add(data, self._parts.mjCAT_STATIC)
         self._detail.choose(self._scene, data, camera, MOVING / size)
-        self._render(buffer, sky=True, sharper=SMOOTH)
+        self._render(buffer, sky=True, finer=SMOOTH)
         return np.asarray(Pillow.fromarray(buffer.pixels()).reduce(SMOOTH))
 
     def _before_still(self, data: Any, view: Any, size: int) -> Image:
@@ -129,7 +129,7 @@ class Artist:
         self._arrange(data, view, self._parts.mjCAT_STATIC)
         self._render(plain)
         plain.copy(kept, self._gl.GL_DEPTH_BUFFER_BIT)
-        self._render(sampled, mirrors=True, sky=True)
+        self._render(sampled, mirror=True, sky=True)
         sampled.copy(kept, self._gl.GL_COLOR_BUFFER_BIT)
 
     def _arrange(self, data: Any, view: Any, parts: int) -> None:
@@ -140,20 +140,14 @@ class Artist:
         self._mujoco.mjv_addGeoms(self._model, data, self._options, nothing, parts, self._scene)
 
     def _render(
-        self,
-        target: _Buffer,
-        *,
-        mirrors: bool = False,
-        sky: bool = False,
-        sharper: int = 1,
-        source: _Buffer | None = None,
+        self, target: _Buffer, *, mirror: bool = False, sky: bool = False, finer: int = 1, source: _Buffer | None = None
     ) -> None:
-        """Draw the scene; ``sharper``: pixels a side that will be one, for which textures are no finer."""
+        """Draw the scene; ``finer``: pixels a side that will be one, whose size textures are chosen for."""
         gl, flags = self._gl, self._mujoco.mjtRndFlag
-        self._scene.flags[flags.mjRND_REFLECTION] = mirrors
+        self._scene.flags[flags.mjRND_REFLECTION] = mirror
         self._scene.flags[flags.mjRND_SKYBOX] = sky
         gl.glActiveTexture(gl.GL_TEXTURE0)
-        gl.glTexEnvf(gl.GL_TEXTURE_FILTER_CONTROL, gl.GL_TEXTURE_LOD_BIAS, np.log2(sharper))
+        gl.glTexEnvf(gl.GL_TEXTURE_FILTER_CONTROL, gl.GL_TEXTURE_LOD_BIAS, np.log2(finer))
         target.bind(gl.GL_FRAMEBUFFER)
         if source is not None:
             source.bind(gl.GL_READ_FRAMEBUFFER)

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 from vlafuzz import __version__
 from vlafuzz.errors import UsageError
@@ -13,7 +13,7 @@ from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
 from vlafuzz.worlds import opengl
 from vlafuzz.worlds.base import Demonstrator, Prompt, SceneMap, TryingPolicy
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
 from vlafuzz.worlds.libero.pictures import QUALITY
@@ -23,7 +23,6 @@ from vlafuzz.worlds.libero.suites import SUITES, find_task, find_tasks
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet, stored_operators
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 from vlafuzz.worlds.manipulation.space import TableWorld, maps_of_targets
-from vlafuzz.worlds.recording import Recording
 
 
 def mini_libero() -> Mini:
@@ -92,11 +91,11 @@ class Libero(TableWorld):
         return LiberoSpace(stored_operators(source, conditions, vary), conditions.task, conditions.robot)
 
     def evaluator(
-        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
+        self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
         from vlafuzz.worlds.libero.evaluator import LiberoEvaluator
 
-        return LiberoEvaluator(conditions, policy, recording=recording, checked=checked)
+        return LiberoEvaluator(conditions, policy, **options)
 
     def solvers(self) -> Mapping[Solver, TryingPolicy]:
         return {"expert": LiberoExpert()}

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +13,13 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Conditions, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.events import afterwards, without
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
 from vlafuzz.worlds.manipulation.looks import COLOUR
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
 from vlafuzz.worlds.manipulation.rigs import rig
-from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_events, check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
@@ -72,16 +72,10 @@ class TabletopEvaluator(SceneEvaluator):
     """Runs a policy in scenes of one task; ``catalogue`` has their objects."""
 
     def __init__(
-        self,
-        conditions: Conditions,
-        policy: Policy,
-        catalogue: Catalogue,
-        *,
-        recording: Recording | None = None,
-        checked: bool = True,
+        self, conditions: Conditions, policy: Policy, catalogue: Catalogue, **options: Unpack[Options]
     ) -> None:
         self._task, self.catalogue = task_named(conditions.task), catalogue
-        super().__init__(conditions, policy, self._task.stage_names, recording=recording, checked=checked)
+        super().__init__(conditions, policy, self._task.stage_names, **options)
         self._visible = stored_visible(conditions)
         self._env: Room | None = None
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Unpack
 
 import numpy as np
 
@@ -15,12 +15,11 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import Mini
 from vlafuzz.worlds.base import Demonstrator, Judge, TryingPolicy
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_operators
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
-from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -91,12 +90,12 @@ class Tabletop(TableWorld):
         return SearchSpace(operators, stored_catalogue(conditions), conditions.task, conditions.robot)
 
     def evaluator(
-        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
+        self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
         from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 
         catalogue = self.catalogue(conditions, space)
-        return ManiSkillEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
+        return ManiSkillEvaluator(conditions, policy, catalogue, **options)
 
     @staticmethod
     def catalogue(conditions: Conditions, space: Space | None) -> Catalogue:

@@ -5,6 +5,7 @@ What fails in both is hardly a simulator's own. MuJoCo is an extra, and is loade
 
 from collections.abc import Iterator
 from importlib import metadata, util
+from typing import Unpack
 
 from vlafuzz import __version__
 from vlafuzz.common.check import Check
@@ -12,9 +13,8 @@ from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model import Conditions, Rejection, Scene, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.worlds import opengl
-from vlafuzz.worlds.evaluator import SceneEvaluator
+from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.manipulation.rigs import PANDA
-from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.world import Tabletop
@@ -53,7 +53,7 @@ class TabletopMujoco(Tabletop):
             raise PrerequisiteError(f"pictures of {NAME} need OpenGL with EGL, which does not draw here", hint)
 
     def evaluator(
-        self, conditions: Conditions, policy: Policy, space: Space | None, *, recording: Recording | None, checked: bool
+        self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
         require()
         from vlafuzz.worlds.tabletop_mujoco.env import MujocoEvaluator
@@ -61,7 +61,7 @@ class TabletopMujoco(Tabletop):
         if conditions.robot not in self.robots:
             raise UsageError(f"robot {conditions.robot}: {NAME} has none but the {PANDA.robot}", hint="leave it out")
         catalogue = self.catalogue(conditions, space)
-        return MujocoEvaluator(conditions, policy, catalogue, recording=recording, checked=checked)
+        return MujocoEvaluator(conditions, policy, catalogue, **options)
 
     def machine(self) -> Iterator[Check]:
         there = util.find_spec("mujoco") is not None

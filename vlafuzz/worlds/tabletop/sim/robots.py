@@ -75,17 +75,9 @@ class MetricArm:
     last *target*. With ``yields``, the hand approaches a target out of reach as far as it can, instead of staying.
     """
 
-    def __init__(
-        self,
-        robot: sapien.physx.PhysxArticulation,
-        tcp_name: str,
-        gripper: Gripper,
-        *,
-        pace: Pace | None = None,
-        yields: bool = False,
-    ) -> None:
-        self._robot, self.gripper, self._yields = robot, gripper, yields
-        self._tcp = next(i for i, link in enumerate(robot.links) if link.name.endswith(tcp_name))
+    def __init__(self, robot: sapien.physx.PhysxArticulation, agent: "type[_Metric]") -> None:
+        self._robot, self.gripper, self._yields, pace = robot, agent.gripper, agent.yields, agent.pace
+        self._tcp = next(i for i, link in enumerate(robot.links) if link.name.endswith(agent.tcp_name))
         self._link = robot.links[self._tcp]
         self._model = robot.create_pinocchio_model()
         self._joints = robot.active_joints
@@ -200,9 +192,7 @@ class MetricController(BaseController):
             stiffness, damping, force = agent.gains[joint.name]
             joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
             joint.set_friction(0.0)
-        self.arm = MetricArm(
-            self.articulation._objs[0], agent.tcp_name, agent.gripper, pace=agent.pace, yields=agent.yields
-        )
+        self.arm = MetricArm(self.articulation._objs[0], agent)
 
     def reset(self) -> None:
         self.arm.reset()
