@@ -36,9 +36,8 @@ class FileVerdicts:
 def lint(path: Path, packs: Sequence[Any], watch: Watch, *, settle: bool) -> FileVerdicts:
     """Check all scenes of a file, with ``settle`` also simulated; a SceneError if there are none in it."""
     if is_document(path):
-        raise SceneError(
-            f"{path}: not JSON lines", hint=f"`vlafuzz export {path} --out F.jsonl` reads files of VLATest"
-        )
+        hint = f"`vlafuzz export {path} --out F.jsonl` reads files of VLATest"
+        raise SceneError(f"{path}: not JSON lines", hint)
     lines, problems = list(read_scenes(path)), dict[int, Rejection]()
     if not lines:
         raise SceneError(f"{path}: no scenes in it", hint="expected one JSON scene a line")

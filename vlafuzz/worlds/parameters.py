@@ -141,9 +141,8 @@ def operators_of(parameters: Collection[Parameter]) -> dict[str, list[Parameter]
 
 def read_parameters(path: Path) -> tuple[Parameter, ...]:
     """The parameters of a YAML file; a CatalogueError with file and key if it is wrong."""
-    entries = validated(
-        _FILE, read_yaml(path, CatalogueError), path, CatalogueError, "a text with a comma needs quotation marks"
-    )
+    hint = "a text with a comma needs quotation marks"
+    entries = validated(_FILE, read_yaml(path, CatalogueError), path, CatalogueError, hint)
     try:
         return tuple(entry.parameter(name) for name, entry in entries.items())
     except UsageError as error:

@@ -21,6 +21,7 @@ from vlafuzz.policies.harness import metric, written_as
 
 PICTURES = "observation.images."
 _GRIPPER = {"open_positive": (-1.0, 1.0), "close_positive": (1.0, -1.0), "open_01": (0.0, 1.0), "close_01": (1.0, 0.0)}
+_OF_ACTIONS = ("rotation", "position_scale", "rotation_scale", "relative_to", "sticky", "hz")  # options as in the spec
 Written = NDArray[np.float32]
 
 
@@ -29,19 +30,11 @@ class Model:
 
     def __init__(self, name: str, options: ProfiledOptions) -> None:
         self._options, self.layout = options, options.layout
-        server = getattr(options, "protocol", "")
+        server, about = getattr(options, "protocol", ""), {name: getattr(options, name) for name in _OF_ACTIONS}
         self.spec = PolicySpec(
             name,
             version=options.version or "1",
-            action=ActionSpec(
-                rotation=options.rotation,
-                position_scale=options.position_scale,
-                rotation_scale=options.rotation_scale,
-                relative_to=options.relative_to,
-                gripper=options.gripper or "open_positive",
-                sticky=options.sticky,
-                hz=options.hz,
-            ),
+            action=ActionSpec(**about, gripper=options.gripper or "open_positive"),
             cameras=_cameras(options),
             state=self.layout is not None,
             execute=options.execute,

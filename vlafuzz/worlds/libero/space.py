@@ -37,12 +37,8 @@ OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 # These operators move the suite's own things; others have the genes of the tabletop.
 LACKING = ("backdrop", "target-topple")  # which the tabletop alone has
-_OWN = (
-    kinds.TargetPosition.name,
-    kinds.TargetOrientation.name,
-    others.BystanderPosition.name,
-    others.BystanderOrientation.name,
-)
+_MOVING = (kinds.TargetPosition, kinds.TargetOrientation, others.BystanderPosition, others.BystanderOrientation)
+_OWN = [kind.name for kind in _MOVING]
 _SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in others.EXTRAS] + sorted(
     others.EXTRAS - {*LACKING, *_OWN}
 )

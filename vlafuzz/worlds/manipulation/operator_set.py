@@ -60,10 +60,9 @@ class OperatorSet:
             name for name in varied if name.startswith(("confounder-", "newcomer")) and name != ConfounderCount.name
         ]
         if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
-            raise UsageError(
-                f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0",
-                hint=f"vary {ConfounderCount.name} as well, or give it another nominal value in a file",
-            )
+            problem = f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0"
+            hint = f"vary {ConfounderCount.name} as well, or give it another nominal value in a file"
+            raise UsageError(problem, hint)
         tasks = {name: replace(part, varied=frozenset(varied)) for name, part in self.tasks.items()}
         return replace(self, varied=frozenset(varied), tasks=tasks)
 
@@ -232,10 +231,8 @@ def stored_operators(source: Path, conditions: Conditions, vary: Collection[str]
             severity=float(stored.get("severity", 1.0)),
         )
     except (KeyError, ValueError, TypeError) as error:
-        raise StoreError(
-            f"{source}: its operators are those of another version: {' '.join(str(error).split())}",
-            hint="use the version that began the run",
-        ) from None
+        problem = f"{source}: its operators are those of another version: {' '.join(str(error).split())}"
+        raise StoreError(problem, hint="use the version that began the run") from None
     return operators if vary is None else operators.only(vary)
 
 

@@ -42,10 +42,8 @@ class Composer(TableComposer):
 
     def __init__(self, operators: OperatorSet, catalogue: Catalogue, task: TableTask, robot: str) -> None:
         self._catalogue = catalogue
-        self._fixed = {
-            "targets": operators.get(kinds.TargetOrientation).fixed,
-            "confounders": operators.get(kinds.ConfounderOrientation).fixed,
-        }
+        turning = (kinds.TargetOrientation, kinds.ConfounderOrientation)
+        self._fixed = {kind.part: operators.get(kind).fixed for kind in turning}
         setup = rig(robot)
         slots = _slots(operators, catalogue, task, setup.hand)
         stable_poses = max(len(catalogue[name].stable_poses) for name in catalogue.names())
@@ -63,9 +61,8 @@ class Composer(TableComposer):
         return Placement(name, rest, values[f"{slot}.x"], values[f"{slot}.y"], yaw)
 
     def wordings(self, targets: Sequence[str]) -> Sequence[str]:
-        return _said(
-            self._task_name, tuple(self._catalogue[name].spoken for name in targets if name in self._catalogue)
-        )
+        spoken = tuple(self._catalogue[name].spoken for name in targets if name in self._catalogue)
+        return _said(self._task_name, spoken)
 
     def placed(self, slot: str, placement: Placement) -> Values:
         known = placement.object in self._catalogue and placement.quaternion is None

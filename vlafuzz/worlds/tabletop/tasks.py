@@ -222,27 +222,16 @@ def _is_inside(s: Situation) -> bool:
     return bool(np.all(np.abs(local[:, :2]) <= half))
 
 
-PICK_UP = TableTask(
-    "pick-up",
-    1,
-    (
-        GRASP,
-        Stage("lift", _lifted, lambda s: _height(s) / LIFTED if s.now.held == A else 0.0),
-        Stage("success", _lifted, lambda s: 0.0, 5),
-    ),
+LIFT = Stage("lift", _lifted, lambda s: _height(s) / LIFTED if s.now.held == A else 0.0)
+MOVE = Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED)
+BRING = Stage("move", _is_over, _bringing)
+_TASKS = (
+    TableTask("pick-up", 1, (GRASP, LIFT, Stage("success", _lifted, lambda s: 0.0, 5))),
+    TableTask("move-near", 2, (GRASP, MOVE, Stage("success", _is_near, _nearing))),
+    TableTask("put-on", 2, (GRASP, BRING, Stage("success", _released_on, _lowering)), onto="support"),
+    TableTask("put-in", 2, (GRASP, BRING, Stage("success", _is_inside, _lowering)), onto="container"),
 )
-MOVE_NEAR = TableTask(
-    "move-near",
-    2,
-    (GRASP, Stage("move", _moved, lambda s: _displacements(s)[A] / MOVED), Stage("success", _is_near, _nearing)),
-)
-PUT_ON = TableTask(
-    "put-on", 2, (GRASP, Stage("move", _is_over, _bringing), Stage("success", _released_on, _lowering)), onto="support"
-)
-PUT_IN = TableTask(
-    "put-in", 2, (GRASP, Stage("move", _is_over, _bringing), Stage("success", _is_inside, _lowering)), onto="container"
-)
-TASKS = {task.name: task for task in (PICK_UP, MOVE_NEAR, PUT_ON, PUT_IN)}
+TASKS = {task.name: task for task in _TASKS}
 
 
 @cache

@@ -28,6 +28,7 @@ ARMATURE = 0.1
 # PhysX takes the mean of two materials, MuJoCo the larger one: of pads with 2.0 and things with 0.6 both get 1.3.
 LINK_FRICTION, PAD_FRICTION = 0.3, 1.3
 PATCH = 0.1  # metres: radius of the pads' torsional friction
+CONVEX = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
 ROBOT, THING = 1, 2  # kinds of shapes: the robot's do not collide with each other
 LOOKS, SHAPES = 0, 3  # groups: what pictures show, and what collides
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
@@ -103,12 +104,7 @@ def compiled(models: Sequence[ObjectModel], placements: Sequence[Placement], bac
         body.add_freejoint()
         for part, file in enumerate(model.collision):
             name = f"{number}.{part}"
-            spec.add_mesh(
-                name=name,
-                file=str(file),
-                scale=[placement.scale] * 3,
-                inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
-            )
+            spec.add_mesh(name=name, file=str(file), scale=[placement.scale] * 3, inertia=CONVEX)
             shape = body.add_geom(type=mujoco.mjtGeom.mjGEOM_MESH, meshname=name, density=model.density)
             _solid(shape, THING, [model.friction, 0.005, 0.0001])
         _wrap(spec, body, model, placement.scale)

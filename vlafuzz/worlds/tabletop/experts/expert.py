@@ -54,10 +54,8 @@ def controller(start: EpisodeStart, attempt: int, *, fluent: bool = False) -> Pi
     The attempts are the ``GRASPS`` best grasps from straight above, then the same with the hand leaning one way, then
     the other way.
     """
-    lean = LEANS[attempt // GRASPS]
-    return PickPlaceController(
-        start.task, rig(start.robot or PANDA.robot), fluent=fluent, attempt=attempt % GRASPS, lean=lean
-    )
+    lean, setup = LEANS[attempt // GRASPS], rig(start.robot or PANDA.robot)
+    return PickPlaceController(start.task, setup, fluent=fluent, attempt=attempt % GRASPS, lean=lean)
 
 
 class Expert(Scripted):

@@ -116,10 +116,8 @@ def find_pack(name: str, digest: str, folder: str) -> Pack:
     here = [*_packs_in(Path(folder)), *_known_packs()]
     same = [pack for pack in here if pack.digest == digest] + [pack for pack in here if pack.name == name]
     if not same:
-        raise UsageError(
-            f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}",
-            hint=_ELSEWHERE,
-        )
+        problem = f"it needs the pack {name!r} (digest {digest}), which is neither in {folder} nor in ${FOLDERS}"
+        raise UsageError(problem, hint=_ELSEWHERE)
     return replace(same[0], name=name)
 
 

@@ -140,11 +140,8 @@ class TabletopEnv(BaseEnv, Room):
 
     @property
     def _default_sim_config(self) -> SimConfig:
-        return SimConfig(
-            sim_freq=substeps(self.rig, self.control_hz)[1],
-            control_freq=self.control_hz,
-            scene_config=SceneConfig(contact_offset=CONTACT_OFFSET),
-        )
+        physics_hz, scene = substeps(self.rig, self.control_hz)[1], SceneConfig(contact_offset=CONTACT_OFFSET)
+        return SimConfig(sim_freq=physics_hz, control_freq=self.control_hz, scene_config=scene)
 
     @property
     def _default_sensor_configs(self) -> list[CameraConfig]:
@@ -159,10 +156,8 @@ class TabletopEnv(BaseEnv, Room):
                 raise UsageError(f"{self.rig.robot}: it has no wrist camera", hint="ask for third_person only")
             else:
                 mount = self.agent.robot.links_map[self.agent.wrist]
-            made = CameraConfig(
-                name, pose, width, request.height, fov, mount=mount, shader_config=rendering.use_shaders()
-            )
-            configs.append(made)
+            shaders = rendering.use_shaders()
+            configs.append(CameraConfig(name, pose, width, request.height, fov, mount=mount, shader_config=shaders))
         return configs
 
     def _load_agent(self, options: dict[str, Any]) -> None:
