@@ -17,8 +17,7 @@ import pytest
 
 from tests.cli.typed import told
 from tests.packs import box, write_pack
-from tests.policies.clients import groot_server, served, test_openpi
-from tests.policies.clients import test_openvla as test_act
+from tests.policies.clients import groot_server, served, test_openpi, test_openvla as test_act
 from tests.worlds.tabletop.sim.scenes import nominal
 from vlafuzz.campaign.config import default_store
 from vlafuzz.common.assets import corpus_dir

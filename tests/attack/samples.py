@@ -14,8 +14,7 @@ import yaml
 
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.packs import box, can, tray, write_pack
-from tests.report.stores import MANIFEST
-from tests.report.stores import store as write_store
+from tests.report.stores import MANIFEST, store as write_store
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, nominal
 from tests.worlds.tabletop.test_vlatest import grasp, other, two
 from vlafuzz.common.assets import operators_dir

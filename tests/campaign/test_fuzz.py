@@ -3,8 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from tests.campaign.resuming import SPACE
 from tests.doubles import Always, Backwards, ClosedForm, Gone, Raising, Scripted, failed, manifest, passed, scene

@@ -17,8 +17,7 @@ from tests.failures.corpus.test_export import CheckingRunner
 from tests.failures.triage.planted import TILTED, Planted
 from tests.report.stores import MANIFEST, MadeUpFilms
 from vlafuzz.failures.corpus.corpus import Case
-from vlafuzz.failures.corpus.diff import diff as compare_causes
-from vlafuzz.failures.corpus.diff import known
+from vlafuzz.failures.corpus.diff import diff as compare_causes, known
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model import Scene
 from vlafuzz.rollouts import scene_runner as runner

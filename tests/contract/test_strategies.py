@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from tests.doubles import TinySpace, scene
-from tests.search.worlds import CATALOGUE
-from tests.search.worlds import space as tabletop
+from tests.search.worlds import CATALOGUE, space as tabletop
 from tests.worlds.reacher import Reacher
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Verdict

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from tests.logs.samples import VLA_EVAL, suite_csv, write_json
 from vlafuzz.common.reading import read_json

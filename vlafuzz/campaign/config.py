@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 
 from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.fuzz import PATIENCE, Campaign, Proposed
-from vlafuzz.campaign.options import OF_WORLDS, severity_of_flag
-from vlafuzz.campaign.options import RunConfig as RunConfig
+from vlafuzz.campaign.options import OF_WORLDS, RunConfig as RunConfig, severity_of_flag
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import OBJECT

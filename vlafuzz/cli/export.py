@@ -166,8 +166,7 @@ def _export_corpus(store: Path, out: Path, run: int | None, controls: int | None
     check_number("--controls", controls, 0)
     from vlafuzz.cli.triage import note_alone
     from vlafuzz.failures.corpus.controls import CONTROLS
-    from vlafuzz.failures.corpus.export import export as export_corpus
-    from vlafuzz.failures.corpus.export import tasks_of
+    from vlafuzz.failures.corpus.export import export as export_corpus, tasks_of
     from vlafuzz.failures.corpus.folder import check_new, write_corpus
     from vlafuzz.failures.triage.pipeline import runner_of_run
     from vlafuzz.store.store import Store

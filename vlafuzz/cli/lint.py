@@ -40,8 +40,7 @@ def lint(
             raise UsageError("files and worlds are linted apart, and worlds without --pack", hint=f"lint {worlds[0]}")
         _lint_worlds(worlds, static=static, json=json)
         return
-    from vlafuzz.worlds.lint import MEANS
-    from vlafuzz.worlds.lint import lint as verdicts
+    from vlafuzz.worlds.lint import MEANS, lint as verdicts
 
     packs = opened(pack)
     with Bar() as bar:

@@ -13,8 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 from rich.text import Text
 
-from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED
-from vlafuzz.cli.ending import Checked, heard
+from vlafuzz.cli.ending import INTERRUPTED as INTERRUPTED, Checked, heard
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.text import duration
 from vlafuzz.common.watch import Watch

@@ -66,8 +66,7 @@ def command(
 
     until = deadline("--time", time)
     _begin_early(given["policy"], given["workers"], given["executor"])
-    from vlafuzz.campaign.config import RunConfig
-    from vlafuzz.campaign.config import plan as plan_of
+    from vlafuzz.campaign.config import RunConfig, plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
     from vlafuzz.cli.runs import checked, run_plan, run_tasks, with_severity
     from vlafuzz.worlds import task_of, tasks_named

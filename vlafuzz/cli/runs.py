@@ -13,12 +13,10 @@ from typing import Any, NamedTuple
 import typer
 from rich.table import Table
 
-from vlafuzz.campaign.config import BUDGET, SEARCH, Plan, RunConfig, default_store, start
-from vlafuzz.campaign.config import plan as plan_of
+from vlafuzz.campaign.config import BUDGET, SEARCH, Plan, RunConfig, default_store, plan as plan_of, start
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.options import AUTO, LEAST
-from vlafuzz.campaign.resume import begun
-from vlafuzz.campaign.resume import resume as resume_run
+from vlafuzz.campaign.resume import begun, resume as resume_run
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.cli.flags import typed
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows, stdout

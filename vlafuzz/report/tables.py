@@ -12,8 +12,7 @@ from vlafuzz.failures.causes import CauseList, all_causes
 from vlafuzz.model import Verdict
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
-from vlafuzz.search.severity import NAME as SEVERITY
-from vlafuzz.search.severity import Half, half_of, severity_of
+from vlafuzz.search.severity import NAME as SEVERITY, Half, half_of, severity_of
 from vlafuzz.store.records import Manifest, Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import in_words

@@ -9,8 +9,7 @@ from functools import partial
 from typing import Any
 
 import ray
-from ray._private import services
-from ray._private import worker as driver
+from ray._private import services, worker as driver
 from ray.exceptions import RayActorError, RayError
 
 from vlafuzz.errors import PrerequisiteError, UsageError, VlafuzzError

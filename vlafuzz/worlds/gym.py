@@ -23,9 +23,7 @@ from vlafuzz.model import Stage
 from vlafuzz.policies.base import ActionChunk, ActionSpec, EpisodeStart, Observation, PolicySpec
 from vlafuzz.policies.harness import WIDTH
 from vlafuzz.worlds.base import TryingPolicy
-from vlafuzz.worlds.parameters import Parameter as Parameter
-from vlafuzz.worlds.parameters import Value
-from vlafuzz.worlds.parameters import read_parameters as read_parameters
+from vlafuzz.worlds.parameters import Parameter as Parameter, Value, read_parameters as read_parameters
 from vlafuzz.worlds.values import ValuesWorld
 
 Env = gymnasium.Env[Any, Any]

@@ -10,8 +10,7 @@ from tests.doubles import manifest
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky, probes
 from vlafuzz.failures.corpus.controls import CONTROL, REGRESS, number_of
-from vlafuzz.failures.corpus.pairs import Probe
-from vlafuzz.failures.corpus.pairs import probes as probes_of
+from vlafuzz.failures.corpus.pairs import Probe, probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Recorded, Rerun, compare
 from vlafuzz.model import Verdict
 from vlafuzz.worlds.manipulation.jitter import jittered

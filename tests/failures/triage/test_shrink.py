@@ -4,8 +4,7 @@ from itertools import combinations
 from statistics import median
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, STAGES, TILTED, Planted, fair
 from vlafuzz.failures.triage.attribute import attribute

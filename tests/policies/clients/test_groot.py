@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tests.policies.clients.groot_server import MODALITIES, NAMES, TASK, config, nd, npy, parts, served
-from tests.policies.clients.served import STATE, black, check_failure, seen, start
-from tests.policies.clients.served import failure as served_failure
+from tests.policies.clients.served import STATE, black, check_failure, failure as served_failure, seen, start
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.policies.base import Observation
 from vlafuzz.policies.clients.msgpack_wire import pack_groot, unpack

@@ -19,8 +19,7 @@ from vlafuzz.common.statistics import sign_p
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
 from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
-from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe
-from vlafuzz.failures.corpus.pairs import probes as probes_of
+from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe, probes as probes_of
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
 from vlafuzz.model import Model, Scene
 from vlafuzz.model.phrasing import titled

@@ -22,8 +22,7 @@ from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.fairness import Fairness
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
 from vlafuzz.worlds.libero.setting import VIEW, Setting
-from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at
-from vlafuzz.worlds.libero.stages import task as task_named
+from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at, task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
 

@@ -15,8 +15,7 @@ from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, s
 from vlafuzz.worlds.libero.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
-from vlafuzz.worlds.manipulation import extras as others
-from vlafuzz.worlds.manipulation import operators as kinds
+from vlafuzz.worlds.manipulation import extras as others, operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout, Operator
 from vlafuzz.worlds.manipulation.composer import TableComposer, index_of
 from vlafuzz.worlds.manipulation.operator_set import OperatorSet

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from vlafuzz.model import Camera, Gene, Placement, Scene
-from vlafuzz.model import scene as model
+from vlafuzz.model import Camera, Gene, Placement, Scene, scene as model
 from vlafuzz.model.space import Values
 from vlafuzz.worlds.events import MOST, NUMBERS
 from vlafuzz.worlds.manipulation.base import Layout

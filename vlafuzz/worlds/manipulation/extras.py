@@ -7,8 +7,7 @@ from typing import Any, ClassVar, Self, TypeVar, get_type_hints
 
 from pydantic import Field, create_model, model_validator
 
-from vlafuzz.model import Gene, Grid
-from vlafuzz.model import scene as model
+from vlafuzz.model import Gene, Grid, scene as model
 from vlafuzz.model.scene import amount, in_words
 from vlafuzz.worlds.manipulation.base import Layout, Operator, Span
 from vlafuzz.worlds.manipulation.rigs import Rig

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.errors import UsageError
-from vlafuzz.model import Camera, Gene, Placement, Scene, Setting, Space, Task
-from vlafuzz.model import scene as model
+from vlafuzz.model import Camera, Gene, Placement, Scene, Setting, Space, Task, scene as model
 from vlafuzz.model.genes import embedded
 from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Values, Vector
 from vlafuzz.worlds.base import SceneMap, World
 from vlafuzz.worlds.events import newcomer
-from vlafuzz.worlds.manipulation import extras
-from vlafuzz.worlds.manipulation import operators as kinds
+from vlafuzz.worlds.manipulation import extras, operators as kinds
 from vlafuzz.worlds.manipulation.composer import camera
 from vlafuzz.worlds.manipulation.jitter import jittered, polar
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, VISIBLE, OperatorSet, load_operators

@@ -25,8 +25,7 @@ from vlafuzz.worlds.tabletop.fairness import check_events, check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.room import Room
-from vlafuzz.worlds.tabletop.tasks import State
-from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.tasks import State, task as task_named
 
 
 class TabletopEpisode(Episode):

@@ -13,8 +13,7 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import SimulatorError
-from vlafuzz.model import Placement, Scene
-from vlafuzz.model import scene as kinds
+from vlafuzz.model import Placement, Scene, scene as kinds
 from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Start
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.events import DROP, NUMBERS, STOP, Events, afterwards, cancelled, has_room, newcomer, turned
@@ -24,8 +23,16 @@ from vlafuzz.worlds.manipulation.looks import PAINTS
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
-from vlafuzz.worlds.tabletop.tasks import AWAY, State, StateMonitor, corners, looked_at, say, wordings_of
-from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.tasks import (
+    AWAY,
+    State,
+    StateMonitor,
+    corners,
+    looked_at,
+    say,
+    task as task_named,
+    wordings_of,
+)
 
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
 WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))

@@ -31,8 +31,7 @@ from vlafuzz.worlds.tabletop.fairness.visible import Picture, unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
-from vlafuzz.worlds.tabletop.tasks import TableTask, kind, say, wordings_of
-from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.tasks import TableTask, kind, say, task as task_named, wordings_of
 
 __all__ = ["OperatorSet", "SearchSpace", "load_operators"]
 

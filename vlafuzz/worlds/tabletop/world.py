@@ -30,8 +30,7 @@ from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
 from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
-from vlafuzz.worlds.tabletop.tasks import TASKS
-from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.tasks import TASKS, task as task_named
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene

@@ -18,8 +18,7 @@ from vlafuzz.worlds.tabletop.fairness.footprint import Footprint, apart, extents
 from vlafuzz.worlds.tabletop.fairness.visible import unseen
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.tasks import TASKS, State, kind
-from vlafuzz.worlds.tabletop.tasks import task as task_named
+from vlafuzz.worlds.tabletop.tasks import TASKS, State, kind, task as task_named
 
 OVERHANG = 0.35  # share of its length by which an object may overhang its support at each end
 MARGIN = 0.004  # clearance on each side of an object inside a container, metres
