@@ -1,42 +1,27 @@
 """The values that everything is about: scenes, genes, spaces."""
 
-from vlafuzz.model.conditions import Conditions, Model, Setting
-from vlafuzz.model.evidence import Actions, Causes, Failure, Rate, Solver, Threshold, Witness
-from vlafuzz.model.genes import Gene, Grid
-from vlafuzz.model.outcome import Outcome, Rejection, Rollout, Verdict
-from vlafuzz.model.quantities import Mechanism
-from vlafuzz.model.scene import Backdrop, Camera, InitialPose, Latency, Light, Noise, Placement, Scene
-from vlafuzz.model.space import Space
-from vlafuzz.model.task import Monitor, Stage, Task
-
-__all__ = [
-    "Actions",
-    "Backdrop",
-    "Camera",
-    "Causes",
-    "Conditions",
-    "Failure",
-    "Gene",
-    "Grid",
-    "InitialPose",
-    "Latency",
-    "Light",
-    "Mechanism",
-    "Model",
-    "Monitor",
-    "Noise",
-    "Outcome",
-    "Placement",
-    "Rate",
-    "Rejection",
-    "Rollout",
-    "Scene",
-    "Setting",
-    "Solver",
-    "Space",
-    "Stage",
-    "Task",
-    "Threshold",
-    "Verdict",
-    "Witness",
-]
+from vlafuzz.model.conditions import Conditions as Conditions, Model as Model, Setting as Setting
+from vlafuzz.model.evidence import (
+    Actions as Actions,
+    Causes as Causes,
+    Failure as Failure,
+    Rate as Rate,
+    Solver as Solver,
+    Threshold as Threshold,
+    Witness as Witness,
+)
+from vlafuzz.model.genes import Gene as Gene, Grid as Grid
+from vlafuzz.model.outcome import Outcome as Outcome, Rejection as Rejection, Rollout as Rollout, Verdict as Verdict
+from vlafuzz.model.quantities import Mechanism as Mechanism
+from vlafuzz.model.scene import (
+    Backdrop as Backdrop,
+    Camera as Camera,
+    InitialPose as InitialPose,
+    Latency as Latency,
+    Light as Light,
+    Noise as Noise,
+    Placement as Placement,
+    Scene as Scene,
+)
+from vlafuzz.model.space import Space as Space
+from vlafuzz.model.task import Monitor as Monitor, Stage as Stage, Task as Task
