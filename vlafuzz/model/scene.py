@@ -297,9 +297,8 @@ class Scene(_Strict):
             hint = "a scene on a table has targets, one of another world values by name"
             raise SceneError("targets: expected at least one, or values in their place", hint)
         if scene.schema > SCHEMA:
-            raise SceneError(
-                f"schema: version {scene.schema} of this scene is newer than {SCHEMA}", hint="upgrade vlafuzz"
-            )
+            problem = f"schema: version {scene.schema} of this scene is newer than {SCHEMA}"
+            raise SceneError(problem, hint="upgrade vlafuzz")
         return scene
 
 

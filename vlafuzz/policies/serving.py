@@ -241,7 +241,6 @@ def _fitting(picture: Any, camera: CameraRequest) -> Picture:
 def _proprioception(numbers: object) -> NDArray[np.float32]:
     state = np.asarray([] if numbers is None else numbers)
     if state.shape != (7,) or state.dtype.kind not in "iuf":
-        raise ValueError(
-            f"proprioception of shape {state.shape}, expected 7 numbers: position, rotation vector, opening"
-        )
+        expected = "expected 7 numbers: position, rotation vector, opening"
+        raise ValueError(f"proprioception of shape {state.shape}, {expected}")
     return state.astype(np.float32)

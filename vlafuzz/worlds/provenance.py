@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
-from importlib import metadata
+from importlib import import_module, metadata
 from pathlib import Path
 
 from vlafuzz import __version__
@@ -39,7 +39,9 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
     """
     try:
         version, instructions = _torch()
-        threads = (1 if workers else _threads()) if name.startswith((PREFIX, OBJECT)) else None
+        threads = (
+            (1 if workers else import_module("torch").get_num_threads()) if name.startswith((PREFIX, OBJECT)) else None
+        )
     except ImportError:
         return ""
     vendor = cpuinfo("vendor_id")
@@ -97,12 +99,6 @@ def _ask_torch() -> tuple[str, str]:
     import torch
 
     return str(torch.__version__), torch.backends.cpu.get_cpu_capability()
-
-
-def _threads() -> int:
-    import torch
-
-    return torch.get_num_threads()
 
 
 def described(spec: PolicySpec) -> str:

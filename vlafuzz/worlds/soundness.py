@@ -87,8 +87,8 @@ def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
             finding = Check("world", error.message, "refuse", error.hint or "")
         except Exception as error:  # of the user's code, or of the simulator
             frame = traceback.extract_tb(error.__traceback__)[-1]
-            where = f"{frame.filename}, line {frame.lineno}"
-            finding = Check("world", sentence(f"it raises {type(error).__name__}: {error}"), "refuse", f"mend {where}")
+            found = sentence(f"it raises {type(error).__name__}: {error}")
+            finding = Check("world", found, "refuse", f"mend {frame.filename}, line {frame.lineno}")
         yield finding
         if finding.verdict == "refuse" and finding.check in BEFORE_ALL:
             return
@@ -234,11 +234,10 @@ class _Exam:
                 found = f"a picture has the shape {drawn[0].shape} and {drawn[0].dtype}"
                 return Check("pictures", found, "refuse", "expected (height, width, 3) and uint8")
             other = world.picture(world.reset(self.nominal_values, SEED))
-            same = other is not None and np.array_equal(drawn[0], drawn[1]) and np.array_equal(drawn[0], other)
-            if not same:
+            if other is None or not all(np.array_equal(drawn[0], again) for again in (drawn[1], other)):
                 found = "the same moment is drawn differently a second time"
                 return Check("pictures", found, "warn", "a policy that sees fails by chance, then")
-            watched = self._trace(world, world.reset(self.nominal_values, SEED), STEPS, draw=True)
+            watched = self._rollout(world, self.nominal_values, draw=True)
             after = world.picture(world.reset(self.nominal_values, SEED))
             if after is None or not np.array_equal(drawn[0], after):
                 found = "after a rollout, the first picture of the same scene is another one"
@@ -265,10 +264,10 @@ class _Exam:
     def _new(self, actions: int = SEED) -> Trace:
         """A nominal rollout in a new simulator."""
         with closing(self._opened()) as world:
-            return self._trace(world, world.reset(self.nominal_values, SEED), STEPS, actions=actions)
+            return self._rollout(world, self.nominal_values, actions=actions)
 
-    def _rollout(self, world: ValuesWorld[Any], values: Values, steps: int = STEPS) -> Trace:
-        return self._trace(world, world.reset(dict(values), SEED), steps)
+    def _rollout(self, world: ValuesWorld[Any], values: Values, steps: int = STEPS, **how: Any) -> Trace:
+        return self._trace(world, world.reset(dict(values), SEED), steps, **how)
 
     def _trace(
         self, world: ValuesWorld[Any], state: Any, steps: int, *, draw: bool = False, actions: int = SEED
@@ -326,10 +325,8 @@ class _Exam:
         """A fair scene in which as much as possible is not nominal."""
         far = dict(self.nominal_values)
         for one in self.world.parameters:
-            for value in reversed(_spread(one)):
-                if value != far[one.name] and self.world.unfair(far | {one.name: value}) is None:
-                    far[one.name] = value
-                    break
+            tries = (far | {one.name: value} for value in reversed(_spread(one)) if value != far[one.name])
+            far = next((scene for scene in tries if self.world.unfair(scene) is None), far)
         return far
 
     def _unseeded(self, otherwise: str) -> str:

@@ -87,9 +87,8 @@ class Sessions(ABC):
         try:
             errors = [self._tried(self._send, seen) for seen in observations]
             receive = partial(self._answer, time.monotonic() + self._options.timeout * len(observations))
-            answers = [
-                error if error else self._tried(receive, seen) for error, seen in zip(errors, observations, strict=True)
-            ]
+            pairs = zip(errors, observations, strict=True)
+            answers = [error if error else self._tried(receive, seen) for error, seen in pairs]
         except BaseException:  # the sessions may hold replies that nobody will read
             self._drop([seen.episode for seen in observations])
             raise

@@ -11,7 +11,6 @@ from dataclasses import astuple, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from vlafuzz.common.arrays import Array
 from vlafuzz.model import Camera, InitialPose, Light, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import rig
 
@@ -29,7 +28,7 @@ def jittered(scene: Scene, number: int) -> Scene:
     rng = np.random.default_rng([int(scene.digest, 16), number])
     setup = rig(scene.robot)
     joints = np.array(astuple(scene.initial_pose))
-    joints[: setup.arm_joints] += _uniform(rng, JOINTS, setup.arm_joints)
+    joints[: setup.arm_joints] += rng.uniform(-JOINTS, JOINTS, setup.arm_joints)
     return replace(
         scene,
         targets=tuple(_placed(rng, target) for target in scene.targets),
@@ -42,7 +41,7 @@ def jittered(scene: Scene, number: int) -> Scene:
 
 
 def _placed(rng: np.random.Generator, placement: Placement) -> Placement:
-    x, y = _uniform(rng, POSITION, 2).tolist()
+    x, y = rng.uniform(-POSITION, POSITION, 2).tolist()
     turn = float(rng.uniform(-YAW, YAW))
     moved = replace(placement, x=placement.x + x, y=placement.y + y)
     if placement.quaternion is None:
@@ -54,15 +53,11 @@ def _placed(rng: np.random.Generator, placement: Placement) -> Placement:
 
 
 def _moved(rng: np.random.Generator, camera: Camera) -> Camera:
-    x, y, z = (np.array(camera.offset) + _uniform(rng, CAMERA_POSITION, 3)).tolist()
-    roll, pitch, yaw = _uniform(rng, CAMERA_ORIENTATION, 3).tolist()
+    x, y, z = (np.array(camera.offset) + rng.uniform(-CAMERA_POSITION, CAMERA_POSITION, 3)).tolist()
+    roll, pitch, yaw = rng.uniform(-CAMERA_ORIENTATION, CAMERA_ORIENTATION, 3).tolist()
     return Camera(*polar(x, y, z), roll=camera.roll + roll, pitch=camera.pitch + pitch, yaw=camera.yaw + yaw)
 
 
 def polar(x: float, y: float, z: float) -> tuple[float, float, float]:
     """A camera's distance, azimuth and elevation by its offset; metres and degrees."""
     return math.hypot(x, y, z), math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
-
-
-def _uniform(rng: np.random.Generator, amount: float, size: int) -> Array:
-    return rng.uniform(-amount, amount, size)

@@ -74,8 +74,8 @@ class Room(ABC):
         """Light the scene as ``light`` says."""
 
     @abstractmethod
-    def measured(self) -> tuple[float, Any]:
-        """Light and camera pose, read back from what draws the pictures."""
+    def measured(self) -> tuple[float, Any, kinds.Backdrop]:
+        """Light, camera pose, and what table and wall are painted with, read back from what draws the pictures."""
 
     @abstractmethod
     def camera(self, view: CameraPose) -> Any:
@@ -168,12 +168,12 @@ class Room(ABC):
         for number, (model, placement, pose) in enumerate(zip(models, scene.placements, self.world.poses, strict=True)):
             up = AWAY if number == newcomer(scene) else 0.0
             _check_pose(placement.object, self.world.place(model, placement), pose, up)
-        light, camera = self.measured()
+        light, camera, backdrop = self.measured()
         if abs(light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, light)
         _check_pose("camera", self.camera(camera_pose(self.rig.view, scene.camera)), camera)
         in_effect = {
-            "backdrop": self.backdrop,
+            "backdrop": backdrop,
             "initial_pose": self.world.initial_pose,
             "noise": self._noise.noise,
             "latency": self._commands.latency,
@@ -185,11 +185,6 @@ class Room(ABC):
             expected = getattr(scene, part)
             if part not in in_effect or not _alike(expected, in_effect[part]):
                 _fail(part.replace("_", " "), expected, in_effect.get(part))
-
-    @property
-    @abstractmethod
-    def backdrop(self) -> kinds.Backdrop:
-        """What table and wall are painted with."""
 
 
 def _alike(expected: Any, actual: Any) -> bool:

@@ -22,7 +22,7 @@ from vlafuzz.model.space import Values
 from vlafuzz.worlds.manipulation import operators as kinds
 from vlafuzz.worlds.manipulation.base import Layout
 from vlafuzz.worlds.manipulation.composer import TableComposer, camera, index_of
-from vlafuzz.worlds.manipulation.operator_set import OperatorSet, load_operators
+from vlafuzz.worlds.manipulation.operator_set import OperatorSet as OperatorSet, load_operators as load_operators
 from vlafuzz.worlds.manipulation.rigs import Hand, rig
 from vlafuzz.worlds.manipulation.space import HINT, REDRAWS, RESTARTS, TableSpace
 from vlafuzz.worlds.tabletop.fairness import checks
@@ -32,8 +32,6 @@ from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.quantities import measured, places, quantities_of
 from vlafuzz.worlds.tabletop.tasks import TableTask, kind, say, task as task_named, wordings_of
-
-__all__ = ["OperatorSet", "SearchSpace", "load_operators"]
 
 
 class Composer(TableComposer):

@@ -48,16 +48,12 @@ class MujocoRoom(Room):
     def relight(self) -> None:
         """Nothing: light is applied to the finished picture."""
 
-    def measured(self) -> tuple[float, Placed]:
+    def measured(self) -> tuple[float, Placed, Backdrop]:
         camera = self.world.model.camera(CAMERA)
-        return self.light, Placed(camera.pos.copy(), camera.quat.copy())
+        return self.light, Placed(camera.pos.copy(), camera.quat.copy()), self._backdrop
 
     def camera(self, view: CameraPose) -> Placed:
         return Placed(view.position, looking(view.axes))
-
-    @property
-    def backdrop(self) -> Backdrop:
-        return self._backdrop
 
     def picture(self, camera: str) -> Picture:
         """All lights are scaled alike, so that a picture's linear light is scaled by as much; white is the most."""

@@ -96,20 +96,16 @@ class TabletopEnv(BaseEnv, Room):
         if self._studio is not None:
             self._studio.light(self.light)
 
-    def measured(self) -> tuple[float, sapien.Pose]:
+    def measured(self) -> tuple[float, sapien.Pose, Backdrop]:
         light, camera = self.light, sapien_pose(self.view)
         if self.scene.can_render():
             light = self._lights.measure(self.world.scene)
             for name in self._third_person:
                 camera = self._render_camera(name).local_pose
-        return light, camera
+        return light, camera, self._painter.backdrop
 
     def camera(self, view: CameraPose) -> sapien.Pose:
         return sapien_pose(view)
-
-    @property
-    def backdrop(self) -> Backdrop:
-        return self._painter.backdrop
 
     def picture(self, camera: str) -> Picture:
         request = self._requests[camera]
