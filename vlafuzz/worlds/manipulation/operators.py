@@ -209,18 +209,7 @@ class Wording(Operator):
         yield self._gene("instruction", "category", Grid.choice(layout.wordings))
 
 
-_ALL: tuple[type[Operator], ...] = (
-    TargetType,
-    TargetPosition,
-    TargetOrientation,
-    ConfounderType,
-    ConfounderPosition,
-    ConfounderOrientation,
-    ConfounderCount,
-    Light,
-    CameraPosition,
-    CameraOrientation,
-    Wording,
-    *EXTRA_KINDS,
-)
+_THINGS = (TargetType, TargetPosition, TargetOrientation, ConfounderType, ConfounderPosition, ConfounderOrientation)
+_OTHERS = (ConfounderCount, Light, CameraPosition, CameraOrientation, Wording)
+_ALL: tuple[type[Operator], ...] = (*_THINGS, *_OTHERS, *EXTRA_KINDS)
 OPERATORS = {kind.name: kind for kind in _ALL}

@@ -26,17 +26,11 @@ _STILL = 0.0005  # metres: half a step of the camera's distance
 _GRID = 4  # rows and columns of the workspace in a site
 # The targets' types are in no group: they are what a failure is about.
 _AROUND = (kinds.ConfounderType, kinds.ConfounderPosition, kinds.ConfounderOrientation, kinds.ConfounderCount)
-_ALONE = (
-    kinds.Light,
-    kinds.CameraPosition,
-    kinds.CameraOrientation,
-    kinds.Wording,
-    kinds.TargetOrientation,
-    kinds.TargetPosition,
-)
+_SEEN = (kinds.Light, kinds.CameraPosition, kinds.CameraOrientation, kinds.Wording)
+_PLACED = (kinds.TargetOrientation, kinds.TargetPosition)
 GROUPS: dict[str, tuple[str, ...]] = {
     CONFOUNDERS: tuple(kind.name for kind in _AROUND),
-    **{kind.name: (kind.name,) for kind in _ALONE},
+    **{kind.name: (kind.name,) for kind in (*_SEEN, *_PLACED)},
     **{name: (name,) for name in kinds.OPERATORS if name in extras.EXTRAS},
 }
 REDRAWS = 60  # positions tried for one object
