@@ -82,8 +82,9 @@ class TabletopEvaluator(SceneEvaluator):
     def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> Room:
         """Where scenes are run. ``shown``: the camera whose pictures are for people."""
 
+    @staticmethod
     @abstractmethod
-    def settled(self, scene: Scene) -> Rejection | None:
+    def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
         """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
 
     def check(self, scene: Scene) -> Rejection | None:
@@ -94,9 +95,9 @@ class TabletopEvaluator(SceneEvaluator):
         first = without(scene, scene.events)
         rejection = check_static(first, self.catalogue, distance, self._visible, outlines=flat)
         rejection = rejection or check_events(scene, self.catalogue, distance, self._visible)
-        rejection = rejection or self.settled(first)
+        rejection = rejection or self.settled(first, self.catalogue)
         if rejection is None and scene.events:
-            rejection = self.settled(afterwards(scene))
+            rejection = self.settled(afterwards(scene), self.catalogue)
         return rejection
 
     def begin(self, scene: Scene, seed: int) -> TabletopEpisode:

@@ -20,6 +20,7 @@ from vlafuzz.worlds.manipulation.operator_set import load_operators, stored_oper
 from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 from vlafuzz.worlds.manipulation.space import TableWorld
 from vlafuzz.worlds.provenance import versions
+from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
 from vlafuzz.worlds.tabletop.experts.seeing import SeeingExpert
@@ -68,8 +69,14 @@ class Tabletop(TableWorld):
         if policy in (None, "mini"):
             begin_probe()
 
+    def simulated(self) -> type[TabletopEvaluator]:
+        """What runs a policy in scenes. It loads the simulator, which takes seconds."""
+        from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
+
+        return ManiSkillEvaluator
+
     def preload(self) -> None:
-        import vlafuzz.worlds.tabletop.sim.env  # noqa: F401
+        self.simulated()
 
     def conditions_of(self, scene: Scene) -> dict[str, str]:
         """The packs that its objects are from."""
@@ -91,10 +98,7 @@ class Tabletop(TableWorld):
     def evaluator(
         self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
-        from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
-
-        catalogue = self.catalogue(conditions, space)
-        return ManiSkillEvaluator(conditions, policy, catalogue, **options)
+        return self.simulated()(conditions, policy, self.catalogue(conditions, space), **options)
 
     @staticmethod
     def catalogue(conditions: Conditions, space: Space | None) -> Catalogue:
@@ -137,15 +141,9 @@ class Tabletop(TableWorld):
 
         def rejection(scene: Scene) -> Rejection | None:
             found = check_static(scene, catalogue, usual.min_distance, usual.visible)
-            return found if found or not settle else self.settled(scene, catalogue)
+            return found if found or not settle else self.simulated().settled(scene, catalogue)
 
         return rejection
-
-    def settled(self, scene: Scene, catalogue: Catalogue) -> Rejection | None:
-        """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
-        from vlafuzz.worlds.tabletop.sim.world import settled
-
-        return settled(scene, catalogue)
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of a file of VLATest."""

@@ -80,12 +80,8 @@ class MujocoEvaluator(TabletopEvaluator):
     def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> MujocoRoom:
         return MujocoRoom(self._task.name, self.catalogue, cameras, hz)
 
-    def settled(self, scene: Scene) -> Rejection | None:
-        return settled(scene, self.catalogue)
-
-
-def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
-    """Why objects do not stay in place for a second, or the task is solved at once; None for a fair scene."""
-    models, physics = models_of(scene.placements, catalogue), MujocoPhysics(round(1 / SECONDS))
-    before = physics.begin(scene, models, touched=True)
-    return unsettled(scene, models, before, physics.step(STAY))
+    @staticmethod
+    def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
+        models, physics = models_of(scene.placements, catalogue), MujocoPhysics(round(1 / SECONDS))
+        before = physics.begin(scene, models, touched=True)
+        return unsettled(scene, models, before, physics.step(STAY))

@@ -10,12 +10,12 @@ from typing import Unpack
 from vlafuzz import __version__
 from vlafuzz.common.check import Check
 from vlafuzz.errors import PrerequisiteError, UsageError
-from vlafuzz.model import Conditions, Rejection, Scene, Space
+from vlafuzz.model import Conditions, Space
 from vlafuzz.policies.base import Policy
 from vlafuzz.worlds import opengl
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.manipulation.rigs import PANDA
-from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
+from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.tasks import TASKS
 from vlafuzz.worlds.tabletop.world import Tabletop
 
@@ -43,8 +43,11 @@ class TabletopMujoco(Tabletop):
     def default_policy(self, robot: str) -> str:
         return "mini" if opengl.device() else "pinhole"
 
-    def preload(self) -> None:
-        import vlafuzz.worlds.tabletop_mujoco.env  # noqa: F401
+    def simulated(self) -> type[TabletopEvaluator]:
+        require()
+        from vlafuzz.worlds.tabletop_mujoco.env import MujocoEvaluator
+
+        return MujocoEvaluator
 
     def check_pictures(self) -> None:
         require()
@@ -56,24 +59,15 @@ class TabletopMujoco(Tabletop):
         self, conditions: Conditions, policy: Policy, space: Space | None, **options: Unpack[Options]
     ) -> SceneEvaluator:
         require()
-        from vlafuzz.worlds.tabletop_mujoco.env import MujocoEvaluator
-
         if conditions.robot not in self.robots:
             raise UsageError(f"robot {conditions.robot}: {NAME} has none but the {PANDA.robot}", hint="leave it out")
-        catalogue = self.catalogue(conditions, space)
-        return MujocoEvaluator(conditions, policy, catalogue, **options)
+        return super().evaluator(conditions, policy, space, **options)
 
     def machine(self) -> Iterator[Check]:
         there = util.find_spec("mujoco") is not None
         drawn = opengl.device() or "no OpenGL with EGL draws pictures here"
         version = metadata.version("mujoco") if there else "not installed"
         yield Check("mujoco", version, "ok", drawn if there else f"only {NAME} needs it: {HINT}")
-
-    def settled(self, scene: Scene, catalogue: Catalogue) -> Rejection | None:
-        require()
-        from vlafuzz.worlds.tabletop_mujoco.env import settled
-
-        return settled(scene, catalogue)
 
 
 def require() -> None:

@@ -176,5 +176,6 @@ class ManiSkillEvaluator(TabletopEvaluator):
     def room(self, cameras: Sequence[CameraRequest], hz: int, robot: str, shown: str | None) -> TabletopEnv:
         return TabletopEnv(self._task.name, self.catalogue, cameras, hz, robot, shown)
 
-    def settled(self, scene: Scene) -> Rejection | None:
-        return settled(scene, self.catalogue)
+    @staticmethod
+    def settled(scene: Scene, catalogue: Catalogue) -> Rejection | None:
+        return settled(scene, catalogue)
