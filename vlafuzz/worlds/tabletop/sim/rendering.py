@@ -94,6 +94,16 @@ def _fill(shaders: dict[str, str], folder: Path) -> None:
         (folder / name).write_text(text, encoding="utf-8")
 
 
+def add_entity(scene: sapien.Scene, name: str, pose: sapien.Pose, *components: sapien.Component) -> sapien.Entity:
+    """Add an entity of these components."""
+    entity = sapien.Entity()
+    entity.name, entity.pose = name, pose
+    for component in components:
+        entity.add_component(component)
+    scene.add_entity(entity)
+    return entity
+
+
 class SceneLights:
     """Ambient and directional lights, of which the first may cast shadows, 1 m around the origin.
 
@@ -107,16 +117,13 @@ class SceneLights:
             light = sapien.render.RenderDirectionalLightComponent()
             light.color = [intensity] * 3
             light.disable_shadow()
-            entity = sapien.Entity()
-            entity.name = "light"
-            entity.add_component(light)
-            entity.pose = _looking_along(direction)
+            pose = _looking_along(direction)
             if shadows and not self._lights:  # SAPIEN reads this when the light is added
                 light.enable_shadow()
                 light.shadow_map_size, light.shadow_half_size = 1024, 1.0
                 light.shadow_near, light.shadow_far = 0.1, 6.0
-                entity.pose = sapien.Pose(-2 * np.array(direction), entity.pose.q)
-            scene.add_entity(entity)
+                pose = sapien.Pose(-2 * np.array(direction), pose.q)
+            add_entity(scene, "light", pose, light)
             self._lights.append(light)
 
     def apply(self, scene: sapien.Scene, intensity: float) -> None:
@@ -150,32 +157,23 @@ def add_table(scene: sapien.Scene, size: Table) -> sapien.Entity:
     """Add a static box; if the scene can render, a visible one with floor and wall."""
     body = physx.PhysxRigidStaticComponent()
     body.attach(physx.PhysxCollisionShapeBox(list(size.half), physx.PhysxMaterial(FRICTION, FRICTION, 0.0)))
-    table = sapien.Entity()
-    table.name = "table"
-    table.add_component(body)
-    table.pose = sapien.Pose([*size.centre, -size.half[2]])
     rendered = render_system(scene) is not None
-    if rendered:
-        _cover(table, size.half, _painted(_shaded(COLOUR, planks())))
-    scene.add_entity(table)
+    top = [_box(size.half, _painted(_shaded(COLOUR, planks())))] if rendered else []
+    table = add_entity(scene, "table", sapien.Pose([*size.centre, -size.half[2]]), body, *top)
     if rendered:  # after the table: what it hides need not be shaded
         plain = RenderMaterial(base_color=[*WALL_COLOUR, 1.0], roughness=0.9, specular=0.0)
         for name, half, material, place in (
             ("wall", (0.01, 3.0, 2.0), plain, (WALL, 0.0, size.floor + 2.0)),
             ("floor", (3.0, 3.0, 0.01), _painted(_tiles()), (0.0, 0.0, size.floor)),
         ):
-            entity = sapien.Entity()
-            entity.name = name
-            _cover(entity, half, material)
-            entity.pose = sapien.Pose(place)
-            scene.add_entity(entity)
+            add_entity(scene, name, sapien.Pose(place), _box(half, material))
     return table
 
 
-def _cover(entity: sapien.Entity, half: tuple[float, float, float], material: RenderMaterial) -> None:
+def _box(half: tuple[float, float, float], material: RenderMaterial) -> sapien.render.RenderBodyComponent:
     visual = sapien.render.RenderBodyComponent()
     visual.attach(sapien.render.RenderShapeBox(list(half), material))
-    entity.add_component(visual)
+    return visual
 
 
 def _painted(texture: RenderTexture2D) -> RenderMaterial:
@@ -249,9 +247,7 @@ class Studio:
         twin = sapien.render.RenderCameraComponent(FINER * camera.width, FINER * camera.height)
         across, down, u, v = (FINER * length for length in (camera.fx, camera.fy, camera.cx, camera.cy))
         twin.set_perspective_parameters(camera.near, camera.far, across, down, u, v, 0.0)
-        entity = sapien.Entity()
-        entity.add_component(twin)
-        self._scene.add_entity(entity)
+        add_entity(self._scene, "", sapien.Pose(), twin)
         self._followed, self._camera = camera, twin
         self._twins: list[tuple[sapien.Entity, sapien.Entity]] = []
 
@@ -263,10 +259,7 @@ class Studio:
         for entity in scene.entities:
             visual = entity.find_component_by_type(sapien.render.RenderBodyComponent)
             if visual is not None:
-                twin = sapien.Entity()
-                twin.add_component(visual.clone())
-                self._scene.add_entity(twin)
-                self._twins.append((entity, twin))
+                self._twins.append((entity, add_entity(self._scene, "", sapien.Pose(), visual.clone())))
         self.light(light)
 
     def light(self, intensity: float) -> None:

@@ -25,7 +25,7 @@ from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.worlds.tabletop.room import DAMPING, GRASP_COSINE, GRASP_FORCE, ROLLING_DAMPING
-from vlafuzz.worlds.tabletop.sim.rendering import add_table, render_system, use_shaders
+from vlafuzz.worlds.tabletop.sim.rendering import add_entity, add_table, render_system, use_shaders
 from vlafuzz.worlds.tabletop.sim.robots import MetricArm
 from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
 
@@ -266,15 +266,12 @@ def add_object(
         body.attach(shape)
     body.angular_damping = ROLLING_DAMPING if any(pose.rolls for pose in model.stable_poses) else DAMPING
     body.sleep_threshold = 0.0  # a sleeping body reports no contacts
-    entity = sapien.Entity()
-    entity.name = name
-    entity.add_component(body)
+    components: list[sapien.Component] = [body]
     if render_system(scene) is not None:
         visual = sapien.render.RenderBodyComponent()
         visual.attach(looks(model, placement.scale))
-        entity.add_component(visual)
-    entity.pose = World.place(model, placement)
-    scene.add_entity(entity)
+        components.append(visual)
+    add_entity(scene, name, World.place(model, placement), *components)
     return body
 
 
