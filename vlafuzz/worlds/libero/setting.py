@@ -100,7 +100,7 @@ class Setting:
         data.qpos[at : at + 2] += shift
         data.qvel[free] *= [0, 0, 1, 0, 0, 0]
 
-    def _stand(self, standing: Standing, placed: Placement, positions: Array) -> None:
+    def _stand(self, standing: "Standing", placed: Placement, positions: Array) -> None:
         """Have a thing that is added at its place, in ``(nq,)`` positions."""
         at, place = self._addresses[placed.object], np.array([placed.x, placed.y])
         positions[at : at + 7] = standing.pose(placed.object, place)
