@@ -173,6 +173,38 @@ class Backwards:
         self._evaluator.close()
 
 
+class Several:
+    """An executor with several workers, a random one of which is done next.
+
+    Attributes:
+        evaluated: scenes.
+        waited: share of the time in which a worker had none.
+    """
+
+    def __init__(self, evaluator: ClosedForm, workers: int = 8) -> None:
+        self._evaluator, self._workers = evaluator, workers
+        self.evaluated, self._idle = 0, 0
+
+    @property
+    def waited(self) -> float:
+        return self._idle / self._workers / self.evaluated
+
+    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
+        todo, busy, rng = iter(batches), [], np.random.default_rng(0)
+        while True:
+            while len(busy) < self._workers and (batch := next(todo, None)):
+                busy.append(batch)
+            if not busy:
+                return
+            self._idle += self._workers - len(busy)
+            tag, scenes = busy.pop(rng.integers(len(busy)))
+            self.evaluated += len(scenes)
+            yield tag, self._evaluator.evaluate(scenes)
+
+    def close(self) -> None:
+        self._evaluator.close()
+
+
 class Scripted:
     """A strategy that proposes given genomes, and records the scores."""
 

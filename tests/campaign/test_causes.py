@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.doubles import Backwards, ClosedForm, Raising, Scripted, TinySpace, failed, manifest, passed, scene
+from tests.doubles import Backwards, ClosedForm, Raising, Scripted, Several, TinySpace, failed, manifest, passed, scene
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
@@ -39,6 +39,14 @@ class Faulty(ClosedForm):
 
     def outcome(self, scene: Scene) -> Outcome:
         return failed() if weak(scene) or dict(scene.values)["bias"] > 0.2 else passed()
+
+
+class Patient:
+    """Looks for causes as usual, but never says what comes next."""
+
+    def __init__(self, *args) -> None:
+        causes = Causes(*args)
+        self.ask, self.tell, self.outstanding = causes.ask, causes.tell, causes.outstanding
 
 
 class Cut(Raising, Faulty):
@@ -84,19 +92,34 @@ def test_every_cause_is_shown_by_a_failure_of_the_run(whole):
     assert {weak(cause.scene) for cause in found.causes if cause.operators == ("strength",)} == {True}
 
 
-def test_how_scenes_are_evaluated_changes_no_cause(whole, tmp_path: Path):
-    elsewhere, _ = run(tmp_path / "b.db", Backwards(Faulty()))
+def told(path: Path) -> list[tuple[int, str, bool, bool]]:
+    """The trials of a run in the order of its proposals."""
+    with Store.open(path) as store:
+        trials = sorted(store.trials(1), key=lambda trial: trial.proposal)
+        return [(each.proposal, each.scene.digest, each.outcome.verdict.name, each.duplicate) for each in trials]
+
+
+@pytest.mark.parametrize("make", [Several, Backwards])
+def test_how_scenes_are_evaluated_changes_no_trial_and_no_cause(whole, make, tmp_path: Path):
+    elsewhere, _ = run(tmp_path / "b.db", make(Faulty()))
     assert elsewhere == whole[1]
+    assert told(tmp_path / "b.db") == told(whole[0])
 
 
-def test_an_interrupted_run_keeps_its_causes_and_a_resumed_one_has_those_of_a_whole_one(whole, tmp_path: Path):
+def test_workers_that_would_wait_roll_out_random_scenes_to_come_and_few_of_them_in_vain(whole, tmp_path: Path):
+    early, waiting = Several(Faulty()), Several(Faulty())
+    _, tally = run(tmp_path / "a.db", early, about={"batch": 10})
+    run(tmp_path / "b.db", waiting, strategy=Patient(VALUES, 0, 100), about={"batch": 10})
+    assert early.waited < 0.15 < 0.3 < waiting.waited
+    assert tally.rollouts == 100
+    assert 0 <= early.evaluated - tally.rollouts <= 12  # those that a cause explains, which was found meanwhile
+
+
+def test_a_run_with_scenes_rolled_out_early_is_cut_and_comes_to_the_same(whole, tmp_path: Path):
     with pytest.raises(KeyboardInterrupt):
-        run(tmp_path / "cut.db", LocalExecutor(Cut(KeyboardInterrupt(), 85)))
-    with Store.open(tmp_path / "cut.db") as store:
-        early = store.causes(1)
-    assert early is not None
-    assert early.causes
-    assert run(tmp_path / "cut.db", resume=1)[0] == whole[1]
+        run(tmp_path / "cut.db", Several(Cut(KeyboardInterrupt(), 50)))
+    assert run(tmp_path / "cut.db", Several(Faulty()), resume=1)[0] == whole[1]
+    assert told(tmp_path / "cut.db") == told(whole[0])
 
 
 def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_path: Path):

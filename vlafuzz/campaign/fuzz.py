@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
+from itertools import count, islice
 from typing import Protocol
 
 import numpy as np
@@ -24,6 +24,7 @@ from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row that end in an error, after which nothing else is expected
+AHEAD = 4  # batches of later proposals among which there may be scenes for a worker that would wait
 AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
 
@@ -106,8 +107,9 @@ class Campaign:
     """A strategy against a policy, until the budget of rollouts is spent, or nothing is left to roll out.
 
     At most ``manifest.batch`` proposals are awaited at a time, and are told in the order asked: one seed gives the same
-    scenes whatever the executor. Stored outcomes are reused at no cost. An interruption loses no trial; the last errors
-    are tried again on resuming.
+    scenes whatever the executor. A worker that would wait rolls out a scene that the strategy expects to propose; its
+    outcome is stored and told when it does. Stored outcomes are reused at no cost. An interruption loses no trial; the
+    last errors are tried again on resuming.
 
     Args:
         patience: proposals in a row without a rollout after which the run stops; None for never.
@@ -115,6 +117,9 @@ class Campaign:
         alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
         deadline: after which no scene is begun; the run can be resumed.
         watch: called after every new trial, and once after the stored trials.
+
+    Attributes:
+        early: scenes rolled out early that are not proposed yet; at the end, those that never were.
     """
 
     manifest: Manifest
@@ -141,12 +146,18 @@ class Campaign:
         self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
         self._follow = keeping_causes(self.watch, strategy, self.space, store)
         self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
-        self._running = dict[int, _Asked]()
+        self._running, self._tags = dict[int, _Asked | None](), count()  # None: begun early
+        self.early = dict[str, int]()  # tags by digest
+        self._finished = dict[int, Outcome]()  # of these
+        self._ahead: deque[Scene] | None = None  # to be begun early; None where the strategy has to be asked
         self._told = self._errors = 0  # rollouts of which the strategy knows; errors in a row
         status: Status = "failed"
         try:
             for number, outcomes in self.executor.run(self._scenes()):
-                self._take(self._running.pop(number), outcomes[0])
+                if asked := self._running.pop(number):
+                    self._take(asked, outcomes[0])
+                else:
+                    self._finished[number] = outcomes[0]
             if self._todo:
                 raise TimeOverError
             self.past.check_empty()
@@ -172,12 +183,29 @@ class Campaign:
                 return
             if self._todo:
                 asked = self._todo.popleft()
-                self._running[asked.proposal.id] = asked
-                yield asked.proposal.id, [asked.scene]
-            elif self._running:
-                yield None
-            elif not self._awaited:
+                tag = next(self._tags)
+                self._running[tag] = asked
+                yield tag, [asked.scene]
+            elif self._awaited:
+                yield self._early()
+            else:
                 return
+
+    def _early(self) -> tuple[int, list[Scene]] | None:
+        """A scene that is likely to be proposed, with its tag; None if none is known."""
+        if not hasattr(self.strategy, "ahead") or self.tally.stopped or self.past.left or self.deadline.passed:
+            return None
+        if self._ahead is None:
+            number = min(AHEAD * self.manifest.batch, self._affordable())
+            with self.tally.search:
+                self._ahead = deque(map(self.space.decode, self.strategy.ahead(number)))
+        while self._ahead:
+            scene = self._ahead.popleft()
+            if scene.digest not in self.early and self._known(scene) is None:
+                tag = self.early[scene.digest] = next(self._tags)
+                self._running[tag] = None
+                return tag, [scene]
+        return None
 
     def _ask(self) -> None:
         while (room := self._room()) > 0:
@@ -196,9 +224,12 @@ class Campaign:
         manifest, awaited = self.manifest, len(self._awaited)
         if self.tally.stopped or (awaited and not overlaps(self.strategy)):
             return 0
-        affordable = (manifest.budget - self._told) // manifest.repeats - awaited
-        room = min(manifest.batch - awaited, affordable)
+        room = min(manifest.batch - awaited, self._affordable())
         return min(room, 1) if overlaps(self.strategy) else room
+
+    def _affordable(self) -> int:
+        """How many more scenes the budget allows."""
+        return (self.manifest.budget - self._told) // self.manifest.repeats - len(self._awaited)
 
     def _admit(self, proposals: Sequence[Proposal]) -> None:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""
@@ -217,13 +248,25 @@ class Campaign:
                 asked.outcome, asked.duplicate = known.outcome, known.duplicate
                 asked.kept, asked.same = True, None
             elif asked.same is None:
-                own = self.tally.run if self.alone else None
-                with self.tally.store:
-                    asked.outcome = self.store.known(scene, self.manifest.key(), own)
+                asked.outcome = self._known(scene)
                 asked.duplicate = asked.outcome is not None
                 if asked.outcome is None:
-                    self._todo.append(asked)
+                    self._begin(asked)
             by_scene.setdefault(scene.digest, asked)
+
+    def _known(self, scene: Scene) -> Outcome | None:
+        with self.tally.store:
+            return self.store.known(scene, self.manifest.key(), self.tally.run if self.alone else None)
+
+    def _begin(self, asked: _Asked) -> None:
+        """Have a scene rolled out, unless it was begun early."""
+        tag = self.early.pop(asked.scene.digest, None)
+        if tag is None:
+            self._todo.append(asked)
+        elif tag in self._running:
+            self._running[tag] = asked
+        else:
+            self._take(asked, self._finished.pop(tag))
 
     def _tell(self) -> bool:
         """Tell the strategy about what it proposed first, if that is settled; whether it is."""
@@ -239,6 +282,7 @@ class Campaign:
         return True
 
     def _learn(self, group: Sequence[_Asked]) -> None:
+        self._ahead = None
         scenes, outcomes = [asked.scene for asked in group], [asked.result for asked in group]
         self._told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
         if not self.tally.stopped:

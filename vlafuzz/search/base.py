@@ -47,6 +47,8 @@ class Strategy(Protocol):
         about: what it chose by itself, such as a population size, in a few words.
         outstanding: it is asked for one proposal at a time, while up to so many outcomes, or another number that the
             user gives, are outstanding. Without it, it is told of a whole batch before the next.
+        ahead(n): genomes among the next ``n`` proposals that it expects whatever the outcomes: an executor that would
+            wait rolls them out early. It changes nothing that is proposed later.
         causes(): the causes that it has found so far; if that takes long, ``found`` is their number. Then
             ``unexplained`` holds the failures for which it found none, ``probability()`` estimates the probability that
             the policy fails in a random scene, and ``at_random`` holds the ids of the proposals that are random scenes,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -35,7 +37,8 @@ class Draws:
         self._supply: list[Levels] = []  # random scenes without a rollout
         self._deviations: Numbers | None = None  # theirs
         self._ends: list[list[Levels]] | None = None  # see Units.ends
-        self._plain = 0
+        self._coming: deque[tuple[Genome, float]] = deque()  # random scenes to draw, with coins in [0, 1)
+        self._sampled = self._plain = 0
         self._rates = Rates()
         self._open: dict[int, _Drawn] = {}
         self._judged: dict[int, _Drawn] = {}
@@ -73,7 +76,8 @@ class Draws:
         share = float(rules.regions(self._random(units), units).any(axis=1).mean())
         spread = abs(self._rates.predict(1.0) - self._rates.predict(0.0)) * math.sqrt(share * (1 - share))
         while True:
-            genome = self._proposals.sampled(rng)
+            self._sample(1)
+            genome, coin = self._coming.popleft()
             levels = units.levels(genome)
             explained = bool(rules.regions(units.deviations(levels[None]), units).any())
             draw = Draw(
@@ -83,13 +87,22 @@ class Draws:
                 mean_prediction=self._rates.predict(share),
                 error=spread / math.sqrt(len(self._supply)),
             )
-            coin = rng.random()
             if coin < draw.chance:
                 sample = not share or coin < self._rates.chance(explained=True)
                 new = bool(self._proposals.new([genome])[0])
                 self._open[number] = _Drawn(draw, levels, explained, sample, new)
                 return self._proposals.registered(genome)
             self._left_out.append(draw)
+
+    def ahead(self, asked: int, units: Units, rules: Rules) -> list[Genome]:
+        """The random scenes among the proposals up to this number, as far as it is known now which are rolled out."""
+        number = max(0, math.ceil(PLAIN * asked) - self._plain)
+        self._sample(number)
+        coming = list(islice(self._coming, number))
+        levels = np.array([units.levels(genome) for genome, _ in coming] or [units.reference])
+        inside = rules.regions(units.deviations(levels), units)
+        chances = [self._rates.chance(explained=bool(row.any())) for row in inside]
+        return [genome for (genome, coin), chance in zip(coming, chances, strict=False) if coin < chance]
 
     def is_random(self, number: int) -> bool:
         """Whether the scene of this proposal, which awaits its outcome, is a random one."""
@@ -153,6 +166,13 @@ class Draws:
         for index in range(len(self._supply), number):
             rng = np.random.default_rng([self._seed, index, 1])
             self._supply.append(units.levels(self._proposals.sampled(rng)))
+
+    def _sample(self, number: int) -> None:
+        """Have at least so many scenes to draw, which do not depend on what else is proposed."""
+        while len(self._coming) < number:
+            rng = np.random.default_rng([self._seed, self._sampled, 2])
+            self._coming.append((self._proposals.sampled(rng), float(rng.random())))
+            self._sampled += 1
 
     def _severe(self, rng: np.random.Generator, units: Units, rules: Rules) -> Genome:
         """The reference with a few units at the ends of their ranges, preferably where no rule explains a failure."""

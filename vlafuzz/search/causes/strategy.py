@@ -16,6 +16,7 @@ from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
 from vlafuzz.search.causes.units import Levels, Units
+from vlafuzz.search.causes.waiting import Waiting
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.scoring import Score
@@ -88,16 +89,13 @@ class Causes:
         self._has_reference = False
         self._background, self._nominal = Background(), 0
         self._rules = Rules()
-        self._pending: deque[Levels] = deque()
-        self._promising: deque[Levels] = deque()  # failures in which few units deviate: they come first
+        self._waiting = Waiting()
         self._active: list[Attribution] = []
         self._tests: deque[Test] = deque()
         self._out: dict[int, tuple[Test | None, Genome]] = {}
         self._known: deque[tuple[Levels, bool, float]] = deque(maxlen=MEMORY)
         self._rates, self._repeats = RATE_WORTH * RATE_PRIOR, REPEATS
         self._given_up: list[Levels] = []
-        self._tried: set[bytes] = set()  # failures that the likeliest rule was tried on, and does not explain
-        self._promises: dict[bytes, float] = {}  # of failures that wait, as last looked at
         self._alone: deque[Levels] | None = None  # scenes with one unit at an end; None without a reference
         self._refuted = 0  # answers that did not hold when they were tested
 
@@ -116,6 +114,10 @@ class Causes:
             proposals.append(Proposal(self._asked, genome))
             self._asked += 1
         return proposals
+
+    def ahead(self, n: int) -> list[Genome]:
+        """The random scenes among the next ``n`` proposals, unless a cause that is found first explains one."""
+        return self._draws.ahead(self._asked + n, self._units, self._rules)
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Learn from draws, and from tests for the attribution or the rule that they are for."""
@@ -155,8 +157,7 @@ class Causes:
         out = [test for test, _ in self._out.values() if test]
         trials = [test.scene for test in (*self._tests, *out) if test.failure]
         open_ones = [attribution.levels for attribution in self._active if not attribution.inherited]
-        waiting = [*self._promising, *self._pending, *open_ones, *trials]
-        return [self._units.genome(levels) for levels in (*self._given_up, *waiting)]
+        return [self._units.genome(levels) for levels in (*self._given_up, *self._waiting, *open_ones, *trials)]
 
     @property
     def at_random(self) -> list[int]:
@@ -172,7 +173,7 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
-        return not already or (not self._promising and len(self._active) < self._at_once())
+        return not already or (not self._waiting.any_of_few and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
         """How many attributions there may be: one that awaits no outcome, and fewer at the end."""
@@ -212,7 +213,7 @@ class Causes:
             self._remember(levels, failed=score.failed)
             self._background.learn_alone(ALONE, failed=score.failed)
             if score.failed:
-                self._promising.append(levels)
+                self._waiting.add(levels, few=True)
 
     def _begin(self) -> None:
         """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
@@ -221,17 +222,14 @@ class Causes:
         if self._has_reference and self._alone is None:
             self._alone = deque(self._draws.alone(self._units, self._budget))
         while self._alone is not None and not self._alone and len(self._active) < self._at_once():
-            waiting = self._promising or self._pending
-            if not waiting:
+            levels = self._waiting.next(self._promise)
+            if levels is None:
                 return
-            best = self._most_promising(waiting)
-            levels = waiting[best]
-            del waiting[best]
             deviations = self._units.deviations(levels[None])[0]
             rule, chance = self._rules.likeliest(deviations, self._units)
             if rule is not None and chance >= KNOWN:
                 rule.hits += 1
-            elif rule is None or chance < POSSIBLE or levels.tobytes() in self._tried:
+            elif rule is None or chance < POSSIBLE or self._waiting.tried(levels):
                 self._attribute(levels)
             else:
                 self._tests.append(Test(levels, rule.kept, rule=rule, failure=True, chance=chance))
@@ -268,24 +266,12 @@ class Causes:
             suspects.learn_scenes(alike, failed, np.maximum(otherwise, self._draws.elsewhere))
         return suspects
 
-    def _most_promising(self, waiting: Sequence[Levels]) -> int:
-        """The index of the failure that promises most; what another promised before stands until there is a new rule.
-
-        Hundreds wait where half of the scenes fail, and a promise takes 5 ms in which all workers would wait.
-        """
-        promises = [self._promises.get(levels.tobytes(), math.inf) for levels in waiting]
-        while True:
-            best = int(np.argmax(promises))
-            promises[best] = self._promises[waiting[best].tobytes()] = self._promise(waiting[best])
-            if int(np.argmax(promises)) == best:
-                return best
-
     def _promise(self, levels: Levels) -> float:
         """How much attributing a failure promises: what takes no or few tests first, what a rule may explain last."""
         _, chance = self._rules.likeliest(self._units.deviations(levels[None])[0], self._units)
         if chance >= KNOWN or self._count(levels) < 2:
             return math.inf
-        if chance >= POSSIBLE and levels.tobytes() not in self._tried:
+        if chance >= POSSIBLE and not self._waiting.tried(levels):
             return -chance
         suspects = self._suspects(levels)
         return (1 - suspects.by_chance) / (suspects.entropy + CONFIRMING)
@@ -343,7 +329,7 @@ class Causes:
         if is_random:
             self._background.learn_draw(1 - explained, failed=score.failed)
         if score.failed:
-            (self._pending if is_random else self._promising).append(levels)
+            self._waiting.add(levels, few=not is_random)
         elif not self._has_reference and self._nominal >= self._nominal_due():
             self._refer()
 
@@ -379,8 +365,7 @@ class Causes:
             test.attribution.waiting = False
             test.attribution.suspects.rule_out(test.kept)
         elif test.failure:
-            self._tried.add(test.scene.tobytes())
-            self._promising.append(test.scene)
+            self._waiting.not_explained(test.scene)
 
     def _learn_trial(self, test: Test, rule: Rule, levels: Levels, score: Score) -> None:
         """Learn whether a scene is in a rule's range; again until that is clear."""
@@ -417,7 +402,7 @@ class Causes:
         deviations = self._units.deviations(levels[None])[0]
         new = Rule.of(attribution.cause, levels, deviations, self._units)
         rule = self._rules.add(new, deviations, self._units)
-        self._promises.clear()
+        self._waiting.forget()
         if rule is new:
             self._tests += [Test(halfway, rule.kept, rule=rule) for halfway in rule.halfway(self._units)]
         else:
@@ -427,4 +412,4 @@ class Causes:
             if chance >= POSSIBLE:  # the same cause was being looked into twice
                 self._active.remove(other)
                 if not other.inherited:
-                    self._pending.appendleft(other.levels)
+                    self._waiting.again(other.levels)
