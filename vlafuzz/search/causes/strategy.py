@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from vlafuzz.search.causes.background import PASSED, Background
 from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
+from vlafuzz.search.causes.test import Test
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.causes.waiting import Waiting
 from vlafuzz.search.probability import Probability
@@ -39,27 +40,6 @@ CONFIRMING = 4.0  # tests that an attribution takes beside one for each bit: wit
 PASSES = 8  # of which the least severe becomes the reference, where the nominal scene fails
 SURVIVES = 0.5  # prior that a predecessor's cause is one of this policy, too
 NEARBY = 20  # known scenes beside which a new one is looked for
-
-
-@dataclass(frozen=True, eq=False)
-class Test:
-    """A scene with only some units kept: for an attribution, to try a rule on it, or for the background.
-
-    Attributes:
-        failure: whether the rule is to explain a failure; else its range is probed.
-        chance: probability that the scene is in the range of the rule, so far.
-        trial: number of rollouts for that, this one included.
-        alone: it shows what a single unit does.
-    """
-
-    scene: Levels
-    kept: Mask
-    attribution: Attribution | None = None
-    rule: Rule | None = None
-    failure: bool = False
-    chance: float = 0.5
-    trial: int = 1
-    alone: bool = False
 
 
 class Causes:

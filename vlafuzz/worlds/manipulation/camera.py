@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import accumulate
 
 import cv2
@@ -62,14 +62,18 @@ def camera_pose(view: View, camera: Camera = _NOMINAL) -> CameraPose:
 
     Roll, pitch and yaw rotate it about its own forward, left and up axes, in the order yaw, pitch, roll.
     """
-    eye = np.array(view.eye)
-    forward = np.array(view.target) - eye
+    turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True).as_matrix()
+    return CameraPose(np.array(view.eye) + np.array(camera.offset), turn.T @ _axes(view), view.fov, view.aspect)
+
+
+@cache
+def _axes(view: View) -> Array:
+    """``(3, 3)`` rows: the axes of the nominal view, forward, left and up."""
+    forward = np.array(view.target) - np.array(view.eye)
     forward /= np.linalg.norm(forward)
     left = np.cross([0.0, 0.0, 1.0], forward)
     left /= np.linalg.norm(left)
-    nominal = np.stack([forward, left, np.cross(forward, left)])
-    turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True).as_matrix()
-    return CameraPose(eye + np.array(camera.offset), turn.T @ nominal, view.fov, view.aspect)
+    return np.stack([forward, left, np.cross(forward, left)])
 
 
 def blank(view: CameraPose) -> Labels:
