@@ -14,7 +14,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -23,17 +23,20 @@ from typing import NamedTuple
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # tests/search/toy.py
 
 from strategies.faults import Density, World, space_of, world
-from strategies.search import search
+from strategies.search import Tried, search
 from strategies.triaged import Runner, cells_first
 
+from vlafuzz.campaign.config import FURTHER, LEAST
 from vlafuzz.common.statistics import Share
 from vlafuzz.failures.triage.certify import certified
 from vlafuzz.failures.triage.pipeline import known_to
 from vlafuzz.failures.triage.triager import Triager
 from vlafuzz.model import Scene, Threshold
 from vlafuzz.search import registry
-from vlafuzz.search.base import looks_for_causes, said_by
+from vlafuzz.search.base import Strategy, looks_for_causes, said_by
+from vlafuzz.search.scoring import Score
 from vlafuzz.store.records import Finding, Repeats, Triaged
+from vlafuzz.worlds.tabletop.space import SearchSpace
 
 EFFECT = 0.2  # by which a reset lowers the rate where a row is true
 Row = dict[str, float]
@@ -54,44 +57,75 @@ def run(job: Job) -> Row:
         here = replace(here, faults=())
     space = space_of(here.task)
     strategy = registry.strategy_factory(options.strategy)(space, job.seed, options.budget)
-    tried = [pair for batch in search(space, here.evaluate, strategy, options.budget) for pair in batch]
-    listed = sorted(said_by(strategy, "causes", ()), key=lambda cause: -(cause.share.value if cause.share else 0))
-    scenes = [(space.decode(cause.genome), cause.operators) for cause in listed]
-    true = [is_true(here, scene, operators) for scene, operators in scenes]
-    faults = {met[0] for scene, _ in scenes if len(met := here.met(scene)) == 1}
+    known: dict[str, Score] = {}
+
+    def search_on(rollouts: int) -> list[Tried]:
+        return [pair for batch in search(space, here.evaluate, strategy, rollouts, known) for pair in batch]
+
+    tried = search_on(options.budget)
+    certifier = Certifier(here, options.certifying)
+    if looks_for_causes(strategy):
+        certifier.certify(listed(strategy, space), tried)
+        if certifier.left >= LEAST and options.further:
+            strategy.conclude()  # type: ignore[attr-defined]
+            more = search_on(round(FURTHER * certifier.left))
+            tried, certifier.left = tried + more, certifier.left - len(more)
+            certifier.certify(listed(strategy, space), tried)
+    else:
+        certifier.certify(dict.fromkeys(cells_first([pair for pair in tried if pair[1].failed]), ()), tried)
+    scenes = listed(strategy, space)
+    true = [is_true(here, scene, operators) for scene, operators in scenes.items()]
+    faults = {met[0] for scene in scenes if len(met := here.met(scene)) == 1}
     rows: Row = {"rows": len(scenes), "true": sum(true), "faults": len(faults), "planted": len(here.faults)}
-    if not looks_for_causes(strategy):
-        scenes = [(scene, ()) for scene in cells_first([pair for pair in tried if pair[1].failed])]
-    trials = [(scene, judged.failed) for scene, judged in tried]
-    return rows | certify(here, dict(scenes), trials, options.certifying)
+    return rows | certifier.row()
 
 
-def certify(here: World, scenes: Mapping[Scene, Sequence[str]], trials: list[tuple[Scene, bool]], left: int) -> Row:
-    """Certify scenes in turn until no rollouts are left; how many hold, are true, and have a true threshold."""
-    done, true, takes, distinct, located = list[Triaged](), 0, list[int](), set[int](), list[bool]()
-    repeats: Repeats = {}
-    for scene in scenes:
-        if left <= 0:
-            break
-        runner = Runner(here)
-        runner.deterministic = runner.deterministic and not here.background
-        known = certified(done[: known_to(len(done))])
-        triager = Triager(runner, trials=trials, blamed=scenes, known=known, repeats=repeats)
-        triaged = triager.triage(Finding(scene, "", 0, ""))
-        if not isinstance(triaged, Triaged):
-            continue
-        takes.append(
-            sum(one.rollouts for one in repeats.values()) - sum(takes)
-        )  # those of the nominal scene are shared
-        left -= takes[-1]
-        if triaged.bucket == "minimal" and triaged.shrunk and left >= 0:
-            done.append(triaged)
-            true += is_true(here, triaged.shrunk, triaged.operators)
-            distinct.update(here.met(triaged.shrunk))
-            located += [within for one in triaged.causes.thresholds for within in is_within(here, triaged.shrunk, one)]
-    spent = {"takes": median(takes)} if takes else {}
-    counts = {"certified": len(done), "certified true": true, "distinct": len(distinct)}
-    return {**counts, "thresholds": len(located), "thresholds true": sum(located), **spent}
+def listed(strategy: Strategy, space: SearchSpace) -> dict[Scene, tuple[str, ...]]:
+    """The operators of each cause so far by the scene that shows it, the commonest first."""
+    causes = sorted(said_by(strategy, "causes", ()), key=lambda cause: -(cause.share.value if cause.share else 0))
+    return {space.decode(cause.genome): cause.operators for cause in causes}
+
+
+@dataclass
+class Certifier:
+    """Certifies scenes in turn until no rollouts are ``left``; how many hold, are true, and have a true threshold."""
+
+    here: World
+    left: int
+    done: list[Triaged] = field(default_factory=list)
+    takes: list[int] = field(default_factory=list)
+    tried: set[Scene] = field(default_factory=set)
+    repeats: Repeats = field(default_factory=dict)
+
+    def certify(self, scenes: Mapping[Scene, Sequence[str]], tried: Sequence[Tried]) -> None:
+        trials = [(scene, judged.failed) for scene, judged in tried]
+        for scene in [scene for scene in scenes if scene not in self.tried]:
+            if self.left <= 0:
+                return
+            self.tried.add(scene)
+            runner = Runner(self.here)
+            runner.deterministic = runner.deterministic and not self.here.background
+            known = certified(self.done[: known_to(len(self.done))])
+            triager = Triager(runner, trials=trials, blamed=scenes, known=known, repeats=self.repeats)
+            triaged = triager.triage(Finding(scene, "", 0, ""))
+            if not isinstance(triaged, Triaged):
+                continue
+            # Those of the nominal scene are shared.
+            self.takes.append(sum(one.rollouts for one in self.repeats.values()) - sum(self.takes))
+            self.left -= self.takes[-1]
+            if triaged.bucket == "minimal" and triaged.shrunk and self.left >= 0:
+                self.done.append(triaged)
+
+    def row(self) -> Row:
+        here, shown = self.here, [(one, one.shrunk) for one in self.done if one.shrunk]
+        true = sum(is_true(here, scene, one.operators) for one, scene in shown)
+        distinct = {index for _, scene in shown for index in here.met(scene)}
+        located = [
+            within for one, scene in shown for each in one.causes.thresholds for within in is_within(here, scene, each)
+        ]
+        counts = {"certified": len(shown), "certified true": true, "distinct": len(distinct)}
+        spent = {"takes": median(self.takes)} if self.takes else {}
+        return {**counts, "thresholds": len(located), "thresholds true": sum(located), **spent}
 
 
 def is_within(here: World, scene: Scene, threshold: Threshold) -> list[bool]:
@@ -129,6 +163,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=100, help="of the first world")
     parser.add_argument("--budget", type=int, default=300, help="rollouts of a run")
     parser.add_argument("--certifying", type=int, default=300, help="rollouts of certification")
+    parser.add_argument("--no-further", dest="further", action="store_false", help="certify only what the run found")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--out", type=Path, help="JSON file for the raw results")
     options = parser.parse_args()

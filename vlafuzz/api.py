@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vlafuzz.campaign.config import SEARCH, RunConfig, plan, start
+from vlafuzz.campaign.config import SEARCH, RunConfig, further, plan, start
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import deadline
 from vlafuzz.common.plugins import EVERYTHING, OBJECT, trusting
@@ -74,6 +74,10 @@ def fuzz(
         with Store.open(Path(summary.store), "write") as store, trusting(name):
             runner, allowance = partial(_runner, Path(summary.store), own), Allowance(deadline=until)
             pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
+        if (rest := further(planned, summary.run)) and not until.passed:
+            summary = start(rest, watch, until)
+            with Store.open(Path(summary.store), "write") as store, trusting(name):
+                pipeline.certify_causes(store, runner, summary.run, allowance=allowance)
     return summary
 
 

@@ -15,10 +15,14 @@ Tried = tuple[Scene, Score]  # a scene that took a rollout
 
 
 def search(
-    space: SearchSpace, evaluate: Callable[[Scene], Outcome], strategy: Strategy, budget: int
+    space: SearchSpace,
+    evaluate: Callable[[Scene], Outcome],
+    strategy: Strategy,
+    budget: int,
+    known: dict[str, Score] | None = None,
 ) -> Iterator[list[Tried]]:
     """The new scenes of every proposal or batch that is told; known and invalid scenes cost nothing."""
-    known: dict[str, Score] = {}
+    known = {} if known is None else known
     awaited: deque[Proposal] = deque()
     spent = idle = 0
     while idle < MOST_IDLE:

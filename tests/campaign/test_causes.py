@@ -53,8 +53,8 @@ class Cut(Raising, Faulty):
     """Raises after so many scenes."""
 
 
-def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume=None, watch=lambda _: None, about={}):  # noqa: B006
-    """The causes of a run of 100 rollouts, and its last tally."""
+def run(path: Path, executor=None, *, space=VALUES, strategy=None, watch=lambda _: None, about={}, **more):  # noqa: B006
+    """The causes of a run of 100 rollouts, and its last tally; ``more``: see ``Campaign``."""
     tallies = []
     with Store.open(path, "write") as store:
         Campaign(
@@ -63,7 +63,7 @@ def run(path: Path, executor=None, *, space=VALUES, strategy=None, resume=None, 
             strategy=strategy or strategy_factory("causes")(space, 0, 100),
             executor=executor or LocalExecutor(Faulty()),
             store=store,
-            resume=resume,
+            **more,
             watch=lambda tally: tallies.append(tally) or watch(tally),
         ).run()
         return store.causes(1), tallies[-1]
@@ -140,6 +140,25 @@ def test_a_run_that_is_interrupted_while_it_is_told_again_keeps_what_it_had(tmp_
         run(tmp_path / "a.db", strategy=Impatient([]), resume=1)
     with Store.open(tmp_path / "a.db") as store:
         assert store.causes(1) == before
+
+
+def test_a_run_that_goes_on_beyond_its_budget_draws_no_further_random_scene(whole, tmp_path: Path):
+    run(tmp_path / "a.db")
+    found, tally = run(tmp_path / "a.db", resume=1, more=30)
+    assert 100 < tally.rollouts <= 130
+    assert (found.at_random, found.probability) == (whole[1].at_random, whole[1].probability)
+    assert {cause.operators for cause in whole[1].causes} <= {cause.operators for cause in found.causes}
+
+
+def test_a_run_that_was_interrupted_beyond_its_budget_is_resumed_there(tmp_path: Path):
+    run(tmp_path / "a.db")
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "a.db", LocalExecutor(Cut(KeyboardInterrupt(), 15)), resume=1, more=30)
+    with Store.open(tmp_path / "a.db") as store:
+        stored = store.rollouts(1)
+    assert 100 < stored < 130
+    _, tally = run(tmp_path / "a.db", resume=1)
+    assert stored <= tally.rollouts <= 130
 
 
 def test_a_strategy_that_looks_for_no_causes_has_none(tmp_path: Path):

@@ -10,6 +10,7 @@ from tests.failures.triage.planted import DARK, TILTED
 from tests.failures.triage.runners import PlantedEvaluator, PlantedRunner, interrupted
 from vlafuzz.campaign import config
 from vlafuzz.cli import main
+from vlafuzz.failures.triage.pipeline import PER_CAUSE
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.store import Store
 
@@ -57,14 +58,23 @@ def test_a_run_ends_with_what_fails_how_sure_that_is_and_one_command_and_triage_
     assert "unexplained: " in shown
 
 
-def test_the_json_of_a_short_run_has_the_commonest_cause_certified_only_and_triage_certifies_the_next_one(capsys):
-    printed = told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--json"])
-    assert printed["certification"]["certified"] == 1 < printed["certification"]["causes"]
-    assert [cause["bucket"] for cause in printed["causes"]][:2] == ["minimal", "observed"]
+def test_triage_certifies_the_commonest_cause_first_and_then_the_next_one(capsys):
+    told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--no-certify", "--json"])
+    (one,) = told(capsys, ["triage", "a.db", "--limit", "1", "--json"])["runs"]
+    assert one["certification"]["certified"] == 1 < one["certification"]["causes"]
+    assert [cause["bucket"] for cause in one["causes"]][:2] == ["minimal", "observed"]
     (again,) = told(capsys, ["triage", "a.db", "--time", "0.001s", "--json"])["runs"]
-    assert again["causes"] == printed["causes"]
-    (run,) = told(capsys, ["triage", "a.db", "--limit", "1", "--json"])["runs"]
-    assert run["certification"]["certified"] == 2
+    assert again["causes"] == one["causes"]
+    (two,) = told(capsys, ["triage", "a.db", "--limit", "1", "--json"])["runs"]
+    assert two["certification"]["certified"] == 2
+
+
+def test_a_run_goes_on_with_what_certification_leaves(capsys):
+    alone = told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--no-certify", "--json"])
+    whole = told(capsys, [*RUN, "--strategy", "causes", "--budget", "90", "--json", "--store", "b.db"])
+    assert alone["rollouts"] == 90 < whole["rollouts"]
+    assert whole["rollouts"] + whole["certification"]["rollouts"] <= 2 * 90 + PER_CAUSE
+    assert whole["probability"] == alone["probability"]
 
 
 def test_without_certification_the_causes_are_those_of_the_strategy_and_failures_are_no_rate(capsys):

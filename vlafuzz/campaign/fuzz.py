@@ -114,6 +114,7 @@ class Campaign:
     Args:
         patience: proposals in a row without a rollout after which the run stops; None for never.
         resume: a run that ended early; a new strategy is told its trials again.
+        more: rollouts beyond the budget, for a strategy that can ``conclude``; of a run that is resumed, those stored.
         alone: reuse no outcomes of other runs, for comparisons in which every run pays for itself.
         deadline: after which no scene is begun; the run can be resumed.
         watch: called after every new trial, and once after the stored trials.
@@ -129,6 +130,7 @@ class Campaign:
     store: Store
     patience: int | None = PATIENCE
     resume: int | None = None
+    more: int = 0
     alone: bool = False
     deadline: Deadline = field(default_factory=Deadline)
     watch: Callable[[Tally], None] = lambda tally: None
@@ -142,7 +144,7 @@ class Campaign:
         """
         store, strategy = self.store, self.strategy
         run = store.begin(self.manifest) if self.resume is None else self.resume
-        before = Spent(0.0) if self.resume is None else store.reopen(run)
+        before = Spent(0.0) if self.resume is None else store.reopen(run, finished=self.more > 0)
         self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
         self._follow = keeping_causes(self.watch, strategy, self.space, store)
         self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
@@ -151,6 +153,9 @@ class Campaign:
         self._finished = dict[int, Outcome]()  # of these
         self._ahead: deque[Scene] | None = None  # to be begun early; None where the strategy has to be asked
         self._told = self._errors = 0  # rollouts of which the strategy knows; errors in a row
+        self._most = self.manifest.budget
+        goes_on = self.more or (self.past.left and store.rollouts(run) > self.manifest.budget)
+        self._conclude = getattr(strategy, "conclude", None) if goes_on else None
         status: Status = "failed"
         try:
             for number, outcomes in self.executor.run(self._scenes()):
@@ -224,12 +229,16 @@ class Campaign:
         manifest, awaited = self.manifest, len(self._awaited)
         if self.tally.stopped or (awaited and not overlaps(self.strategy)):
             return 0
+        if self._affordable() <= 0 and not awaited and self._conclude:
+            self._conclude()
+            self._conclude, more = None, self.more or self.past.left + manifest.batch * manifest.repeats
+            self._most = self._told + more
         room = min(manifest.batch - awaited, self._affordable())
         return min(room, 1) if overlaps(self.strategy) else room
 
     def _affordable(self) -> int:
-        """How many more scenes the budget allows."""
-        return (self.manifest.budget - self._told) // self.manifest.repeats - len(self._awaited)
+        """How many more scenes there may be."""
+        return (self._most - self._told) // self.manifest.repeats - len(self._awaited)
 
     def _admit(self, proposals: Sequence[Proposal]) -> None:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""

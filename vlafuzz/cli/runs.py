@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import typer
 from rich.table import Table
 
-from vlafuzz.campaign.config import BUDGET, SEARCH, Plan, RunConfig, default_store, plan as plan_of, start
+from vlafuzz.campaign.config import BUDGET, SEARCH, Plan, RunConfig, default_store, further, plan as plan_of, start
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.options import AUTO, LEAST
 from vlafuzz.campaign.resume import begun, resume as resume_run
@@ -100,9 +100,13 @@ def run_plan(
     if not json:
         _print_summary(summary, says)
     interrupted = False
-    if certifying and causes and causes.found and _foresee(plan, causes, until):
-        interrupted = not _certify(plan, summary, until)
-        causes = _causes(summary)
+    if certifying and causes and (not causes.found or _foresee(plan, causes, until)):
+        interrupted = causes.found > 0 and not _certify(plan, summary, until)
+        if not interrupted and not until.passed and (rest := further(plan, summary.run)):
+            Bar.note(f"{rest.more} rollouts more, which certification has left, for failures without a cause")
+            summary = _start(rest, until, again)
+            interrupted = not _certify(plan, summary, until)
+        causes, document = _causes(summary), asdict(summary)
     if not json:
         if causes and causes.causes:
             print_list([(*cause.conditions, cause.says) for cause in causes.causes], title=causes.title)
@@ -126,10 +130,10 @@ def _start(plan: Plan, until: Deadline, again: str) -> Summary:
     def show(tally: Tally) -> None:
         causes = "" if tally.causes is None else f", {plural(tally.causes, 'cause')}"
         more = f", {tally.verdicts[Verdict.FAILED]} failed{causes}"
-        bar.progress("rollouts", tally.rollouts, plan.manifest.budget, more)
+        bar.progress("rollouts", tally.rollouts, plan.manifest.budget + plan.more, more)
 
     with interruptible(note, until) as bar:
-        bar.progress("rollouts", 0, plan.manifest.budget)
+        bar.progress("rollouts", 0, plan.manifest.budget + plan.more)
         try:
             return start(plan, show, until)
         except PolicyError as error:

@@ -53,6 +53,7 @@ class Strategy(Protocol):
             ``unexplained`` holds the failures for which it found none, ``probability()`` estimates the probability that
             the policy fails in a random scene, and ``at_random`` holds the ids of the proposals that are random scenes,
             whether they passed or failed.
+        conclude(): to propose from now on only what finds causes of the failures so far, once the budget is spent.
     """
 
     def ask(self, n: int) -> list[Proposal]:

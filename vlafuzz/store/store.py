@@ -85,8 +85,8 @@ class Store:
         with self._transaction():
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
-    def reopen(self, run: int) -> Spent:
-        """Continue a run that ended early; returns the time that it has taken.
+    def reopen(self, run: int, *, finished: bool = False) -> Spent:
+        """Continue a run that ended early, or also one that is ``finished``; returns the time that it has taken.
 
         Its last errors, after which no scene was judged, are forgotten and so tried again.
         """
@@ -94,7 +94,8 @@ class Store:
         query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
         with self._transaction():
             reopened = self._connection.execute(
-                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND status IN {UNFINISHED}", (run,)
+                f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND (?2 OR status IN {UNFINISHED})",
+                (run, finished),
             )
             if not reopened.rowcount:
                 raise StoreError(f"{self.path}: run {run} is over", hint="leave out --resume for a new run")

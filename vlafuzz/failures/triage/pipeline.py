@@ -218,19 +218,24 @@ def certify_causes(
     Returns:
         The number of findings that could not be judged, see ``triage``.
     """
-    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
-    waiting, tried, unjudged = cause_findings(store, run), list[Finding](), Counter[Unjudged]()
-    number, allowance = affordable(budget), allowance or Allowance()
-    while number > 0 and waiting and not allowance.used_up:
-        some, waiting = waiting[:number], waiting[number:]
+    tried, unjudged, allowance = set[tuple[str, str]](), Counter[Unjudged](), allowance or Allowance()
+    while not allowance.used_up:
+        done = tried | {row.key for row in store.triaged()}
+        waiting = [finding for finding in cause_findings(store, run) if finding.key not in done]
+        some = waiting[: round(left_for_causes(store, run) / PER_CAUSE)]
+        if not some:
+            break
         unjudged += triage(store, runner, findings=some, allowance=allowance, place=place, watch=watch)
-        tried += some
-        keys = {finding.key for finding in tried}
-        rows = [row for row in store.triaged() if row.key in keys]
-        left = max(budget, PER_CAUSE) - sum(row.policy_rollouts for row in rows)
-        firm = {row.signature for row in rows if row.bucket == "minimal"}
-        number = min(affordable(budget) - len(firm), round(left / PER_CAUSE))
+        tried |= {finding.key for finding in some}
     return unjudged
+
+
+def left_for_causes(store: Store, run: int) -> int:
+    """Rollouts that the causes of a run may still take: as many as its budget, with those of the run beyond it."""
+    budget = next(each.manifest.budget for each in store.runs() if each.id == run)
+    keys = {finding.key for finding in store.findings(run)}
+    certifying = sum(row.policy_rollouts for row in store.triaged() if row.key in keys)
+    return max(budget, PER_CAUSE) - certifying - max(store.rollouts(run) - budget, 0)
 
 
 def cause_findings(store: Store, run: int) -> list[Finding]:

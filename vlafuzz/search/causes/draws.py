@@ -38,7 +38,7 @@ class Draws:
         self._deviations: Numbers | None = None  # theirs
         self._ends: list[list[Levels]] | None = None  # see Units.ends
         self._coming: deque[tuple[Genome, float]] = deque()  # random scenes to draw, with coins in [0, 1)
-        self._sampled = self._plain = 0
+        self._sampled, self._plain, self._concluded = 0, 0, False
         self._rates = Rates()
         self._open: dict[int, _Drawn] = {}
         self._judged: dict[int, _Drawn] = {}
@@ -46,7 +46,11 @@ class Draws:
 
     def due(self, asked: int) -> bool:
         """Whether there are fewer random scenes among so many proposals than the probability needs."""
-        return self._plain < PLAIN * asked
+        return not self._concluded and self._plain < PLAIN * asked
+
+    def conclude(self) -> None:
+        """Draw severe scenes alone from now on."""
+        self._concluded = True
 
     def alone(self, units: Units, budget: int | None) -> list[Levels]:
         """The reference with a single unit at an end of its range, in a random order, as many as the budget allows.
@@ -96,7 +100,7 @@ class Draws:
 
     def ahead(self, asked: int, units: Units, rules: Rules) -> list[Genome]:
         """The random scenes among the proposals up to this number, as far as it is known now which are rolled out."""
-        number = max(0, math.ceil(PLAIN * asked) - self._plain)
+        number = 0 if self._concluded else max(0, math.ceil(PLAIN * asked) - self._plain)
         self._sample(number)
         coming = list(islice(self._coming, number))
         levels = np.array([units.levels(genome) for genome, _ in coming] or [units.reference])

@@ -78,6 +78,7 @@ class Causes:
         self._given_up: list[Levels] = []
         self._alone: deque[Levels] | None = None  # scenes with one unit at an end; None without a reference
         self._refuted = 0  # answers that did not hold when they were tested
+        self._concluding = False
 
     def ask(self, n: int) -> list[Proposal]:
         """Up to ``n`` proposals: tests that are due, then draws unless there are failures to attribute."""
@@ -98,6 +99,11 @@ class Causes:
     def ahead(self, n: int) -> list[Genome]:
         """The random scenes among the next ``n`` proposals, unless a cause that is found first explains one."""
         return self._draws.ahead(self._asked + n, self._units, self._rules)
+
+    def conclude(self) -> None:
+        """From now on attribute failures that wait, one after another, and draw severe scenes where none does."""
+        self._concluding = True
+        self._draws.conclude()
 
     def tell(self, proposals: Sequence[Proposal], scores: Sequence[Score]) -> None:
         """Learn from draws, and from tests for the attribution or the rule that they are for."""
@@ -153,6 +159,8 @@ class Causes:
 
     def _may_draw(self, already: int) -> bool:
         """Whether draws are due, as no failure is waiting; one scene is always proposed."""
+        if self._concluding and not self._draws.severe:
+            return False
         return not already or (not self._waiting.any_of_few and len(self._active) < self._at_once())
 
     def _at_once(self) -> int:
