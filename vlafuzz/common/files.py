@@ -3,7 +3,7 @@
 import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,7 +22,8 @@ def reason(error: OSError) -> str:
 def writing(path: Path, hint: str = ELSEWHERE, problem: type[UsageError] = UsageError) -> Iterator[None]:
     """Make the folder of what is written in this block; a ``problem`` if the system refuses."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):  # a file there is what the block then complains about
+            path.parent.mkdir(parents=True, exist_ok=True)
         yield
     except OSError as error:
         raise problem(f"{path}: cannot be written: {reason(error)}", hint) from None
