@@ -57,7 +57,7 @@ def reported() -> list[Row]:
     for line in re.findall(r"<tr>(.*?)</tr>", table, re.DOTALL):
         if "not certified" in line:
             continue
-        cells = map(unescape, re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", line))
+        cells = map(unescape, re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", line, re.DOTALL))
         conditions, stage, explains, share, evidence, fails, solver, scene = cells
         told = f"{share} of random scenes · explains {explains} failures · {evidence}: fails {fails}"
         rows.append(parsed(f"{conditions} fails at: {stage} · {told}, solved by the {solver} · {scene}"))
