@@ -10,6 +10,7 @@ import pytest
 from tests.cli.typed import complaint, told, typed
 from tests.doubles import Raising
 from vlafuzz.campaign import config
+from vlafuzz.campaign.config import further
 from vlafuzz.campaign.forecast import Forecast, Speed
 from vlafuzz.campaign.resume import resume
 from vlafuzz.cli import main
@@ -70,6 +71,16 @@ def test_a_run_with_a_predecessor_is_gone_on_with_by_the_same_one_only(monkeypat
     resumed = ["run", "--resume", "--trust", "--no-certify", "--store", "a.db", "--like", "old.db"]
     assert main(resumed) == 0
     assert proposed("a.db") == proposed("whole.db")
+
+
+def test_only_a_run_that_has_ended_goes_on_beyond_its_budget(monkeypatch):
+    flags = ("--strategy", "causes", "--budget", "36", "--seed", "3", "--store", "a.db")
+    cut(monkeypatch, *flags, after=25)
+    with trusting(EVERYTHING):
+        plan = resume({"store": Path("a.db")})
+    assert further(plan, 1) is None
+    run(*flags, "--resume")
+    assert further(plan, 1).more > 0
 
 
 def test_the_same_command_with_resume_goes_on_with_it(monkeypatch):

@@ -37,7 +37,7 @@ _EXTRA = {"later": True, "extra": True}  # the part of a scene that an extra ope
 
 
 class _Strict:
-    """What is read of it has no unknown keys, and no numbers that are not finite."""
+    """Refuses unknown keys and numbers that are not finite when it is read."""
 
     __pydantic_config__ = ConfigDict(extra="forbid", allow_inf_nan=False)
 

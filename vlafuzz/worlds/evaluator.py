@@ -92,7 +92,7 @@ def drive(evaluation: Evaluation, policy: Policy) -> Outcome:
 
 
 class Options(TypedDict, total=False):
-    """What evaluators of all worlds take: see ``SceneEvaluator``."""
+    """Holds the options that evaluators of all worlds take: see ``SceneEvaluator``."""
 
     recording: Recording | None
     checked: bool

@@ -41,7 +41,7 @@ class Progress(NamedTuple):
 
 @dataclass
 class Allowance:
-    """What triage may take: once it is used up, no further finding is begun.
+    """Limits what triage takes: once it is used up, no further finding is begun.
 
     A finding is not begun either if less time is left than those before it took on average. What the deadline
     interrupts all the same is left for the next triage.

@@ -101,7 +101,7 @@ class Causes:
         return self._draws.ahead(self._asked + n, self._units, self._rules)
 
     def conclude(self) -> None:
-        """From now on attribute failures that wait, one after another, and draw severe scenes where none does."""
+        """Attribute the failures that wait from now on, and draw severe scenes where none waits."""
         self._concluding = True
         self._draws.conclude()
 

@@ -176,7 +176,7 @@ EXTRA_KINDS: tuple[type[Extra], ...] = (
     *EVENT_KINDS,
 )
 EXTRAS = frozenset(kind.name for kind in EXTRA_KINDS)
-# What `events` stands for: not the last one, which came later, as random scenes are to stay what they are.
+# `events` stands for all but the last one, which came later: random scenes are to stay what they are.
 EVENTS = tuple(kind.name for kind in EVENT_KINDS[:-1])
 
 

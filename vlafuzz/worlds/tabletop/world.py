@@ -70,7 +70,7 @@ class Tabletop(TableWorld):
             begin_probe()
 
     def simulated(self) -> type[TabletopEvaluator]:
-        """What runs a policy in scenes. It loads the simulator, which takes seconds."""
+        """The class that runs a policy in scenes. This loads the simulator, which takes seconds."""
         from vlafuzz.worlds.tabletop.sim.env import ManiSkillEvaluator
 
         return ManiSkillEvaluator
