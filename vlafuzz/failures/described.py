@@ -13,10 +13,9 @@ from vlafuzz.common.text import interval, named, plural
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.corpus.corpus import Case, Corpus
 from vlafuzz.failures.corpus.folder import SCENES
-from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.failures.triage.path import deviating
 from vlafuzz.model import Causes, Conditions, Failure, Rate, Scene, Space, Witness
 from vlafuzz.model.phrasing import failing_range
-from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.store.records import Finding, Manifest, Triaged
 from vlafuzz.worlds import world_of
 
@@ -46,7 +45,6 @@ class Deviation:
 
     Attributes:
         fails_from: the range that fails; empty if there is no threshold, or none that is known.
-        missing: why it is not known, in a clause.
         clause: the same, as "fails when" goes on.
         severity: of the operator in the scene, in [0, 1].
     """
@@ -55,14 +53,13 @@ class Deviation:
     value: str
     reference: str
     fails_from: str = ""
-    missing: str = ""
     clause: str = ""
     severity: float = 0.0
 
     @property
     def range(self) -> str:
         """The range that fails, else the value."""
-        return self.fails_from or ", ".join(filter(None, (self.value, self.missing)))
+        return self.fails_from or self.value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -197,25 +194,16 @@ def deviations(space: Space, scene: Scene, causes: Causes, reference: Scene | No
         value, usual = space.described(scene, name, other), space.described(other, name, scene)
         if value:
             at = thresholds.get(name)
-            lacks = at is None and name in causes.necessary and _is_numeric(space, scene, name, other)
             deviation = Deviation(
                 name,
                 value,
                 usual,
                 fails_from=failing_range(at) if at else "",
-                missing="its threshold did not fit into the rollouts" if lacks else "",
                 clause=space.clause(scene, name, other, at.fails if at else ()),
                 severity=max(severities.get(operator, 0.0) for operator in operators),
             )
             found.append(deviation)
     return tuple(found)
-
-
-def _is_numeric(space: Space, scene: Scene, name: str, other: Scene) -> bool:
-    """Whether numbers alone tell an operator's values from the reference's: then it has a threshold."""
-    genes = free_genes(space, scene, space.group(name), other)
-    categories = name == CONFOUNDERS or any(gene.kind == "category" for gene in genes)
-    return not categories and Path(space, scene, genes, other).length > 0
 
 
 def _nominal(space: Space, scene: Scene) -> Scene:

@@ -38,8 +38,7 @@ def acting(mechanism: Mechanism, quantity: Quantity) -> str:
     """What it is and how it comes about: ``the target appears ≥ 11 px lower than usual (camera-position -z or …)``."""
     *others, last = mechanism.ways
     ways = f"{', '.join(others)} or {last}" if others else last
-    shown = "; shown by a swap" if mechanism.swapped else ""
-    return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways}{shown})"
+    return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways})"
 
 
 def beyond(low: Values, high: Values, usual: Mapping[str, float], *, away: bool = False) -> str:
