@@ -1,6 +1,6 @@
 """Attack everything that reads files, stores and wires with mutated inputs, and count the reactions.
 
-    scripts/attack.py                          44,800 inputs over all readers and wires
+    scripts/attack.py                          43,300 inputs over all readers and wires
     scripts/attack.py --share 0.01             the same mix, a hundredth of it
     scripts/attack.py meshes --first 17 --inputs 1
                                                one input again

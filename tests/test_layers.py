@@ -25,7 +25,7 @@ ROWS = (
     "store rollouts",
     "failures",
     "campaign report",
-    "doctor exports lab logs stored",
+    "doctor exports lab stored",
     "api cli",
     "__main__",
 )

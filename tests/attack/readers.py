@@ -17,7 +17,6 @@ import yaml
 
 from tests.attack import mutators, samples
 from tests.attack.reactions import command
-from tests.logs.samples import LEROBOT, VLA_EVAL, suite_csv
 from vlafuzz.common.watch import SILENT
 from vlafuzz.model import Scene
 from vlafuzz.model.scene_lines import is_document, read_scenes
@@ -152,20 +151,6 @@ def mesh(rng: Rng, folder: Path) -> None:
         load_catalogue(packs=open_packs(str(pack)))[f"mine:{name}"]
 
 
-def logs(rng: Rng, folder: Path) -> None:
-    """Logs of others, through what shows them."""
-    kept = (VLA_EVAL, LEROBOT)
-    match rng.integers(3):
-        case 0:
-            content = json.dumps(mutators.tree(rng, kept[int(rng.integers(len(kept)))])).encode()
-        case 1:
-            content = mutators.data(rng, json.dumps(kept[int(rng.integers(len(kept)))]).encode())
-        case _:
-            content = mutators.data(rng, suite_csv(folder / "a.csv", a="sfe", b="ssf").read_bytes())
-    (folder / "a.log").write_bytes(content)
-    command("read", folder / "a.log", "--json")
-
-
 READERS: dict[str, tuple[Reader, int]] = {
     "operators": (operators, 4500),
     "profiles": (profile, 3500),
@@ -175,6 +160,5 @@ READERS: dict[str, tuple[Reader, int]] = {
     "VLATest": (vlatest, 3500),
     "pack info": (pack_info, 1500),
     "meshes": (mesh, 500),
-    "logs": (logs, 1500),
 }
-"""By name: the reader, and its part of 40,000 inputs."""
+"""By name: the reader, and the number of inputs that `scripts/attack.py` gives it."""

@@ -1,4 +1,4 @@
-"""Mutated inputs over everything that reads; `scripts/attack.py` does the same with 44,800 of them."""
+"""Mutated inputs over everything that reads; `scripts/attack.py` does the same with 43,300 of them."""
 
 from collections.abc import Iterator
 from unittest.mock import Mock

@@ -33,7 +33,6 @@ COMMANDS = {
     "diff": ("vlafuzz.cli.corpora:diff", "Compare two policies by their causes: fixed, remaining, new."),
     "bisect": ("vlafuzz.cli.corpora:bisect", "Find out which of several checkpoints broke a policy."),
     "confirm": ("vlafuzz.cli.corpora:confirm", "Say which certified causes hold in another world, too."),
-    "read": ("vlafuzz.cli.read:command", "Read the logs of an evaluation: success rates with intervals."),
     "lint": ("vlafuzz.cli.lint:lint", "Check whether the scenes of a file are fair."),
     "serve": ("vlafuzz.cli.serve:serve", "Serve a policy to clients of other tools."),
     "doctor": ("vlafuzz.cli.doctor:doctor", "Check this machine, or with --policy a policy: does it see, hear, work?"),
@@ -68,7 +67,6 @@ EXAMPLES: Mapping[str, tuple[str, str]] = {
         "vlafuzz replay first.db --video failure.mp4",
         "vlafuzz replay failing.jsonl 3f2a --policy expert --video solved.mp4",
     ),
-    "read": ("vlafuzz read outputs/eval/eval_info.json", "vlafuzz read evaluation.csv --json"),
 }
 
 app = typer.Typer(

@@ -1,1 +1,0 @@
-"""Logs of evaluations that others ran: formats in, episodes as values and figures."""
