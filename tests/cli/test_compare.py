@@ -1,7 +1,7 @@
 """``vlafuzz compare``, also again: what it shows, writes and refuses, and how it goes on."""
 
 import json
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -21,7 +21,7 @@ from vlafuzz.store.store import Store
 IDLE = ("--policy", "python:tests.doubles:make_idle")
 _SMALL = "--strategies random,nsga2 --budget 12 --repeats 2 --seed 3 --triage-rollouts 0"
 SMALL = (*IDLE, *_SMALL.split())
-HERE = ("--store", "a.db", "--out", "out")
+HERE = ("--store", "a.db")
 
 
 def dark(scene: Scene) -> bool:
@@ -63,24 +63,22 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
 
 @dataclass(frozen=True)
 class Made:
-    """A comparison: what it printed, and the folders of its store and of its results."""
+    """A comparison: what it printed, also as JSON, and the folder of its store."""
 
     printed: str
-    said: str
+    document: dict[str, Any]
     folder: Path
-
-    @property
-    def document(self) -> dict[str, Any]:
-        return json.loads((self.folder / "out/compare.json").read_text())
 
 
 def made(folder: Path, *flags: str) -> Made:
     """A comparison takes seconds, so that tests share some."""
     with pytest.MonkeyPatch.context() as patched:
         without_simulator(folder, patched)
-        with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err:
+        with redirect_stdout(StringIO()) as out:
             compare(*flags)
-    return Made(out.getvalue(), err.getvalue(), folder)
+        with redirect_stdout(StringIO()) as document:
+            compare(*flags, "--json")
+    return Made(out.getvalue(), json.loads(document.getvalue()), folder)
 
 
 @pytest.fixture(scope="module")
@@ -106,9 +104,7 @@ def test_every_run_pays_for_its_own_rollouts(capsys):
     assert failures[:2] == failures[2:]  # the same scenes were proposed
 
 
-def test_the_json_has_all_figures_and_is_in_the_folder(plain: Made):
-    assert sorted(path.name for path in (plain.folder / "out").iterdir()) == ["compare.html", "compare.json"]
-    assert "written: out/compare.json" in plain.said
+def test_the_json_has_all_figures(plain: Made):
     document = plain.document
     assert (document["budget"], document["repeats"]) == (12, 2)
     assert (document["seeds"], document["reference"]) == ([3, 4], "random")
@@ -127,15 +123,6 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made
     assert all(0 < run["triage_rollouts"] <= 200 for run in document["runs"])
     assert "12 rollouts and 200 of triage, 2 repeats" in " ".join(triaged.printed.split())
     assert "nsga2: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
-
-
-def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(triaged: Made):
-    page = (triaged.folder / "out/compare.html").read_text()
-    assert "vlafuzz report a.db --out report.html --trust" in page
-    for standing in triaged.document["standings"]:
-        for count in standing["causes"].values():
-            assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page
-    assert page.count("<article") == len({name for each in triaged.document["standings"] for name in each["causes"]})
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
@@ -189,21 +176,14 @@ def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
     assert list(folder.iterdir()) == []
 
 
-def test_a_store_without_a_suffix_is_not_its_own_report_folder(folder: Path):
-    assert main(["compare", *SMALL, "--store", "mine"]) == 0
-    assert (folder / "mine").is_file()
-    assert (folder / "mine-compare" / "compare.json").is_file()
-
-
 def test_a_policy_that_breaks_ends_it(monkeypatch, capsys):
     monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(ConnectionError("refused")))
     assert "ended in an error, first: ConnectionError: refused" in refused(capsys, code=3)
 
 
-def test_done_twice_nothing_is_run_again(capsys, monkeypatch, folder: Path):
+def test_done_twice_nothing_is_run_again(capsys, monkeypatch):
     compare("--json")
     first = capsys.readouterr().out
-    assert json.loads(first) == json.loads((folder / "out/compare.json").read_text())
     monkeypatch.setattr(config, "make_evaluator", lambda *_: Raising(KeyboardInterrupt()))
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
     compare("--json")
@@ -261,11 +241,10 @@ def test_a_run_that_others_answered_is_refused(capsys):
     assert "run 2 reused" in message
 
 
-def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys, folder: Path):
+def test_a_policy_that_is_gone_ends_it_and_the_same_command_goes_on(monkeypatch, capsys):
     monkeypatch.setattr(config, "make_evaluator", lambda *_: Gone(after=20))
     assert "8 scenes in a row had no answer" in refused(capsys, code=3)
     assert "interrupted" in [status for *_, status in runs()]
-    assert not (folder / "out" / "compare.json").exists()
     monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
     compare()
     assert {status for *_, status in runs()} == {"finished"}

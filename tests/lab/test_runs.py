@@ -1,7 +1,5 @@
 """Which runs of a store a comparison takes, and how it does the others."""
 
-import json
-
 import pytest
 
 from tests.doubles import ClosedForm, manifest
@@ -9,7 +7,7 @@ from vlafuzz.campaign.config import Plan, RunConfig, plan
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import UsageError
 from vlafuzz.lab import compare
-from vlafuzz.lab.compare import Job, complete, note_places, stored
+from vlafuzz.lab.compare import Job, complete, stored
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.store.records import Run
 from vlafuzz.store.store import Store
@@ -20,13 +18,9 @@ class Told(Watch):
 
     def __init__(self) -> None:
         self.bars: list[tuple[str, int, int | None]] = []
-        self.notes: list[str] = []
 
     def progress(self, description: str, done: int, total: int | None) -> None:
         self.bars.append((description, done, total))
-
-    def note(self, text: str) -> None:
-        self.notes.append(text)
 
 
 @pytest.fixture
@@ -54,27 +48,6 @@ def test_adjacent_runs_that_differ_in_their_strategy_alone_share_an_executor(sto
     do(store, Job("random", 1), Job("causes", 1), Job("random", 2))
     assert [run.manifest.seed for run in store.runs()] == [1, 1, 2]
     assert [planned.manifest.seed for planned in executors] == [1, 2]
-
-
-@pytest.mark.usefixtures("executors")
-def test_a_run_that_was_interrupted_elsewhere_begins_anew(store: Store, monkeypatch):
-    store.begin(planned(Job("random", 1)).manifest)
-    told = Told()
-    monkeypatch.setenv("ONEDNN_MAX_CPU_ISA", "AVX2")
-    do(store, Job("random", 1), watch=told)
-    assert [(run.status, store.extent(run.id)[0]) for run in store.runs()] == [("running", 0), ("finished", 3)]
-    assert told.notes[0].startswith("random, seed 1: begins anew, since run 1 ended early at another place: ")
-
-
-def test_runs_of_several_places_are_noted_as_such(store: Store):
-    told = Told()
-    places = ("", "", json.dumps({"processor": "arm64", "instructions": "DEFAULT", "torch": "2.13"}))
-    for place in places:
-        store.begin(manifest(place=place))
-    note_places(store.runs()[:2], told)
-    note_places(store.runs(), told)
-    (note,) = told.notes
-    assert "(run 1, 2: not known; run 3: arm64, DEFAULT, torch 2.13)" in note
 
 
 @pytest.mark.usefixtures("executors")
@@ -106,13 +79,14 @@ def test_a_run_of_other_conditions_is_another_one(store: Store, change: dict[str
     assert stored(store, manifest(**change)) is None  # type: ignore[arg-type]
 
 
-def test_batches_and_places_may_differ(store: Store) -> None:
+def test_batches_may_differ(store: Store) -> None:
     store.begin(manifest(batch=3))
-    assert stored(store, manifest(batch=16, place="elsewhere"))
+    assert stored(store, manifest(batch=16))
 
 
-def test_a_run_of_another_version_is_refused(store: Store) -> None:
+@pytest.mark.parametrize("name", ["commit", "place"])
+def test_a_run_of_another_version_or_machine_is_refused(store: Store, name: str) -> None:
     store.begin(manifest())
-    with pytest.raises(UsageError, match="another version than is installed: its commit") as caught:
-        stored(store, manifest(commit="abc"))
+    with pytest.raises(UsageError, match=f"another version, or elsewhere: its {name} differs") as caught:
+        stored(store, manifest(**{name: "abc"}))  # type: ignore[arg-type]
     assert "another --store" in str(caught.value.hint)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import json as json_format
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, configured, listed, option, typed, with_run_options
-from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_rows
-from vlafuzz.common.files import write_whole, writing
+from vlafuzz.cli.output import interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number
 
-_CONTINUES = "the same command continues"
 _ONE = 200  # rollouts that triage of one failure takes at most, about
 
 
@@ -35,7 +32,6 @@ def command(
             "as many as --budget, at least 200",
         ),
     ] = None,
-    out: Annotated[Path | None, option("Folder for compare.json and compare.html.", "runs/compare-…")] = None,
     json: JsonFlag = False,
     config: ConfigFlag = None,
     **given: Any,
@@ -48,11 +44,8 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
-    from vlafuzz.cli.report import write
-    from vlafuzz.doctor.exam import speed_of
     from vlafuzz.lab.compare import compare
-    from vlafuzz.lab.comparison import rows, sentences, view_of_comparison
-    from vlafuzz.report.sources import view_of
+    from vlafuzz.lab.comparison import rows, sentences
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)
@@ -66,18 +59,14 @@ def command(
     store = given["store"] or Path("runs") / f"compare-{default_store(task, policy, 0).stem[:-2]}.db"
     of_all = configured(given) | {"task": task, "policy": policy, "store": store}
     run = RunConfig(**of_all, strategy=names[0], command=typed())
-    folder = out or (store.with_suffix("") if store.suffix else store.with_name(f"{store.name}-compare"))
-    with interruptible(f"interrupted: all results so far are stored in {store}\nhint: {_CONTINUES}") as bar:
-        compared = compare(run, names, repeats, limit, folder, bar, speed_of)
+    stored = f"interrupted: all results so far are stored in {store}\nhint: the same command continues"
+    with interruptible(stored) as bar:
+        compared = compare(run, names, repeats, limit, bar)
     if json:
         print_json(asdict(compared))
     else:
         print_rows(rows(compared), title=compared.title)
         print_lines(*sentences(compared))
-    with writing(folder / "compare.json", f"all runs are stored: {_CONTINUES}"):
-        write_whole(folder / "compare.json", json_format.dumps(asdict(compared), indent=2, allow_nan=False) + "\n")
-    Bar.note(f"written: {folder / 'compare.json'}")
-    write(folder / "compare.html", view_of_comparison(compared, view_of(store)))
 
 
 def _names(strategies: str) -> list[str]:

@@ -67,10 +67,6 @@ class Exam:
     def close(self) -> None:
         self._evaluator.close()
 
-    def looks(self) -> Iterator[Check]:
-        """Observe some answers in a few scenes, with which the other checks begin, too."""
-        return self._guarded(self._observe() for _ in range(1))
-
     def quick(self) -> Iterator[Check]:
         """The checks that take seconds, up to the first refusal."""
         return self._guarded(self._probed(quick=True))
@@ -280,15 +276,6 @@ def _say(plan: Plan, watch: Watch) -> None:
         watch.note(f"hint: with the right values in the policy's name, nothing is guessed: {whole}")
     if manifest.alone:
         watch.note(stands_alone(name))
-
-
-def speed_of(plan: Plan) -> Speed | None:
-    """The speed of a plan's policy: the usual one, or measured, which takes seconds; None if the policy breaks."""
-    if is_built_in(plan.manifest.policy):
-        return usual_speed(plan)
-    with closing(Exam(plan.manifest, plan.policy)) as exam:
-        seen = list(exam.looks())
-        return None if any(check.verdict == "refuse" for check in seen) else exam.speed(at_a_time(plan))
 
 
 def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:

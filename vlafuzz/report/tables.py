@@ -13,7 +13,7 @@ from vlafuzz.model import Verdict
 from vlafuzz.search.base import RANDOM
 from vlafuzz.search.probability import Probability
 from vlafuzz.search.severity import NAME as SEVERITY, Half, half_of, severity_of
-from vlafuzz.store.records import Manifest, Run, Trial
+from vlafuzz.store.records import Attribution, Manifest, Run, Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.provenance import in_words
 
@@ -92,7 +92,7 @@ def standings_of(store: Store, lists: Sequence[CauseList] | None = None) -> tupl
     return tuple(standings)
 
 
-def rate_of(store: Store, run: Run, found: CauseList | None) -> Probability | None:
+def rate_of(store: Store, run: Run, found: CauseList | Attribution | None) -> Probability | None:
     """How often random scenes fail: the share of a random run, or what a strategy estimates."""
     if run.manifest.strategy != RANDOM:
         return found.probability if found else None

@@ -8,7 +8,7 @@ import os
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict
 from importlib import import_module, metadata
@@ -59,14 +59,6 @@ def here(name: str, spec: PolicySpec, renderer: Callable[[], str], *, workers: b
 def in_words(place: str) -> str:
     """A place as conditions keep it, in words; empty if it is not known."""
     return ", ".join(filter(None, _words(place))) if place else ""
-
-
-def by_place(places: Mapping[int, str]) -> str:
-    """The numbers of runs by their places, in words."""
-    runs: dict[str, list[str]] = {}
-    for number, place in places.items():
-        runs.setdefault(in_words(place) or "not known", []).append(str(number))
-    return "; ".join(f"run {', '.join(numbers)}: {words}" for words, numbers in runs.items())
 
 
 def elsewhere(then: str, now: str) -> str:
