@@ -161,6 +161,7 @@ def figures(case: Case, played: Played) -> dict[str, float]:
         "rows": len(true - inside.keys()) + len(about),
         "right": sum(named),
         "wrong": len(named) - sum(named),
+        "swapped": sum(one.mechanism.swapped for one in about),
         "untrue": len(scenes) - len(true),
     }
 

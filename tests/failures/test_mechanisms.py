@@ -73,6 +73,7 @@ def test_causes_by_which_the_target_appears_lower_are_one_row(merged: Merged):
     assert (mechanism.quantity, mechanism.above, merged.members) == ("down", True, (0, 1, 2))
     assert mechanism.threshold == pytest.approx(LOWER, abs=3)
     assert mechanism.ways == ("camera-orientation -pitch", "camera-position +z", "target-position +x")
+    assert mechanism.swapped  # each of the operators alone makes the policy fail
 
 
 def test_of_a_camera_that_is_off_along_several_axes_the_one_that_matters_is_named():
@@ -90,6 +91,13 @@ def test_the_share_is_that_of_random_scenes_beyond_the_threshold_that_fail(merge
     beyond = [scene for scene in drawn if down(scene) >= merged.mechanism.threshold]
     assert merged.share.value == pytest.approx(len(beyond) / 60, abs=0.05)
     assert merged.share.low < merged.share.value < merged.share.high
+
+
+def test_nothing_is_shown_by_a_swap_where_one_operator_was_tried_once():
+    trials = run(lower, [PITCHED, NEARER])
+    trials = [trial for trial in trials[:60] if not lower(trial.scene)] + trials[60:65]
+    (one,) = mechanisms(SPACE, causes(camera_orientation=PITCHED, target_position=NEARER), trials)
+    assert not one.mechanism.swapped
 
 
 def test_operators_that_do_not_act_through_one_quantity_stay_apart():

@@ -138,12 +138,12 @@ def test_a_cause_that_no_stored_failure_shows_is_listed_with_the_reason(store: S
 
 
 def test_causes_that_act_through_one_quantity_are_listed_by_what_it_is_and_how_it_comes_about(store: Store):
-    lower = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"))
+    lower = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"), swapped=True)
     scene = only("camera-orientation", 0)
     store.keep_causes(1, Attribution((FoundCause(scene, ("camera-orientation",), 9, SHARE, lower),)))
     (cause,) = listed(store).causes
     what, example = cause.conditions
-    ways = "(camera-orientation -pitch or target-position +x)"
+    ways = "(camera-orientation -pitch or target-position +x; shown by a swap)"
     assert what == f"the target appears ≥ 11 px lower than usual {ways}"
     assert example.startswith("for example camera-orientation: ")
     shown = view_of_store(store)

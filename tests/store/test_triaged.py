@@ -129,7 +129,7 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
 
 DARK = FoundCause(trial(0, failed()).scene, ("light",), 7, Probability(0.2, 0.15, 0.25))
 CROWDED = FoundCause(trial(1, failed()).scene, ("confounders", "light"), 2)
-LOWER = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"))
+LOWER = Mechanism("down", 11.0, True, ("camera-orientation -pitch", "target-position +x"), swapped=True)
 SHIFTED = FoundCause(trial(1, failed()).scene, ("camera-orientation",), 9, Probability(0.3, 0.2, 0.4), LOWER)
 NOT_STORED = FoundCause(None, ("camera-position",), 1)
 FOUND = Attribution((DARK, SHIFTED, CROWDED, NOT_STORED), 3, Probability(0.4, 0.3, 0.5))

@@ -28,6 +28,9 @@ PENALTY = 5.0  # log likelihood that a row has to be worth: a threshold, and a c
 MARGIN, ALONE = 3.0, 10.0  # by which a quantity has to be better than the rows that it replaces, or than one row
 ENDS = np.linspace(0.3, 1.0, 15)  # where a row may begin, as a share of the way to its own scene
 INSIDE, OUTSIDE = (6.0, 1.0), (0.5, 2.0)  # failures and passes that priors are worth: in causes, and by chance
+REPEATED = 2  # rollouts of an operator alone beyond a threshold that a swap test takes
+HARDLY = 0.1  # severity up to which other operators may be off
+SEVERAL = 30  # scenes of which it is looked whether two operators cancel each other
 
 
 @dataclass(frozen=True)
@@ -227,7 +230,7 @@ def _merged(run: _Run, best: _Candidate, at_random: Collection[int]) -> Merged:
         for operator in row.brought_by(best.name, best.sign, best.threshold):
             ways.setdefault(operator, _way(run.space, row.scene, operator, best.name))
     threshold, above = best.sign * best.threshold, best.sign > 0
-    mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()))
+    mechanism = Mechanism(best.name, threshold, above, tuple(ways.values()), _swapped(run, best, list(ways)))
     drawn = np.array([trial.proposal in at_random for trial in run.trials], dtype=bool)
     failing, scenes = int((best.beyond & run.failed & drawn).sum()), int(drawn.sum())
     share = Probability(failing / scenes, *wilson(failing, scenes)) if scenes else None
@@ -244,3 +247,37 @@ def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
         most = max(axes, key=lambda axis: abs(space.measured(without[axis])[quantity] - here))
         scene = space.without_axes(scene, operator, axes.keys() - {most})
     return f"{operator} {direction(space, scene, operator)}"
+
+
+def _swapped(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+    """Whether two operators, each without the other, were tried beyond the threshold, and the policy mostly failed.
+
+    Where two of them cancel each other, it must mostly have passed.
+    """
+    alone = {operator: list[bool]() for operator in operators}
+    for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
+        deviating = _deviating(run.space, trial.scene) if beyond else set[str]()
+        for operator in operators:
+            if operator in deviating and len(deviating & set(operators)) == 1:
+                alone[operator].append(bool(failed))
+    shown = [one for one in alone.values() if len(one) >= REPEATED and sum(one) > len(one) / 2]
+    return len(shown) > 1 and not _fails_cancelled(run, best, operators)
+
+
+def _deviating(space: Space, scene: Scene) -> set[str]:
+    severities = space.severities(scene)
+    groups = {**{name: (name,) for name in severities}, **space.groups}
+    return {name for name, members in groups.items() if any(severities.get(each, 0) > HARDLY for each in members)}
+
+
+def _fails_cancelled(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:
+    """Whether the policy mostly fails where an operator would bring the quantity about if another did not undo it."""
+    outcomes = list[bool]()
+    for trial, beyond, failed in zip(run.trials, best.beyond, run.failed, strict=True):
+        deviating = [] if beyond else [name for name in operators if name in _deviating(run.space, trial.scene)]
+        if len(deviating) < 2 or len(outcomes) == SEVERAL:
+            continue
+        values = (run.space.measured(reset(run.space, trial.scene, name))[best.name] for name in deviating)
+        if any(best.sign * value >= best.threshold for value in values):
+            outcomes.append(bool(failed))
+    return len(outcomes) >= REPEATED and sum(outcomes) > len(outcomes) / 2

@@ -38,7 +38,8 @@ def acting(mechanism: Mechanism, quantity: Quantity) -> str:
     """What it is and how it comes about: ``the target appears ≥ 11 px lower than usual (camera-position -z or …)``."""
     *others, last = mechanism.ways
     ways = f"{', '.join(others)} or {last}" if others else last
-    return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways})"
+    shown = "; shown by a swap" if mechanism.swapped else ""
+    return f"{quantity.says(mechanism.threshold, above=mechanism.above)} ({ways}{shown})"
 
 
 def beyond(low: Values, high: Values, usual: Mapping[str, float], *, away: bool = False) -> str:

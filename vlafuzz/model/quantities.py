@@ -41,9 +41,12 @@ class Mechanism:
         quantity: by its name in ``Space.quantities``.
         threshold: the policy fails from there on; ``above``: upwards, else downwards.
         ways: the operators that bring it about, each with its direction if it has one: ``camera-orientation -pitch``.
+        swapped: shown by a swap: two operators were tried beyond the threshold, each without the other and repeatedly,
+            and the policy mostly failed with either.
     """
 
     quantity: Text
     threshold: Real
     above: bool
     ways: Annotated[tuple[Text, ...], Field(min_length=1, max_length=100)]
+    swapped: bool = False
