@@ -6,6 +6,7 @@ import pytest
 
 from tests.doubles import ended, stored
 from tests.failures.triage.planted import TILTED, Planted
+from tests.report.stores import MANIFEST
 from vlafuzz.failures import regions
 from vlafuzz.search.causes import draws
 
@@ -22,4 +23,4 @@ def tilted(tmp_path: Path, monkeypatch) -> Path:
     """A store, ``a.db`` here, with three findings of a policy that fails where the camera is tilted."""
     monkeypatch.chdir(tmp_path)
     failing = (ended(Planted([TILTED]).finding(seed), proposal=seed, cell=f"{seed}") for seed in range(3))
-    return stored(tmp_path / "a.db", *failing)
+    return stored(tmp_path / "a.db", *failing, about=MANIFEST)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.cli.typed import told, typed
-from tests.doubles import ended, manifest, scene, stored
+from tests.doubles import ended, manifest, passed, scene, stored
 from tests.failures.corpus.corpora import case, make_corpus
 from tests.failures.corpus.sides import Planned, RuleRunner, flaky
 from tests.failures.corpus.test_export import CheckingRunner
@@ -143,7 +143,7 @@ def test_a_page_shows_each_cause_with_the_rollouts_of_both_policies(monkeypatch,
 
 
 def test_a_store_without_certified_causes_still_says_which_policy_to_try(tmp_path: Path, capsys):
-    stored(tmp_path / "b.db", ended(Planted([TILTED]).finding(0)), about=manifest(policy="pinhole"))
+    stored(tmp_path / "b.db", ended(Planted([TILTED]).finding(0)), about=replace(MANIFEST, policy="pinhole"))
     printed = diff("old", "b.db", capsys=capsys)
     assert printed["counts"] == {"new": 0, "remaining": 1, "fixed": 1, "unclear": 0, "not judged": 0}
     assert "new ones unknown, as pinhole has no certified cause" in printed["verdict"]
@@ -166,9 +166,9 @@ def test_what_is_wrong_is_one_sentence(arguments: list[str], says: str, capsys):
 
 
 def test_tasks_are_not_mixed(tmp_path: Path, capsys):
-    other = replace(make_corpus(case()), runs=[manifest(policy="pinhole", task="put-on")])
-    write_corpus(other, tmp_path / "other")
-    assert "are of different tasks, pick-up and put-on" in " ".join(typed(capsys, "diff old other", code=2).err.split())
+    stored(tmp_path / "other.db", ended(scene(), passed()), about=manifest(policy="pinhole", task="put-on"))
+    said = typed(capsys, "diff old other.db", code=2).err
+    assert "are of different tasks, pick-up and put-on" in " ".join(said.split())
 
 
 def test_the_causes_of_a_store_are_its_minimal_findings(tilted: Path, monkeypatch, capsys):

@@ -18,14 +18,13 @@ from vlafuzz.common.plugins import check_trusted
 from vlafuzz.common.statistics import sign_p
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
-from vlafuzz.failures.corpus.folder import is_corpus, read_corpus
-from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe, probes as probes_of
+from vlafuzz.failures.corpus.pairs import Compared, Fixed, Probe
 from vlafuzz.failures.corpus.regress import REPEATS, Comparison, Rerun, Side, compare
+from vlafuzz.failures.listed import listing_of
 from vlafuzz.model import Model, Scene
 from vlafuzz.model.phrasing import titled
 from vlafuzz.rollouts import scene_runner
 from vlafuzz.store.records import Manifest
-from vlafuzz.store.store import Store
 
 PAIRS = 8  # rollouts of each policy for a cause, at least; five of five or seven of eight show a change
 Standing = Literal["fixed", "remaining", "new", "unclear", "not judged"]
@@ -187,47 +186,27 @@ def known(source: Path, label: str = "") -> Known:
         StoreError: it has no run.
         UsageError: it has several models or tasks, or none of that label.
     """
-    if is_corpus(source):
-        corpus = read_corpus(source)
-        causes = {case.scene: case.signature for case in corpus.cases}
-        probes = [probe for probe in probes_of(corpus) if probe.group != "control"]
-        model = _labelled(source, corpus.tested, label)
-        return Known(source=source, model=model, runs=corpus.runs, causes=causes, probes=probes)
-    with Store.open(source) as store:
-        return _of_store(store, label)
-
-
-def _labelled(source: Path, model: Model, label: str) -> Model:
-    """The model with the label that the user gives it, if the runs have none."""
+    listing = listing_of(source)
+    failing = {one.run.key() for one in listing.failures}
+    runs = [run for run in listing.runs if run.key() in failing] or list(listing.runs)
+    runs = [run for run in runs if run.named == label] or runs
+    if not runs:
+        raise StoreError(f"{source}: has no run", hint="`vlafuzz run` begins one")
+    if len({(run.tested, run.task) for run in runs}) > 1:
+        problem = f"{source}: has failures of several policies or tasks"
+        raise UsageError(problem, hint="name a label, --label-a NAME; or give a corpus of one run")
+    model = runs[0].tested
     if label and model.label not in ("", label):
         raise UsageError(f"{source} is of {model}, not of {label}", hint="leave the label out")
-    return replace(model, label=label or model.label)
-
-
-def _of_store(store: Store, label: str) -> Known:
-    runs = {begun.id: begun.manifest for begun in store.runs()}
-    of = {finding.key: finding.run for finding in store.findings()}
-    numbers = sorted(set(of.values())) or list(runs)
-    if label in {runs[number].named for number in numbers}:
-        numbers = [number for number in numbers if runs[number].named == label]
-    causes, failing = dict[Scene, str](), dict[Scene, Probe]()
-    for row in store.triaged():
-        if of.get(row.key) in numbers and row.bucket == "minimal" and row.shrunk and row.signature:
-            number, title = numbers.index(of[row.key]), titled(row.operators, row.causes)
-            causes.setdefault(row.shrunk, row.signature)
-            failing.setdefault(row.shrunk, Probe(row.shrunk, "failing", title, number, passed=False))
-    if not numbers:
-        raise StoreError(f"{store.path}: has no run", hint="`vlafuzz run` begins one")
-    manifests = [runs[number] for number in numbers]
-    if len({(manifest.tested, manifest.task) for manifest in manifests}) > 1:
-        problem = f"{store.path}: has failures of several policies or tasks"
-        raise UsageError(problem, hint="name a label, --label-a NAME; or give a corpus of one run")
+    number = {run.key(): index for index, run in reversed(list(enumerate(runs)))}
+    causes, probes = dict[Scene, str](), list[Probe]()
+    for one in listing.failures:
+        if one.bucket == "minimal" and one.signature and one.run.key() in number and one.scene not in causes:
+            causes[one.scene] = one.signature
+            title = titled(one.operators, one.causes)
+            probes.append(Probe(one.scene, "failing", title, number[one.run.key()], passed=False))
     return Known(
-        source=store.path,
-        model=_labelled(store.path, manifests[0].tested, label),
-        runs=manifests,
-        causes=causes,
-        probes=list(failing.values()),
+        source=source, model=replace(model, label=label or model.label), runs=runs, causes=causes, probes=probes
     )
 
 
