@@ -80,7 +80,7 @@ def replay(
         check_trusted(wanted.conditions.policy)
     name = policy or wanted.conditions.policy
     made, scene = make_policy(name), wanted.scene
-    if must_see and not made.spec.cameras and not made.spec.silhouettes:
+    if must_see and not made.spec.cameras:
         made.close()
         raise UsageError(f"policy {name!r} asks for no pictures", hint="leave --seen out")
     once = replace(wanted.conditions, repeats=1)

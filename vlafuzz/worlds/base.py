@@ -146,9 +146,6 @@ class World(ABC):
         """The policy that is tested where nobody names one; a UsageError if there is none."""
         raise UsageError("this world has no default policy", hint="--policy python:pkg.mod:factory")
 
-    def begin_early(self, policy: str | None) -> None:
-        """Begin in the background what takes seconds and this policy is likely to need; None: the default."""
-
     def preload(self) -> None:
         """Import what its evaluators need, for workers that are forked from this process."""
 

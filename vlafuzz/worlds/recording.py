@@ -3,17 +3,14 @@
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.common.files import write_whole, writing
-from vlafuzz.errors import UsageError
-from vlafuzz.policies.base import CameraRequest, Observation, Outlines
+from vlafuzz.policies.base import CameraRequest, Observation
 from vlafuzz.worlds.episode import Episode
 
-_DRAWN = 256  # sides of a picture of outlines, pixels
 GREYS = 16  # levels that are told apart
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
@@ -67,28 +64,11 @@ class Recording:
         return tuple((counts / counts.sum()).tolist())
 
     def seen(self) -> Picture:
-        """The policy's first observation: its camera images, or outlines in their colours."""
-        first = self.observations[0]
-        pictures = list(first.images.values())
-        if first.outlines is not None:
-            pictures.append(_drawn(first.outlines))
-        if not pictures:
-            raise UsageError("this policy asks for no pictures", hint="leave --seen out")
+        """The pictures in the policy's first observation, side by side."""
+        pictures = list(self.observations[0].images.values())
         height = max(picture.shape[0] for picture in pictures)
         padded = [np.pad(one, ((0, height - one.shape[0]), (0, 0), (0, 0))) for one in pictures]
         return np.concatenate(padded, axis=1)
-
-
-def _drawn(outlines: Outlines) -> Picture:
-    """Draw outlines in their apparent colours on the table's, with the hand as a cross."""
-    picture = np.full((_DRAWN, _DRAWN, 3), np.round(outlines.table * 255), dtype=np.uint8)
-    for thing in outlines.things:
-        u, v = np.minimum((thing.pixels * _DRAWN).astype(int), _DRAWN - 1).T
-        picture[v, u] = np.round(thing.colour * 255)
-    if outlines.hand is not None:
-        u, v = (outlines.hand * _DRAWN).astype(int).tolist()
-        cv2.drawMarker(picture, (u, v), (255, 0, 255), cv2.MARKER_CROSS, 12, 2)
-    return picture
 
 
 def write_picture(path: Path, picture: Picture) -> None:

@@ -9,9 +9,7 @@ import os
 import struct
 import subprocess
 import sys
-from concurrent.futures import Future
 from functools import cache
-from threading import Thread
 from typing import Any, NamedTuple
 
 from vlafuzz.errors import PrerequisiteError
@@ -64,16 +62,9 @@ def probe(timeout: float = 120.0) -> Renderer:
 
 
 @cache
-def begin_probe() -> Future[Renderer]:
-    """Begin the probe whose result is that of ``probe_once``; it takes the better part of a second."""
-    result = Future[Renderer]()
-    Thread(target=lambda: result.set_result(probe()), daemon=True).start()
-    return result
-
-
 def probe_once() -> Renderer:
-    """The result of the first probe of this process."""
-    return begin_probe().result()
+    """The result of the first probe of this process, which takes half a second."""
+    return probe()
 
 
 def check_renderer() -> None:

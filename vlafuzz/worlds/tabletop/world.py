@@ -29,7 +29,7 @@ from vlafuzz.worlds.tabletop.objects import Pack, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, packs_json, stored_catalogue
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.objects.packs import packs_of
-from vlafuzz.worlds.tabletop.renderer import begin_probe, check_renderer, probe_once
+from vlafuzz.worlds.tabletop.renderer import check_renderer, probe_once
 from vlafuzz.worlds.tabletop.space import OperatorSet, SearchSpace
 from vlafuzz.worlds.tabletop.tasks import TASKS, task as task_named
 from vlafuzz.worlds.tabletop.vlatest import read_vlatest
@@ -64,10 +64,6 @@ class Tabletop(TableWorld):
     def default_policy(self, robot: str) -> str:
         """``mini`` where its robot's pictures can be rendered, else ``pinhole``, which needs physics only."""
         return "mini" if robot == PANDA.robot and probe_once().works else "pinhole"
-
-    def begin_early(self, policy: str | None) -> None:
-        if policy in (None, "mini"):
-            begin_probe()
 
     def simulated(self) -> type[TabletopEvaluator]:
         """The class that runs a policy in scenes. This loads the simulator, which takes seconds."""

@@ -16,6 +16,7 @@ from vlafuzz.model import Backdrop, Placement
 from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, shade, shown
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
+from vlafuzz.worlds.tabletop.fairness.visible import textured
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
 from vlafuzz.worlds.tabletop.objects.solids import quaternion
 from vlafuzz.worlds.tabletop.room import DAMPING, FRICTION, ROLLING_DAMPING, WRIST_CAMERA
@@ -34,6 +35,7 @@ LOOKS, SHAPES = 0, 3  # groups: what pictures show, and what collides
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
 TCP = "panda_hand_tcp"
 CAMERA, WRIST = "view", "wrist"
+_read_textured = lru_cache(maxsize=64)(textured)
 _VISUAL = re.compile(r"<visual>.*?</visual>", re.DOTALL)
 _FILE = re.compile(r'<link name="(\w+)">\s*<visual>(.*?)<geometry>\s*<mesh filename="([^"]+)"', re.DOTALL)
 
@@ -151,7 +153,7 @@ def _dress(spec: Any, body: Any, file: Path, *, half_turn: bool) -> None:
 def _wrap(spec: Any, body: Any, model: ObjectModel, scale: float) -> None:
     """Show a thing: its textured mesh; of a pack, its convex parts in their mean colour."""
     if model.fit is None and model.visual.suffix == ".glb":
-        name, (mesh, texture) = f"{body.name}.look", _textured(model.visual)
+        name, (mesh, texture) = f"{body.name}.look", _read_textured(model.visual)
         _mesh(spec, name, mesh.vertices * scale, mesh.faces, mesh.visual.uv)
         spec.add_material(name=name)
         _paint(spec, name, texture)
@@ -166,13 +168,6 @@ def _mesh(spec: Any, name: str, vertices: Array, faces: Any, uv: Any = None) -> 
     mesh.uservert, mesh.userface = vertices.ravel().tolist(), np.asarray(faces).ravel().tolist()
     if uv is not None:
         mesh.usertexcoord = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1).ravel().tolist()
-
-
-@lru_cache(maxsize=64)
-def _textured(file: Path) -> tuple[Any, Picture]:
-    """A mesh and its texture, which take 40 ms to read."""
-    mesh: Any = trimesh.load_scene(file).to_geometry()
-    return mesh, np.asarray(mesh.visual.material.baseColorTexture.convert("RGB"))
 
 
 @lru_cache(maxsize=64)

@@ -26,8 +26,7 @@ STICK = box(0.03, 0.03, 0.08)
 
 
 @pytest.fixture(autouse=True)
-def nothing_else_is_known(tmp_path, monkeypatch):
-    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path / "nowhere"))
+def nothing_else_is_known(monkeypatch):
     monkeypatch.delenv("VLAFUZZ_PACKS", raising=False)
 
 
@@ -171,17 +170,6 @@ def test_a_folder_of_packs_has_them_all_and_two_of_one_name_exclude_each_other(t
     again = write_pack(tmp_path / "other" / "one", cube=box(0.03, 0.03, 0.03))
     with pytest.raises(CatalogueError, match="both packs are named 'one'"):
         catalogue(tmp_path / "assets", again)
-
-
-def test_maniskills_ycb_is_found_by_its_name(tmp_path, monkeypatch):
-    folder = tmp_path / "data" / "assets" / "mani_skill2_ycb"
-    write_pack(folder, "info_pick_v0.json", mug=box(0.03, 0.03, 0.03))
-    mesh = folder / "models" / "mug" / "collision"
-    trimesh.load_mesh(mesh.with_suffix(".obj")).export(mesh.with_suffix(".ply"))
-    mesh.with_suffix(".obj").unlink()
-    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path))
-    (pack,) = open_packs("ycb")
-    assert list(pack.objects) == ["mug"]
 
 
 def test_what_is_no_pack_is_said_in_a_sentence(tmp_path):

@@ -87,25 +87,17 @@ _INFOS = TypeAdapter(dict[str, _Info])
 
 
 def open_packs(source: str) -> tuple[Pack, ...]:
-    """The pack in a folder, the packs in its subfolders, or the known pack of a name; else a UsageError."""
+    """The pack in a folder, or the packs in its subfolders; else a UsageError."""
     if packs := _packs_in(Path(source)):
         return packs
-    if Path(source).is_dir():
-        raise UsageError(f"{source}: neither a pack of objects nor a folder of packs", hint=_LAYOUT)
-    known = [*_known_packs()]
-    named = tuple(pack for pack in known if pack.name == source)
-    if not named:
-        names = f", or a pack's name: {', '.join(pack.name for pack in known)}" if known else ""
-        raise UsageError(f"{source}: no such folder", hint=f"give the folder of a pack{names}")
-    return named[:1]
+    problem = "neither a pack of objects nor a folder of packs" if os.path.isdir(source) else "no such folder"
+    raise UsageError(f"{source}: {problem}", hint=_LAYOUT)
 
 
 def _known_packs() -> Iterator[Pack]:
-    """The packs in the folders of ``$VLAFUZZ_PACKS``, and YCB if ManiSkill has downloaded it."""
+    """The packs in the folders of ``$VLAFUZZ_PACKS``."""
     for folder in listed():
         yield from _packs_in(Path(folder))
-    assets = Path(os.environ.get("MS_ASSET_DIR") or Path.home() / ".maniskill")
-    yield from _packs_in(assets / "data" / "assets" / "mani_skill2_ycb")
 
 
 def find_pack(name: str, digest: str, folder: str) -> Pack:
