@@ -32,12 +32,12 @@ def own_cache(tmp_path, monkeypatch) -> Path:
 
 @pytest.fixture
 def altered_sapien(tmp_path, monkeypatch) -> Path:
-    """Its shaders, of which one says the same about the table in other words."""
+    """Its shaders, of which one adds mirrored light in other words."""
     folder = tmp_path / "sapien" / "vulkan_shader"
     for name in ("minimal", "common"):
         shutil.copytree(Path(sapien.__file__).parent / "vulkan_shader" / name, folder / name)
     shader = folder / "minimal" / "gbuffer.frag"
-    shader.write_text(shader.read_text().replace("texture(samplerBRDFLUT, ", "texture( samplerBRDFLUT, "))
+    shader.write_text(shader.read_text().replace("color += specularIBL(", "color = color + specularIBL("))
     monkeypatch.setattr(sapien, "__file__", str(folder.parent / "__init__.py"))
     return shader
 

@@ -23,11 +23,16 @@ from vlafuzz.worlds.manipulation.rigs import Lights, Table
 from vlafuzz.worlds.tabletop.renderer import rendering_device
 from vlafuzz.worlds.tabletop.room import FRICTION
 
-# The reflectance table of SAPIEN's shaders takes 6 s to compute on a CPU. It is for mirrored surroundings, of
-# which there are none: without it the pictures are the same.
-_NAME = "samplerBRDFLUT"
-_TABLE = re.compile(r"^layout\(.*\) uniform sampler2D samplerBRDFLUT;$", re.MULTILINE)
-_LOOKUP = re.compile(r"texture\(samplerBRDFLUT, [^;]*\)\.xy")
+# What SAPIEN's shaders do for nothing: a reflectance table, which takes 6 s to compute on a CPU, light that is mirrored
+# from surroundings, of which there are none, and a picture of places and numbers. Without it the pictures are the same.
+_NEEDLESS_NAMES = ("samplerBRDFLUT", "specularIBL", "outPositionSegmentation")
+_NEEDLESS = re.compile(
+    r"^layout\(.*\) (uniform sampler2D samplerBRDFLUT|out ivec4 outPositionSegmentation);$"
+    r"|^vec3 specularIBL\([^}]*\}$"
+    r"|^ *color \+= (diffuse|specular)IBL\([^;]*;$"
+    r"|^ *outPositionSegmentation = .*;$",
+    re.MULTILINE,
+)
 # What is opaque needs no background behind it: the same pictures, 6 % sooner.
 _COLOUR = "vec4 color = texture(samplerColorRaw, inUV);"
 _OPAQUE = f"{_COLOUR}\n  if (color.a == 1) {{ outColor = color; return; }}"
@@ -84,8 +89,8 @@ def _shader_pack(*, full: bool = False) -> Path:
 
 def _quick(shader: str) -> str:
     """The shader without needless work; unchanged where SAPIEN has changed it, which is only slower."""
-    without = _LOOKUP.sub("vec2(0)", _TABLE.sub("", shader))
-    return (shader if _NAME in without else without).replace(_COLOUR, _OPAQUE)
+    without = _NEEDLESS.sub("", shader)
+    return (shader if any(name in without for name in _NEEDLESS_NAMES) else without).replace(_COLOUR, _OPAQUE)
 
 
 def _fill(shaders: dict[str, str], folder: Path) -> None:
