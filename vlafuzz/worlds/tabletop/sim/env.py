@@ -21,7 +21,7 @@ from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.room import WRIST_CAMERA, Room
 from vlafuzz.worlds.tabletop.sim import rendering
-from vlafuzz.worlds.tabletop.sim.robots import AGENTS, CONTROL_MODE
+from vlafuzz.worlds.tabletop.sim.robots import AGENTS
 from vlafuzz.worlds.tabletop.sim.world import CONTACT_OFFSET, World, settled, substeps
 from vlafuzz.worlds.tabletop.tasks import State
 
@@ -64,7 +64,6 @@ class TabletopEnv(BaseEnv, Room):
                 obs_mode="none",
                 reward_mode="none",
                 robot_uids=AGENTS[self.rig.urdf].uid,
-                control_mode=CONTROL_MODE,
                 render_backend=rendering.render_backend() if cameras else "none",
             )
         except RuntimeError as error:

@@ -1,8 +1,7 @@
 """The robots as ManiSkill agents with a metric controller: the Panda, VLATest's WidowX 250s and Google robot.
 
 The files of the last two are in the user's packs. Their gains, limits and friction are the reference's (SIMPLER's
-``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion); the WidowX's are taken from
-ManiSkill's own bridge agent. ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips;
+``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion). ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips;
 our controller does neither.
 """
 
@@ -13,13 +12,10 @@ from typing import Any
 
 import numpy as np
 import sapien
-import torch
 from gymnasium import spaces
 from mani_skill.agents.base_agent import BaseAgent
-from mani_skill.agents.controllers.base_controller import BaseController, ControllerConfig
 from mani_skill.agents.registration import register_agent
 from mani_skill.agents.robots.panda import Panda
-from mani_skill.envs.tasks.digital_twins.bridge_dataset_eval.base_env import WidowX250SBridgeDatasetFlatTable
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common import assets
@@ -175,45 +171,11 @@ class MotionProfile:
         return self._position
 
 
-CONTROL_MODE = "metric_ee"
-
-
-class MetricController(BaseController):
-    """``MetricArm`` as a ManiSkill controller."""
-
-    def _initialize_action_space(self) -> None:
-        high = np.array([*[np.inf] * 6, 1.0], dtype=np.float32)
-        self.single_action_space = spaces.Box(-high, high, dtype=np.float32)
-
-    def set_drive_property(self) -> None:
-        """Apply the gains of the config, joint by joint."""
-        agent = self.config.agent
-        for joint in self.joints:
-            stiffness, damping, force = agent.gains[joint.name]
-            joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
-            joint.set_friction(0.0)
-        self.arm = MetricArm(self.articulation._objs[0], agent)
-
-    def reset(self) -> None:
-        self.arm.reset()
-
-    def set_action(self, action: torch.Tensor) -> None:
-        self.arm.command(np.asarray(action, dtype=np.float64).reshape(-1))
-
-
 Gains = tuple[float, float, float]  # stiffness, damping, force limit
 
 
-@dataclass(kw_only=True)
-class MetricControllerConfig(ControllerConfig):
-    """The controlled joints, arm first, of an agent."""
-
-    agent: "type[_Metric]"
-    controller_cls = MetricController
-
-
 class _Metric(BaseAgent):
-    """A robot with ``MetricController``.
+    """A robot that a ``MetricArm`` moves, in place of ManiSkill's controllers.
 
     Attributes:
         gains: of the joints, arm first. tcp_name: the link of the tool centre point.
@@ -231,9 +193,24 @@ class _Metric(BaseAgent):
     pace: Pace | None = None
     yields = False
 
+    action_space = single_action_space = spaces.Box(-np.inf, np.inf, (7,))
+
+    def set_control_mode(self, control_mode: str | None = None) -> None:
+        """Called by ManiSkill once the robot is loaded: sets the gains, joint by joint; no link sags."""
+        for name, (stiffness, damping, force) in self.gains.items():
+            joint = self.robot.active_joints_map[name]
+            joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
+            joint.set_friction(0.0)
+        for link in self.robot.links:
+            link.disable_gravity = True
+        self.arm = MetricArm(self.robot._objs[0], type(self))
+
     @property
-    def _controller_configs(self) -> dict[str, Any]:
-        return {CONTROL_MODE: MetricControllerConfig(joint_names=list(self.gains), agent=type(self))}
+    def controller(self) -> MetricArm:
+        return self.arm
+
+    def get_controller_state(self) -> dict[str, Any]:
+        return {}
 
 
 @register_agent()
@@ -283,15 +260,8 @@ def _friction(**links: float) -> dict[str, Any]:
     return {"_materials": materials, "link": patches}
 
 
-def _bridge_gains() -> dict[str, Gains]:
-    bridge: Any = WidowX250SBridgeDatasetFlatTable
-    arm = zip(bridge.arm_stiffness, bridge.arm_damping, bridge.arm_force_limit, strict=True)
-    fingers = (bridge.gripper_stiffness, bridge.gripper_damping, bridge.gripper_force_limit)
-    return {**dict(zip(bridge.arm_joint_names, arm, strict=True)), **dict.fromkeys(bridge.gripper_joint_names, fingers)}
-
-
 @register_agent()
-class MetricWidowX(_FromPack, WidowX250SBridgeDatasetFlatTable):
+class MetricWidowX(_FromPack):
     uid = "vlafuzz_widowx"
     rig = WIDOWX
     disable_self_collisions = True  # the hand's meshes overlap: in SAPIEN 3 the fingers would be stuck
@@ -302,11 +272,7 @@ class MetricWidowX(_FromPack, WidowX250SBridgeDatasetFlatTable):
     # the fingers' collision meshes is 22 mm less than the joint positions.
     gripper = Gripper(closed=0.014, open=0.038, width=lambda qpos: float(qpos[-1] + qpos[-2]) - 0.022)
     urdf_config = _friction(left_finger_link=2.0, right_finger_link=2.0)
-    gains = _bridge_gains()
-
-    @property
-    def _sensor_configs(self) -> list[Any]:
-        return []  # the rig defines the camera
+    gains = WIDOWX.gains
 
 
 # Gap between the Google robot's fingers in metres by joint position, measured on the collision meshes.

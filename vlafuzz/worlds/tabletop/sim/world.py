@@ -40,7 +40,7 @@ class World:
         """``agent``: ManiSkill's, see ``MetricPanda``."""
         self.scene, self._rig = scene, rig
         self._robot: physx.PhysxArticulation = agent.robot._objs[0]
-        self.controller: MetricArm = agent.controller.arm
+        self.controller: MetricArm = agent.arm
         self.grip = self.controller.grip
         links: dict[str, Link] = {name: link._objs[0] for name, link in agent.robot.links_map.items()}
         self._tcp, self._tool = links[agent.tcp_name], agent.tool
