@@ -1,8 +1,8 @@
 """The robots as ManiSkill agents with a metric controller: the Panda, VLATest's WidowX 250s and Google robot.
 
 The files of the last two are in the user's packs. Their gains, limits and friction are the reference's (SIMPLER's
-``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion). ManiSkill 3.0.1's ``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips;
-our controller does neither.
+``configs/{widowx,google_robot}/defaults.py``, tuned there to the real robots' motion). ManiSkill 3.0.1's
+``pd_ee_delta_pose`` rotates the wrong way (its issue 1469) and clips; our controller does neither.
 """
 
 import math
