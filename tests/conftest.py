@@ -9,6 +9,7 @@ os.environ.setdefault("VLAFUZZ_WORKERS", "1")
 
 import functools
 import re
+from collections.abc import Iterator
 
 import hypothesis
 import pytest
@@ -53,6 +54,21 @@ def pytest_terminal_summary(terminalreporter) -> None:
     if figures:
         terminalreporter.section("figures of this machine")
         terminalreporter.write_line("\n".join(sorted(figures)))
+
+
+@pytest.fixture(scope="module")
+def few_random_scenes() -> Iterator[None]:
+    """Shares of causes rest on random scenes by the hundred, which take seconds: on fewer here, each drawn once."""
+    from tests.search.worlds import Remembering
+    from vlafuzz.failures import regions
+    from vlafuzz.search.causes import draws
+    from vlafuzz.worlds.tabletop import world
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(world, "SearchSpace", Remembering)
+        patched.setattr(draws, "FIRST", 60)
+        patched.setattr(regions, "DRAWN", 100)
+        yield
 
 
 @pytest.fixture

@@ -16,10 +16,8 @@ from vlafuzz import api
 from vlafuzz.api import fuzz, triage
 from vlafuzz.campaign import config
 from vlafuzz.errors import UsageError, VlafuzzError
-from vlafuzz.failures import regions
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.policies.base import ActionChunk, Observation
-from vlafuzz.search.causes import draws
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.experts.expert import Expert
 
@@ -49,9 +47,8 @@ def test_a_policy_that_always_crashes_is_an_error_that_says_why(tmp_path: Path):
     assert "a.db" in str(caught.value.hint)
 
 
+@pytest.mark.usefixtures("few_random_scenes")
 def test_a_run_that_looks_for_causes_certifies_and_gives_them(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(draws, "FIRST", 60)  # random scenes for shares, here and in ``regions``: more take seconds
-    monkeypatch.setattr(regions, "DRAWN", 100)
     monkeypatch.setattr(config, "make_evaluator", lambda *_: PlantedEvaluator([DARK]))
     monkeypatch.setattr(api, "SimulatorSceneRunner", lambda *_: PlantedRunner([DARK]))
     run = fuzz(Idle(), budget=60, strategy="causes", store=tmp_path / "a.db")

@@ -73,6 +73,7 @@ def test_the_example_of_an_own_policy_picks_up_what_it_sees(save):
     assert [outcome.verdict for outcome in outcomes] == [Verdict.PASSED, Verdict.PASSED]
 
 
+@pytest.mark.usefixtures("few_random_scenes")
 def test_the_example_of_an_own_strategy_runs(save, monkeypatch, capsys):
     save(OWN_STRATEGY)
     monkeypatch.setattr(config, "make_evaluator", lambda *_: ClosedForm())
@@ -94,6 +95,7 @@ def test_the_example_from_python_lists_the_causes_of_two_failures_in_five_lines(
     assert len([line for line in example.splitlines() if line]) == 5
 
 
+@pytest.mark.usefixtures("few_random_scenes")
 def test_the_example_of_the_page_on_python_lists_failures_and_causes(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     exec(PYTHON[0], {})

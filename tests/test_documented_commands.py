@@ -59,6 +59,7 @@ def test_flags_that_a_page_names_belong_to_some_command(page):
     assert named <= {flag for param in params for flag in (*param.opts, *param.secondary_opts)} | OTHERS
 
 
+@pytest.mark.usefixtures("few_random_scenes")
 @pytest.mark.parametrize("page", having(""), ids=name_of)
 def test_the_commands_of_a_page_work(page, tmp_path, monkeypatch):
     follow(page, {""}, tmp_path, monkeypatch)

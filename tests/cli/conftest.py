@@ -7,15 +7,11 @@ import pytest
 from tests.doubles import ended, stored
 from tests.failures.triage.planted import TILTED, Planted
 from tests.report.stores import MANIFEST
-from vlafuzz.failures import regions
-from vlafuzz.search.causes import draws
 
 
-@pytest.fixture(autouse=True)
-def _few_random_scenes(monkeypatch) -> None:
-    """Shares of causes rest on hundreds of random scenes, which take seconds; tests of commands do with fewer."""
-    monkeypatch.setattr(draws, "FIRST", 60)
-    monkeypatch.setattr(regions, "DRAWN", 100)
+@pytest.fixture(scope="module", autouse=True)
+def _few_random_scenes(few_random_scenes: None) -> None:
+    """In all tests of commands."""
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("made") / "a.db"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-        main(["run", *IDLE, "--budget", "30", "--store", str(path)])
-        main(["run", *IDLE, "--budget", "10", "--store", str(path), "--seed", "1"])
+        for seed in ("0", "1"):
+            main(["run", *IDLE, "--strategy", "random", "--budget", "20", "--store", str(path), "--seed", seed])
     return path
 
 

@@ -18,7 +18,7 @@ from vlafuzz.store.store import Store
 @pytest.fixture(scope="module")
 def store(tmp_path_factory):
     path = tmp_path_factory.mktemp("replay") / "s.db"
-    flags = f"--policy frozen --budget 3 --store {path} --config stop-early=true"
+    flags = f"--policy frozen --strategy random --budget 2 --store {path} --config stop-early=true"
     assert main(["run", *flags.split()]) == 0
     return path
 

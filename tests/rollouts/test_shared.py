@@ -77,7 +77,9 @@ def alone(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[object, ...]]:
 
 
 @pytest.mark.parametrize("executor", ["processes", "ray"])
-def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str):
+def test_two_workers_do_what_one_process_does(tmp_path: Path, alone, executor: str, request):
+    if executor == "ray":
+        request.getfixturevalue("connected")
     assert trials(tmp_path / "a.db", 2, f"{MODELS}:Own", executor) == alone
 
 

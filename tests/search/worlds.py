@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,15 +20,14 @@ EASY = Region((near("light.intensity", -4.3, 8.6), near("camera.yaw", 5.0, 10.0)
 class Remembering(SearchSpace):
     """Draws each random scene once for all tests of a process: strategies draw the same hundreds for every seed."""
 
-    def __init__(self, *of: Any) -> None:
-        super().__init__(*of)
-        self._drawn: dict[tuple[float, str], tuple[Scene, Any]] = {}
+    drawn: ClassVar[dict[tuple[str, ...], tuple[Scene, Any]]] = {}
 
     def sample(self, rng: np.random.Generator) -> Scene:
-        began = self.operators.severity, str(rng.bit_generator.state)
-        if began not in self._drawn:
-            self._drawn[began] = super().sample(rng), rng.bit_generator.state
-        scene, rng.bit_generator.state = self._drawn[began]
+        of = self.task.name, self.rig.robot, self.operators.digest, self.catalogue.digest
+        began = *of, str(rng.bit_generator.state)
+        if began not in self.drawn:
+            self.drawn[began] = super().sample(rng), rng.bit_generator.state
+        scene, rng.bit_generator.state = self.drawn[began]
         return scene
 
 

@@ -105,9 +105,9 @@ def test_what_the_deadline_interrupts_is_left_as_it_was(store):
 
 
 @pytest.mark.parametrize("executor", [None, "ray"])
-def test_two_workers_come_to_what_one_process_does(tmp_path: Path, executor):
+def test_two_workers_come_to_what_one_process_does(tmp_path: Path, executor, request):
     if executor:
-        pytest.importorskip(executor)
+        request.getfixturevalue("connected")
     made = []
     for place in (Place(), Place(2, executor)):
         with Store.open(tmp_path / f"{place.workers}.db", "write") as store:
