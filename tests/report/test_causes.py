@@ -276,4 +276,3 @@ def test_beside_an_estimated_rate_no_count_of_chosen_scenes_is_told():
         run=1, of="", causes=(), unexplained=4, probability=Probability(0.8, 0.5, 0.9), found=0, certified=0, rollouts=0
     )
     assert told(found, (), 4, 11) == "No cause was found."
-    assert told(found, (), 4, 11, going_on=True) == "No cause is known yet."
