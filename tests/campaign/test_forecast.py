@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 
 from vlafuzz.campaign.config import Plan, RunConfig, plan
-from vlafuzz.campaign.forecast import Forecast, Speed, at_a_time, usual_speed
+from vlafuzz.campaign.forecast import Forecast, Speed, answered_together, at_a_time, usual_speed
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.policies.controls import Random
 from vlafuzz.rollouts.registry import Place
 
-SLOW = Speed(answer=0.5, simulator=0.0, batch=8, batched=0.8, words="measured: an answer takes 0.5 s")
+SLOW = Speed(0.5, "measured: an answer takes 0.5 s")
 
 
 class Common(Random):
-    shared, answers_batches = True, True
+    answers_batches = True
 
     def __init__(self) -> None:
         super().__init__()
@@ -36,33 +36,15 @@ def test_rollouts_one_at_a_time_take_an_answer_a_step(planned: Plan):
     )
 
 
-def test_of_a_long_answer_several_steps_are_executed(planned: Plan):
-    forecast = Forecast(planned, replace(SLOW, actions=5), certify=False)
-    assert forecast.run == pytest.approx(300 * 0.7 * 80 / 5 * 0.5)
-
-
-def test_workers_with_a_policy_each_share_the_rollouts(planned: Plan):
-    two = replace(planned, place=Place(workers=2))
-    assert at_a_time(two) == 2
-    assert Forecast(two, SLOW, certify=False).run == pytest.approx(300 * 0.7 * 80 * 0.5 / 2)
-
-
-def test_workers_that_share_a_policy_are_answered_in_batches(planned: Plan):
-    shared = replace(planned.manifest, policy=f"python:{__name__}:Common")
-    eight = replace(planned, manifest=shared, place=Place(workers=8))
-    assert Forecast(eight, SLOW, certify=False).run == pytest.approx(300 * 0.7 * 80 * 0.8 / 8)
-
-
-def test_scenes_in_lockstep_are_answered_in_batches_and_share_the_simulator(planned: Plan):
+def test_a_run_has_as_many_rollouts_at_a_time_as_workers_or_as_its_server_takes(planned: Plan):
+    assert at_a_time(replace(planned, place=Place(workers=2))) == 2
     eight = replace(planned, manifest=replace(planned.manifest, batch=8), policy=Common())
-    speed = replace(SLOW, simulator=0.01)
-    assert at_a_time(eight) == 8
-    assert Forecast(eight, speed, certify=False).run == pytest.approx(300 * 0.7 * 80 * (0.8 / 8 + 0.01))
+    assert (at_a_time(eight), answered_together(eight), answered_together(planned)) == (8, True, False)
 
 
-@pytest.mark.parametrize(("number", "seconds"), [(1, 0.5), (8, 0.8), (9, 1.6), (16, 1.6)])
-def test_a_batch_that_is_too_large_is_several(number: int, seconds: float):
-    assert SLOW.at_once(number) == pytest.approx(seconds)
+def test_more_workers_certify_in_less_time(planned: Plan):
+    two = replace(planned, triage_place=Place(workers=2))
+    assert Forecast(two, SLOW, certify=True).of_cause == Forecast(planned, SLOW, certify=True).of_cause / 2
 
 
 def test_certification_is_a_part_of_it(planned: Plan):
@@ -79,10 +61,10 @@ def test_built_in_policies_have_a_usual_speed_and_others_are_measured(planned: P
     assert usual_speed(own) is None
 
 
-def within(planned: Plan, minutes: float, *, certify: bool, speed: Speed = SLOW) -> Forecast:
+def within(planned: Plan, minutes: float, *, certify: bool) -> Forecast:
     """A forecast with ``--time``; half of it is for the run where certification follows."""
     until = Deadline(60 * minutes + 1)
-    return Forecast(planned, speed, certify, until.after(0.5) if certify else until, until)
+    return Forecast(planned, SLOW, certify, until.after(0.5) if certify else until, until)
 
 
 def test_with_a_time_it_says_when_that_ends_it(planned: Plan):

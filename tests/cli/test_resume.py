@@ -95,7 +95,7 @@ def test_only_what_is_left_is_foreseen(monkeypatch):
         done = sum(len(trial.outcome.rollouts) for trial in store.trials(1))
     with trusting(EVERYTHING):
         plan = resume({"store": Path("a.db")})
-    speed = Speed(answer=1.0, simulator=0.0)
+    speed = Speed(1.0)
     rest, whole = (Forecast(part, speed, certify=False) for part in (plan, replace(plan, done=0)))
     assert 0 < done == plan.done
     assert rest.run == pytest.approx(whole.run * (20 - done) / 20)

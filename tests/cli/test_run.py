@@ -68,7 +68,7 @@ def test_a_run_whose_time_is_over_says_so_and_how_it_goes_on(capsys, monkeypatch
 
 
 def test_before_a_run_with_a_time_it_says_how_far_that_gets(capsys, monkeypatch):
-    monkeypatch.setattr(exam, "usual_speed", lambda _: Speed(answer=9.0, simulator=0.0, words="slow"))
+    monkeypatch.setattr(exam, "usual_speed", lambda _: Speed(9.0, "slow"))
     few = ("--workers", "1", "--budget", "3", "--no-certify", "--store", "a.db")
     assert main(["run", "--policy", "frozen", *few, "--time", "20m"]) == 0
     # three rollouts of 56 answers would take 25 minutes

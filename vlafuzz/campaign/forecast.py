@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from vlafuzz.campaign.config import Plan
 from vlafuzz.common.deadline import Deadline
@@ -11,7 +11,6 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, affordable
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.clients.servers import is_remote
-from vlafuzz.rollouts.lockstep import lanes_for
 from vlafuzz.rollouts.policies import is_shared
 from vlafuzz.rollouts.registry import lanes_at
 from vlafuzz.store.records import Manifest
@@ -24,44 +23,31 @@ NOBODY_WAITS = 10.0  # seconds below which nothing is said
 _STEP = {"mini": 0.013, "pinhole": 0.003, "expert": 0.003, "seeing": 0.01, "random": 0.002, "frozen": 0.002}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Speed:
-    """How fast a policy is, and the simulator with it.
+class Speed(NamedTuple):
+    """How fast the rollouts of a plan are: ``step`` is seconds per control step, of as many as it has at a time.
 
-    Attributes:
-        answer: seconds for the answer to one observation; ``batched``: for ``batch`` observations at once.
-        simulator: seconds between two answers of a rollout.
-        actions: control steps that are executed of an answer.
-        words: what it rests on, as a part of a sentence.
+    ``words`` say what that rests on, as a part of a sentence.
     """
 
-    answer: float
-    simulator: float
-    actions: int = 1
-    batch: int = 1
-    batched: float = 0.0
+    step: float
     words: str = ""
-
-    def at_once(self, number: int) -> float:
-        """Seconds for the answers to so many observations."""
-        if self.batch == 1 or number == 1:
-            return self.answer * number
-        if number >= self.batch:
-            return self.batched * math.ceil(number / self.batch)
-        return self.answer + (self.batched - self.answer) * (number - 1) / (self.batch - 1)
 
 
 def usual_speed(plan: Plan) -> Speed | None:
     """The speed of a built-in policy, as it usually is; None for others."""
     policy = plan.manifest.policy
-    if policy not in _STEP:
-        return None
-    return Speed(answer=_STEP[policy], simulator=0.0, words=f"at the usual speed of {policy}")
+    return Speed(_STEP[policy] / plan.place.workers, f"at the usual speed of {policy}") if policy in _STEP else None
 
 
 def at_a_time(plan: Plan) -> int:
     """The number of rollouts that a run has at a time."""
     return min(plan.manifest.batch, max(plan.place.workers, lanes_at(plan.place, plan.policy)))
+
+
+def answered_together(plan: Plan) -> bool:
+    """Whether all rollouts that a run has at a time wait for one policy."""
+    several = lanes_at(plan.place, plan.policy) > 1
+    return several or is_remote(plan.policy) or is_shared(plan.manifest.policy)
 
 
 def longest(spec: PolicySpec, manifest: Manifest) -> int:
@@ -92,9 +78,7 @@ class Forecast:
     @property
     def rollout(self) -> float:
         """Seconds of the run per rollout."""
-        place = self.plan.place
-        lanes = min(lanes_at(place, self.plan.policy), self.plan.manifest.batch)
-        return self._answers * self._answer(place.workers, lanes)
+        return USUAL * longest(self.plan.policy.spec, self.plan.manifest) * self.speed.step
 
     @property
     def certification(self) -> float:
@@ -103,9 +87,8 @@ class Forecast:
 
     @property
     def of_cause(self) -> float:
-        """Seconds to certify a cause."""
-        lanes = (lanes_for(self.plan.policy) + 1) // 2  # triage fills half of them, about
-        return PER_CAUSE * self._answers * self._answer(self.plan.triage_place.workers, lanes)
+        """Seconds to certify a cause, which as many workers do as triage has."""
+        return PER_CAUSE * self.rollout * self.plan.place.workers / self.plan.triage_place.workers
 
     @property
     def too_short(self) -> bool:
@@ -137,16 +120,3 @@ class Forecast:
             return str(self)
         whole = tasks * min(self.run + self.certification, self.until.left)
         return f"{tasks} tasks, one after another: about {duration(whole)} in all; each {self}"
-
-    @property
-    def _answers(self) -> float:
-        """Answers in a usual rollout."""
-        return USUAL * longest(self.plan.policy.spec, self.plan.manifest) / self.speed.actions
-
-    def _answer(self, workers: int, lanes: int) -> float:
-        """Seconds per answer with so many workers, or so many rollouts at a time in one process."""
-        speed = self.speed
-        if lanes > 1:
-            return speed.at_once(lanes) / lanes + speed.simulator
-        together = is_remote(self.plan.policy) or is_shared(self.plan.manifest.policy)
-        return ((speed.at_once(workers) if together else speed.answer) + speed.simulator) / workers

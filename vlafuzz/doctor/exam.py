@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import replace
 from itertools import chain, count, cycle, islice
+from math import ceil
 from pathlib import Path
 from statistics import fmean, median
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig, stands_alone
-from vlafuzz.campaign.forecast import Speed, at_a_time, longest, usual_speed
+from vlafuzz.campaign.forecast import Speed, answered_together, at_a_time, longest, usual_speed
 from vlafuzz.common.check import Check
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.common.text import duration, plural
@@ -71,23 +72,20 @@ class Exam:
         """The checks that take seconds, up to the first refusal."""
         return self._guarded(self._probed(quick=True))
 
-    def speed(self, at_once: int) -> Speed:
-        """The speed that was measured in the checks, and measured now for so many observations at once."""
-        recorder, most = self._recorder, min(at_once, self._spec.max_batch)
-        answer, batched = median(recorder.seconds[1:] or recorder.seconds), 0.0
+    def speed(self, plan: Plan | None = None) -> Speed:
+        """The speed that the checks measured; with a plan that of its rollouts, which may be answered at once."""
+        recorder = self._recorder
+        answer, simulator = median(recorder.seconds[1:] or recorder.seconds), median(recorder.between or [0.0])
         words = f"measured: an answer takes {answer:.2g} s"
-        moments = list(islice(cycle(recorder.moments), most))
-        if most > 1:
-            batched = seconds_at_once(self._policy, moments)
-            words += f", {most} at once {batched:.2g} s"
-        return Speed(
-            answer=answer,
-            simulator=median(recorder.between or [0.0]),
-            actions=len(recorder.moments[0].executed),
-            batch=most,
-            batched=batched,
-            words=words,
-        )
+        step = (answer + simulator) / (plan.place.workers if plan else 1)
+        if plan and answered_together(plan):
+            number = at_a_time(plan)
+            most = min(number, self._spec.max_batch)
+            if most > 1:
+                answer = seconds_at_once(self._policy, list(islice(cycle(recorder.moments), most)))
+                words += f", {most} at once {answer:.2g} s"
+            step = answer * ceil(number / most) / number + simulator / plan.place.workers
+        return Speed(step / len(recorder.moments[0].executed), words)
 
     def thorough(self, n: int) -> Iterator[Check]:
         """All checks up to the first refusal, with ``n`` nominal rollouts, and more where they fail.
@@ -234,8 +232,8 @@ def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | 
                 yield check
                 watch.progress("checks", number, None)
                 if check.check == "speed":
-                    speed = exam.speed(1)
-                    seconds = most / speed.actions * (speed.answer + speed.simulator)
+                    speed = exam.speed()
+                    seconds = most * speed.step
                     first = f"up to {duration(n * seconds)} for {plural(n, 'rollout')} of up to {most} steps"
                     more = f"where they fail, up to {duration(150 * seconds)} more, with corrections"
                     watch.note(f"{first}; {more}; --time bounds it; {speed.words}")
@@ -292,4 +290,4 @@ def _label(plan: Plan, watch: Watch) -> tuple[str, Speed]:
                 warnings.append(check.follows)
                 if not check.follows.startswith("guessed"):  # that was said
                     watch.note(f"note: {name}: {check.found}: {check.follows}")
-        return "; ".join(warnings) or "ok", exam.speed(at_a_time(plan))
+        return "; ".join(warnings) or "ok", exam.speed(plan)
