@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,13 +157,6 @@ class _Player(Player):
         return chunks
 
 
-class Solved(NamedTuple):
-    """A scene, and the actions that solve it as the policy of its run would write them."""
-
-    wanted: WantedScene
-    actions: Actions
-
-
 @dataclass
 class Demonstrations:
     """Solves scenes and shows the solutions, in several processes.
@@ -176,62 +169,45 @@ class Demonstrations:
     watch: Watch = SILENT
     left_out: Counter[str] = field(default_factory=Counter)
 
-    def solved(self, wanted: Iterator[WantedScene], number: int, most: int) -> list[Solved]:
-        """The first ``number`` scenes that the expert solves, of ``most`` that it tries, in order."""
-        tried, solved = islice(wanted, most), list[Solved]()
-        with closing(self._executor()) as executor:
-            while missing := list(islice(tried, number - len(solved))):
-                answers = dict(self._results(executor, missing, "scenes tried by the expert"))
-                for index, one in enumerate(missing):
-                    answer = BROKEN if isinstance(answers[index], Outcome) else answers[index]
-                    if isinstance(answer, np.ndarray):
-                        solved.append(Solved(one, answer))
-                    elif answer != UNFAIR or one.finding:  # random scenes are drawn until they are fair
-                        self.left_out[answer] += 1
-        return solved
-
-    def shown(self, solved: Sequence[Solved]) -> Iterator[Packed]:
-        """Replay the solutions; yields what the policies would see and do, in order.
+    def shown(self, wanted: Iterator[WantedScene], number: int, most: int) -> Iterator[Packed]:
+        """What the policies would see and do in the first ``number`` scenes that are solved, of ``most``, in order.
 
         Raises:
             PrerequisiteError: rendering does not work here.
         """
+        tried, made = islice(wanted, most), 0
+        with closing(workers_at(Place(self.workers), _Teacher)) as executor:
+            while missing := list(islice(tried, number - made)):
+                for one, answer in zip(missing, self._answers(executor, missing), strict=True):
+                    if isinstance(answer, Packed):
+                        made += 1
+                        yield answer
+                    elif answer != UNFAIR or one.finding:  # random scenes are drawn until they are fair
+                        self.left_out[answer] += 1
+
+    def _answers(self, executor: Executor, items: Sequence[WantedScene]) -> Iterator[Packed | str]:
+        """The demonstration in each scene, or why there is none, in order."""
         early: dict[int, Any] = {}
         following = 0
-        with closing(self._executor()) as executor:
-            for index, result in self._results(executor, solved, "demonstrations recorded"):
-                early[index] = result
-                while following in early:
-                    shown = early.pop(following)
-                    following += 1
-                    if isinstance(shown, Packed):
-                        yield shown
-                    else:
-                        self.left_out[UNPLAYED] += 1
-
-    def _executor(self) -> Executor:
-        return workers_at(Place(self.workers), _Teacher)
-
-    def _results(
-        self, executor: Executor, items: Sequence[WantedScene | Solved], doing: str
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield each item's number and what ``_Teacher`` returns; an ERROR if a worker was lost twice."""
         rolled = executor.run((number, [item]) for number, item in enumerate(items))
         for done, (number, (result,)) in enumerate(rolled, start=1):
             if isinstance(result, UsageError):
                 raise result
-            self.watch.progress(doing, done, len(items))
-            yield number, result
+            self.watch.progress("scenes tried by the expert", done, len(items))
+            early[number] = BROKEN if isinstance(result, Outcome) else result  # a worker was lost twice
+            while following in early:
+                yield early.pop(following)
+                following += 1
 
 
 class _Teacher:
-    """The evaluator of what is wanted, or of what is solved and to be shown, for runs of any conditions."""
+    """The evaluator of scenes that are wanted, for runs of any conditions."""
 
     def __init__(self) -> None:
         self._runners: dict[str, ExpertRunner] = {}  # by the task and conditions of their runs
 
-    def evaluate(self, items: Sequence[WantedScene | Solved]) -> list[Any]:
-        """The solution of what is wanted, or why there is none; what is solved as a policy would see it, if it is."""
+    def evaluate(self, items: Sequence[WantedScene]) -> list[Any]:
+        """The solution of each scene as a policy would see it, or why there is none."""
         try:
             return list(map(self._answer, items))
         except UsageError as error:
@@ -241,14 +217,11 @@ class _Teacher:
         for runner in self._runners.values():
             runner.close()
 
-    def _answer(self, item: WantedScene | Solved) -> Actions | str | Packed | None:
-        if isinstance(item, Solved):
-            wanted = item.wanted
-            return self._runner(wanted.run).record(wanted.scene, item.actions, wanted.finding)
-        return self._runner(item.run).solve(item.scene, item.attempt)
-
-    def _runner(self, run: Manifest) -> ExpertRunner:
-        key = f"{run.task}:{run.key(seeded=False)}"
+    def _answer(self, item: WantedScene) -> Packed | str:
+        key = f"{item.run.task}:{item.run.key(seeded=False)}"
         if key not in self._runners:
-            self._runners[key] = ExpertRunner(run)
-        return self._runners[key]
+            self._runners[key] = ExpertRunner(item.run)
+        actions = self._runners[key].solve(item.scene, item.attempt)
+        if isinstance(actions, str):
+            return actions
+        return self._runners[key].record(item.scene, actions, item.finding) or UNPLAYED

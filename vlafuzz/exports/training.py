@@ -77,10 +77,9 @@ def write_demonstrations(
     watch.note(f"{plural(total, 'demonstration')} for {plural(len(failures), 'failure')}{held}")
     wanted = at_random(source, failures) if which == "random" else around(source, failures)
     most = total if number is None and which != "random" else TRIES * max(total, len(failures))
-    solved = shown.solved(wanted, total, most)
     names = {STATE: interface.state_names, ACTION: interface.action_names}
     with whole(out) as folder:
-        written = write_dataset(shown.shown(solved), folder, hz, robot, names)
+        written = write_dataset(shown.shown(wanted, total, most), folder, hz, robot, names)
         if not written:
             reasons = ", ".join(f"{reason} ({count})" for reason, count in shown.left_out.items())
             raise CorpusError(f"{source}: nothing can be demonstrated: {reasons}", hint="`vlafuzz doctor`")
