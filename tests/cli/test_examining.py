@@ -75,7 +75,6 @@ def test_the_doctor_ends_in_its_time_with_what_it_knows(capsys):
     checks = {row["check"]: row["found"] for row in json.loads(printed.out)}
     assert checks["nominal"].startswith("succeeds in 0 of 1 nominal scenes")
     assert checks["wiring"] == "unknown: --time was over after 0 rollouts with corrections"
-    assert re.search(r"up to 1\d\d rollouts with corrections, about \d+ (s|min)", printed.err)
 
 
 def test_a_server_that_is_not_there_is_refused_with_what_to_start(capsys):

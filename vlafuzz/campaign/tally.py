@@ -126,7 +126,7 @@ class Tally:
         self.verdicts: Counter[Verdict] = Counter()
         self._seen: dict[str, _Seen] = {}
         self._asked: set[str] = set()
-        self._barren: list[tuple[str, str]] = []
+        self._barren: Counter[str] = Counter()  # proposals in a row without a rollout, by the reason
 
     def count(self, trial: Trial) -> None:
         outcome, digest = trial.outcome, trial.scene.digest
@@ -150,21 +150,18 @@ class Tally:
         """
         for scene, outcome in zip(scenes, outcomes, strict=True):
             if scene.digest in self._asked:
-                self._barren.append(("asked before", ""))
+                self._barren["asked before"] += 1
             elif outcome.rollouts:
                 self._barren.clear()
             else:
                 invalid = outcome.verdict is Verdict.INVALID
                 reason = f"rejected by the {outcome.check} check" if invalid else "policy or simulator error"
-                self._barren.append((reason, outcome.detail))
+                self._barren[reason] += 1
             self._asked.add(scene.digest)
-        if patience is not None and len(self._barren) >= patience:
-            reasons = Counter(reason for reason, _ in self._barren)
-            often = reasons.most_common(1)[0][0]
-            last = next(detail for reason, detail in reversed(self._barren) if reason == often)
-            counts = ", ".join(f"{reason} ({count})" for reason, count in reasons.most_common())
-            example = f"; the last of them: {last}" if last else ""
-            self.stopped = f"no rollout in {len(self._barren)} proposals in a row: {counts}{example}"
+        number = self._barren.total()
+        if patience is not None and number >= patience:
+            counts = ", ".join(f"{reason} ({count})" for reason, count in self._barren.most_common())
+            self.stopped = f"no rollout in {number} proposals in a row: {counts}"
 
     @property
     def spent(self) -> Spent:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from itertools import chain, count, cycle, islice
 from math import ceil
 from pathlib import Path
-from statistics import fmean, median
+from statistics import median
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.doctor import verdicts
 from vlafuzz.doctor.probes import Break, Interview, Recorder, moved, reworded, seconds_at_once, sights
-from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, is_suspected, most_rollouts
+from vlafuzz.doctor.wiring import Corrected, Correction, check_wiring, corrections, most_rollouts
 from vlafuzz.errors import PolicyError, PrerequisiteError, SimulatorError, UsageError, VlafuzzError
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.policies.base import Policy
@@ -101,16 +101,11 @@ class Exam:
         yield (check := verdicts.on_rollouts(outcomes, self._recorder.breaks))
         if check.verdict != "refuse":
             yield verdicts.on_nominal(outcomes)
-            yield self._wired(outcomes)
+            yield self._wired()
 
-    def _wired(self, outcomes: Sequence[Outcome]) -> Check:
+    def _wired(self) -> Check:
         candidates = corrections(self._spec, self._recorder.longest)
         self._done, self._most = 0, most_rollouts(candidates)
-        if is_suspected(outcomes):
-            seconds = [rollout.seconds for outcome in outcomes for rollout in outcome.rollouts]
-            takes = duration(self._most * fmean(seconds))
-            what = f"up to {self._most} rollouts with corrections, about {takes}"
-            self._watch.note(f"some nominal scenes fail: {what}, mostly fewer")
         try:
             return check_wiring(self._outcomes, self._nominal, candidates, self._retry)
         except TimeOverError:
