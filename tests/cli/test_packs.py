@@ -17,7 +17,6 @@ from vlafuzz.store.store import Store
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch) -> Path:
-    monkeypatch.setenv("MS_ASSET_DIR", str(tmp_path / "nowhere"))
     monkeypatch.setenv("VLAFUZZ_PACKS", "")
     sticks = {f"opened_{colour}_stick": box(0.03, 0.04, 0.08) for colour in ("red", "blue", "green", "grey")}
     return write_pack(tmp_path / "mine", **sticks)

@@ -9,7 +9,7 @@ import numpy as np
 
 from vlafuzz.common.arrays import Picture
 from vlafuzz.model import Setting
-from vlafuzz.worlds.libero.quick import Artist
+from vlafuzz.worlds.libero.quick import QuickCanvas
 from vlafuzz.worlds.opengl import Canvas
 
 CAMERAS = ("agentview", "robot0_eye_in_hand")
@@ -29,25 +29,22 @@ class Pictures:
     def __init__(self, model: Any, size: int, quality: str) -> None:
         self._model, self._size, self._quality = model, size, quality
         self._canvas: Canvas | None = None
-        self._artist: Artist | None = None
 
     def take(self, data: Any, camera: str, size: int) -> Picture:
         """``(size, size, 3)`` of a camera, turned by 180° as LIBERO's models expect it."""
         canvas = self._canvas = self._canvas or self._begun()
         canvas.look(camera)
-        drawn = self._artist.draw(data, canvas.camera, size) if self._artist else canvas.draw(data, size, size)
-        return np.ascontiguousarray(drawn[::-1, ::-1])
+        return np.ascontiguousarray(canvas.draw(data, size, size)[::-1, ::-1])
 
     def close(self) -> None:
         if self._canvas is not None:
             self._canvas.close()
-            self._canvas = self._artist = None
+            self._canvas = None
 
     def _begun(self) -> Canvas:
-        canvas = Canvas(self._model, self._size, self._size)
+        size, fast = self._size, self._quality == "fast"
+        canvas = QuickCanvas(self._model, size) if fast else Canvas(self._model, size, size)
         canvas.options.geomgroup[0] = 0  # shapes that collide
-        if self._quality == "fast":
-            self._artist = Artist(self._model, canvas)
         discard(self._model.tex_data)  # the renderer has its own copy
         return canvas
 

@@ -77,82 +77,79 @@ class _Still:
     shows: bytes = b""
 
 
-class Artist:
-    """Draws a MuJoCo model on a canvas, whose context of OpenGL is current."""
+class QuickCanvas(Canvas):
+    """A canvas on which square pictures are drawn in that way."""
 
-    def __init__(self, model: Any, canvas: Canvas) -> None:
-        self._mujoco, self._gl = load("mujoco"), load("OpenGL.GL")
-        self._parts = self._mujoco.mjtCatBit
-        self._model, self._options = model, canvas.options
-        self._scene, self._context = canvas.scene, canvas.context
-        self._detail = Detail(model, canvas.context)
+    def __init__(self, model: Any, size: int) -> None:
+        super().__init__(model, size, size)
+        self._opengl, self._parts = load("OpenGL.GL"), self._mujoco.mjtCatBit
+        self._detail = Detail(model, self.context)
         self._buffers: dict[tuple[int, int], _Buffer] = {}
         self._stills: dict[tuple[int, int], _Still] = {}
         self._resting = model.body_weldid[model.geom_bodyid] == 0
-        canvas.scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = 0  # LIBERO's lamps cast none
+        self.scene.flags[self._mujoco.mjtRndFlag.mjRND_SHADOW] = 0  # LIBERO's lamps cast none
 
-    def draw(self, data: Any, view: Any, size: int) -> Image:
-        """``(size, size, 3)`` of a fixed camera of the model, from the lowest row up."""
-        camera = view.fixedcamid
+    def draw(self, data: Any, width: int, height: int) -> Image:
+        size, camera = width, self.camera.fixedcamid
         if self._model.body_weldid[self._model.cam_bodyid[camera]] == 0:
-            return self._before_still(data, view, size)
+            return self._before_still(data, size)
         buffer = self._buffer(size * SMOOTH)
         # what moves comes first: it is near, and nothing is computed of what it hides
-        self._arrange(data, view, self._parts.mjCAT_DYNAMIC)
+        self._arrange(data, self._parts.mjCAT_DYNAMIC)
         self._add(data, self._parts.mjCAT_STATIC)
-        self._detail.choose(self._scene, data, camera, MOVING / size)
+        self._detail.choose(self.scene, data, camera, MOVING / size)
         self._render(buffer, sky=True, finer=SMOOTH)
         return np.asarray(Pillow.fromarray(buffer.pixels()).reduce(SMOOTH))
 
-    def _before_still(self, data: Any, view: Any, size: int) -> Image:
+    def _before_still(self, data: Any, size: int) -> Image:
         """Draw what moves before the picture of what stands still."""
-        mujoco, scene, key = self._mujoco, self._scene, (view.fixedcamid, size)
-        still = self._stills[key] = self._stills.get(key) or self._new_still(size)
-        if (shows := self._seen_still(data, view.fixedcamid)) != still.shows:
-            self._draw_still(still.kept, data, view)
+        mujoco, scene, camera = self._mujoco, self.scene, self.camera.fixedcamid
+        still = self._stills[camera, size] = self._stills.get((camera, size)) or self._new_still(size)
+        if (shows := self._seen_still(data, camera)) != still.shows:
+            self._draw_still(still.kept, data)
             still.shows = shows
-        self._arrange(data, view, 0)
+        self._arrange(data, 0)
         scene.ngeom = 1
         first, nowhere = scene.geoms[0], np.zeros(3)
         white = np.ones(4, np.float32)
         mujoco.mjv_initGeom(first, mujoco.mjtGeom.mjGEOM_MESH, nowhere, nowhere, np.eye(3).ravel(), white)
         first.dataid, first.objid = still.copying, -1
         self._add(data, self._parts.mjCAT_DYNAMIC)
-        self._detail.choose(scene, data, view.fixedcamid, STILL / size)
+        self._detail.choose(scene, data, camera, STILL / size)
         buffer = self._buffer(size)
         self._render(buffer, source=still.kept)
         return buffer.pixels()
 
-    def _draw_still(self, kept: _Buffer, data: Any, view: Any) -> None:
+    def _draw_still(self, kept: _Buffer, data: Any) -> None:
         """Draw what stands still: colours with several samples a pixel, as LIBERO does, depths at their middles."""
         plain, sampled = self._buffer(kept.side), self._buffer(kept.side, SAMPLES)
-        self._arrange(data, view, self._parts.mjCAT_STATIC)
+        self._arrange(data, self._parts.mjCAT_STATIC)
         self._render(plain)
-        plain.copy(kept, self._gl.GL_DEPTH_BUFFER_BIT)
+        plain.copy(kept, self._opengl.GL_DEPTH_BUFFER_BIT)
         self._render(sampled, mirror=True, sky=True)
-        sampled.copy(kept, self._gl.GL_COLOR_BUFFER_BIT)
+        sampled.copy(kept, self._opengl.GL_COLOR_BUFFER_BIT)
 
-    def _arrange(self, data: Any, view: Any, parts: int) -> None:
-        self._mujoco.mjv_updateScene(self._model, data, self._options, None, view, parts, self._scene)
+    def _arrange(self, data: Any, parts: int) -> None:
+        self._mujoco.mjv_updateScene(self._model, data, self.options, None, self.camera, parts, self.scene)
 
     def _add(self, data: Any, parts: int) -> None:
         nothing = self._mujoco.MjvPerturb()
-        self._mujoco.mjv_addGeoms(self._model, data, self._options, nothing, parts, self._scene)
+        self._mujoco.mjv_addGeoms(self._model, data, self.options, nothing, parts, self.scene)
 
     def _render(
         self, target: _Buffer, *, mirror: bool = False, sky: bool = False, finer: int = 1, source: _Buffer | None = None
     ) -> None:
         """Draw the scene; ``finer``: pixels a side that will be one, whose size textures are chosen for."""
-        gl, flags = self._gl, self._mujoco.mjtRndFlag
-        self._scene.flags[flags.mjRND_REFLECTION] = mirror
-        self._scene.flags[flags.mjRND_SKYBOX] = sky
+        gl, flags = self._opengl, self._mujoco.mjtRndFlag
+        self.scene.flags[flags.mjRND_REFLECTION] = mirror
+        self.scene.flags[flags.mjRND_SKYBOX] = sky
         gl.glActiveTexture(gl.GL_TEXTURE0)
         gl.glTexEnvf(gl.GL_TEXTURE_FILTER_CONTROL, gl.GL_TEXTURE_LOD_BIAS, np.log2(finer))
         target.bind(gl.GL_FRAMEBUFFER)
         if source is not None:
             source.bind(gl.GL_READ_FRAMEBUFFER)
         view = self._mujoco.MjrRect(0, 0, target.side, target.side)
-        self._mujoco.mjr_render(view, self._scene, self._context)
+        self._mujoco.mjr_render(view, self.scene, self.context)
 
     def _seen_still(self, data: Any, camera: int) -> bytes:
         """Everything that the picture of what stands still depends on."""
@@ -166,11 +163,11 @@ class Artist:
 
     def _new_still(self, size: int) -> _Still:
         """A mesh's display list may copy a buffer, too: so it happens after MuJoCo has emptied the target."""
-        gl, number = self._gl, new_lists(1, after=self._context.baseMesh)
+        gl, number = self._opengl, new_lists(1, after=self.context.baseMesh)
         gl.glNewList(number, gl.GL_COMPILE)
         _copy(gl, size, gl.GL_COLOR_BUFFER_BIT | gl.GL_DEPTH_BUFFER_BIT)
         gl.glEndList()
-        return _Still(_Buffer(size), number - self._context.baseMesh)
+        return _Still(_Buffer(size), number - self.context.baseMesh)
 
     def _buffer(self, side: int, samples: int = 0) -> _Buffer:
         if (side, samples) not in self._buffers:
