@@ -83,11 +83,17 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def store(tmp_path):
+def path(tmp_path):
+    """Where the fixture ``store`` is."""
+    return tmp_path / "runs" / "a.db"
+
+
+@pytest.fixture
+def store(path):
     """An empty store that is open to be written."""
     from vlafuzz.store.store import Store
 
-    with Store.open(tmp_path / "a.db", "write") as opened:
+    with Store.open(path, "write") as opened:
         yield opened
 
 

@@ -71,16 +71,8 @@ def rollout(progress: float = 1.0, reached: tuple[str, ...] = STAGES, steps: int
     success = reached == STAGES
     trace = np.linspace(0, progress, steps, dtype=np.float32)
     actions = np.full((steps, 7), 0.01, dtype=np.float32)
-    return Rollout(
-        success_once=success,
-        success_at_end=success,
-        reached=reached,
-        progress=progress,
-        trace=trace,
-        actions=actions,
-        states_hash="5" * 32,
-        seconds=0.5,
-    )
+    made = {"trace": trace, "actions": actions, "states_hash": "5" * 32, "seconds": 0.5}
+    return Rollout(success_once=success, success_at_end=success, reached=reached, progress=progress, **made)
 
 
 def passed(repeats: int = 1) -> Outcome:

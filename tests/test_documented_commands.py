@@ -43,12 +43,8 @@ def test_commands_and_flags_on_a_page_exist(page):
             continue
         command = load(name)
         flags = {word.partition("=")[0] for word in words if word.startswith("-")}
-        known = {
-            flag
-            for param in command.params
-            if not getattr(param, "hidden", False)
-            for flag in (*param.opts, *param.secondary_opts)
-        }
+        params = [param for param in command.params if not getattr(param, "hidden", False)]
+        known = {flag for param in params for flag in (*param.opts, *param.secondary_opts)}
         assert flags <= {*known, "--help"}, (name, *words)
 
 

@@ -140,9 +140,8 @@ def mesh(rng: Rng, folder: Path) -> None:
     kind = str(rng.choice(["obj", "ply"]))
     content = shape.export(file_type=kind)
     path.unlink()
-    path.with_suffix(f".{kind}").write_bytes(
-        mutators.data(rng, content.encode() if isinstance(content, str) else content)
-    )
+    raw = content.encode() if isinstance(content, str) else content
+    path.with_suffix(f".{kind}").write_bytes(mutators.data(rng, raw))
     if rng.random() < 0.3:
         path.with_name("textured.glb").write_bytes(mutators.data(rng, shape.export(file_type="glb")))
     if rng.random() < 0.2:

@@ -82,12 +82,10 @@ def test_without_certification_the_causes_are_those_of_the_strategy_and_failures
     assert re.search(r"· not certified · [0-9a-f]{12}", " ".join(shown.split()))
     what, sure, step = shown.splitlines()[-3:]
     assert re.fullmatch(r"Probably fails when .*\.", what)
-    assert re.fullmatch(
-        r"[\d.]+% of random scenes fail \([\d.]+–[\d.]+%\): 120 rollouts, 0 of \d causes certified", sure
-    )
-    assert re.fullmatch(
-        r"Next, to certify what is left: `vlafuzz triage a.db --limit \d --trust` \(about .*; --time bounds it\)", step
-    )
+    rate = r"[\d.]+% of random scenes fail \([\d.]+–[\d.]+%\)"
+    assert re.fullmatch(rf"{rate}: 120 rollouts, 0 of \d causes certified", sure)
+    triage = r"`vlafuzz triage a.db --limit \d --trust` \(about .*; --time bounds it\)"
+    assert re.fullmatch(f"Next, to certify what is left: {triage}", step)
     triaged = typed(capsys, ["triage", "a.db", "--limit", "1"]).out
     assert "certified 1 of " in triaged
     assert "not certified means: a few single rollouts suggest these operators" in triaged

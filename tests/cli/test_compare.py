@@ -169,9 +169,7 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
     ],
 )
-def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(
-    capsys, folder: Path, flags: tuple[str, ...], says: str
-):
+def test_a_wrong_flag_is_a_sentence_with_a_hint_and_makes_nothing(capsys, folder: Path, flags, says: str):
     assert says in refused(capsys, *flags)
     assert list(folder.iterdir()) == []
 

@@ -52,9 +52,8 @@ def test_export_of_one_run_is_a_part_of_all(folder: Path, store: str):
 def test_exported_scenes_are_run_again_and_picked_ones_have_no_failure_rate(store: str, capsys):
     main(["export", store, "--out", "out.jsonl"])
     capsys.readouterr()
-    shown = " ".join(
-        typed(capsys, ["run", *IDLE, "--scenes", "out.jsonl", "--budget", "2", "--store", "b.db"]).out.split()
-    )
+    again = ["--scenes", "out.jsonl", "--budget", "2", "--store", "b.db"]
+    shown = " ".join(typed(capsys, ["run", *IDLE, *again]).out.split())
     assert "how often it fails is unknown without random scenes" in shown
     assert "interval" not in shown
 

@@ -30,11 +30,8 @@ def test_each_rejection_has_its_line_check_and_reason(tmp_path: Path, capsys):
     assert {key: row[key] for key in ("scenes", "valid", "semantic", "geometry", "settling", "broken")} == {
         "scenes": 3, "valid": 1, "semantic": 1, "geometry": 1, "settling": 0, "broken": 1,
     }  # fmt: skip
-    assert [(problem["line"], problem["check"]) for problem in row["rejections"]] == [
-        (2, "geometry"),
-        (3, "semantic"),
-        (5, "broken"),
-    ]
+    rejected = [(problem["line"], problem["check"]) for problem in row["rejections"]]
+    assert rejected == [(2, "geometry"), (3, "semantic"), (5, "broken")]
     assert row["rejections"][1]["reason"] == "unknown object 'duck'"
 
 

@@ -35,6 +35,7 @@ def test_an_unknown_file_of_operators(capsys):
     ("names", "flags", "says"),
     [
         ("names: [green_cub]", ["--task", "pick-up"], "names: 'green_cub' is not in the catalogue"),
+        ("names: [plate]", ["--task", "pick-up"], "names: 'plate' is of no use there"),
         ("onto: [apple]", ["--task", "put-in"], "onto: 'apple' is of no use there"),
     ],
 )

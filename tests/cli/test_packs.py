@@ -24,9 +24,8 @@ def folder(tmp_path: Path, monkeypatch) -> Path:
 
 def test_objects_lists_a_packs_own(folder, capsys):
     rows = json.loads(typed(capsys, ["list", "objects", "--pack", str(folder), "--json"]).out)
-    assert [row["object"] for row in rows] == [
-        f"mine:opened_{colour}_stick" for colour in ("blue", "green", "grey", "red")
-    ]
+    sticks = [f"mine:opened_{colour}_stick" for colour in ("blue", "green", "grey", "red")]
+    assert [row["object"] for row in rows] == sticks
     assert (rows[0]["spoken"], rows[0]["size"]) == ("blue stick", [0.03, 0.04, 0.08])
 
 

@@ -67,17 +67,8 @@ def test_what_triage_left_of_a_finding_is_run_as_the_finding_was(tmp_path, capsy
     about = manifest(policy="frozen", stop_early=True)
     with Store.open(tmp_path / "s.db", "write") as store:
         begun(store, ended(failing), about=about)
-        store.settle(
-            Triaged(
-                scene=failing,
-                policy_key=about.key(),
-                bucket="minimal",
-                repeats=1,
-                failures=1,
-                deviating=("light",),
-                shrunk=left,
-            )
-        )
+        counts = {"repeats": 1, "failures": 1, "deviating": ("light",)}
+        store.settle(Triaged(scene=failing, policy_key=about.key(), bucket="minimal", shrunk=left, **counts))
     assert told(capsys, ["replay", str(tmp_path / "s.db"), left.digest, "--json"])["policy"] == "frozen"
 
 

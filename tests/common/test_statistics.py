@@ -123,12 +123,8 @@ def test_the_interval_of_a_share_is_wilsons_of_fewer_cases_where_runs_differ():
     assert grouped(cases((2, 10), (5, 10), (8, 10))) == pytest.approx(expected, abs=1e-6)
 
 
-def test_runs_that_are_more_alike_than_chance_do_not_make_it_narrower():
-    assert grouped(cases((5, 10), (5, 10), (5, 10))) == wilson(15, 30)
-
-
-@pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], []])
-def test_where_nothing_varies_it_is_wilsons(runs: list[tuple[int, int]]):
+@pytest.mark.parametrize("runs", [[(3, 10)], [(0, 10), (0, 5)], [(10, 10), (5, 5)], [(5, 10)] * 3, []])
+def test_where_runs_differ_by_no_more_than_chance_it_is_wilsons(runs: list[tuple[int, int]]):
     so, of = sum(value[0] for value in runs), sum(value[1] for value in runs)
     assert grouped(cases(*runs)) == wilson(so, of)
 

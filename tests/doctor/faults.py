@@ -36,9 +36,8 @@ class Changed(Lent):
 
 def shown(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Observation], Observation]:
     """A transformation of pictures."""
-    return lambda seen: replace(
-        seen, images={name: np.ascontiguousarray(change(image)) for name, image in seen.images.items()}
-    )
+    contiguous = np.ascontiguousarray
+    return lambda seen: replace(seen, images={name: contiguous(change(each)) for name, each in seen.images.items()})
 
 
 def blind(healthy: str) -> Policy:

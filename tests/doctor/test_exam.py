@@ -33,9 +33,8 @@ def examine() -> Examine:
 
 def named(checks: list[Check]) -> dict[str, str]:
     """The verdict of every check that is not ok, and what follows up to the colon."""
-    return {
-        check.check: f"{check.verdict} {check.follows.partition(':')[0]}" for check in checks if check.verdict != "ok"
-    }
+    bad = (check for check in checks if check.verdict != "ok")
+    return {check.check: f"{check.verdict} {check.follows.partition(':')[0]}" for check in bad}
 
 
 class Drowsy(Changed):

@@ -18,8 +18,14 @@ import pytest
 from PIL import Image
 
 from tests.cli.typed import typed
+from tests.failures.corpus.corpora import case, make_corpus
+from tests.rollouts.test_scene_runner import run
 from tests.worlds.tabletop.sim.scenes import nominal
+from vlafuzz.common.plugins import EVERYTHING, trusting
 from vlafuzz.exports.demonstrations import Packed
+from vlafuzz.failures.corpus.folder import write_corpus
+from vlafuzz.model import Verdict
+from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
@@ -77,15 +83,28 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path / "shown"
 
 
+@pytest.fixture(scope="module")
+def corpus(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two scenes that the expert solves; the witness of the first is its solution."""
+    with trusting(EVERYTHING):
+        runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+        solved = runner.solve(nominal(), 0)
+        runner.close()
+    assert solved.verdict is Verdict.PASSED
+    solution = replace(case().witness, actions=solved.rollouts[0].actions)
+    first = replace(case(), scene=nominal(), witness=solution)
+    folder = tmp_path_factory.mktemp("corpus") / "a"
+    write_corpus(make_corpus(first, case(1)), folder)
+    return folder
+
+
 def test_every_frame_is_written_unchanged(folder: Path):
     frames = parquet.read_table(folder / FRAMES.format(0)).to_pylist()
     images = [np.array(Image.open(io.BytesIO(row["observation.images.front"]["bytes"]))) for row in frames]
     demos = [shown(number, steps) for number, steps in enumerate(STEPS)]
     assert np.array_equal(images, np.concatenate([pictures(*demo) for demo in enumerate(STEPS)]))
-    for key, wanted in (
-        ("observation.state", [demo.states for demo in demos]),
-        ("action", [demo.actions for demo in demos]),
-    ):
+    states, actions = ([getattr(demo, part) for demo in demos] for part in ("states", "actions"))
+    for key, wanted in (("observation.state", states), ("action", actions)):
         assert np.array_equal([row[key] for row in frames], np.concatenate(wanted))
     rows = [tuple(row[key] for key in ("index", "episode_index", "frame_index", "task_index")) for row in frames]
     assert rows[3:8] == [(3, 0, 3, 0), (4, 1, 0, 1), (5, 1, 1, 1), (6, 1, 2, 1), (7, 2, 0, 0)]
@@ -94,14 +113,8 @@ def test_every_frame_is_written_unchanged(folder: Path):
 
 def test_the_metadata_describe_the_dataset(folder: Path):
     info = json.loads((folder / "meta/info.json").read_text())
-    facts = {key: info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")}
-    assert facts == {
-        "codebase_version": "v3.0",
-        "robot_type": "panda",
-        "total_episodes": 3,
-        "total_frames": 12,
-        "fps": 5,
-    }
+    facts = [info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")]
+    assert facts == ["v3.0", "panda", 3, 12, 5]
     assert info["features"]["observation.images.front"]["shape"] == [12, 16, 3]
     assert info["features"]["action"]["names"] == ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
     episodes = parquet.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()

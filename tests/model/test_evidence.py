@@ -35,9 +35,8 @@ def test_a_threshold_is_described_with_units():
 
 
 def test_a_threshold_is_described_with_its_interval():
-    bright = Threshold(
-        "light", light(6.27667), 0.9, low=light(5.85634), high=light(6.4980), ranges=((light(6.27667), ()),)
-    )
+    at, low, high = map(light, (6.27667, 5.85634, 6.4980))
+    bright = Threshold("light", at, 0.9, low=low, high=high, ranges=((at, ()),))
     assert describe(bright) == "light: fails from intensity × 6.28 (× 5.86 to × 6.5) on"
     turned = Threshold("camera-orientation", yaw(-2.1), 0.9, low=yaw(-2.0), high=yaw(-2.2))
     assert describe(turned) == "camera-orientation: fails from yaw -2.1° (-2.2° to -2°) on"

@@ -120,9 +120,8 @@ def test_generated_scenes_and_their_digests_stay_the_same(task: str, first: str,
 
 
 def test_what_is_left_out_is_nominal():
-    scene = Scene.from_json(
-        '{"task": "pick-up", "instruction": "go", "targets": [{"object":"a","rest":"b","x":0,"y":0}]}'
-    )
+    target = '{"object":"a","rest":"b","x":0,"y":0}'
+    scene = Scene.from_json(f'{{"task": "pick-up", "instruction": "go", "targets": [{target}]}}')
     known = (scene.light, scene.camera, scene.confounders, scene.robot, scene.schema)
     assert known == (Light(), Camera(), (), "panda", SCHEMA)
 

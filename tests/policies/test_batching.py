@@ -25,10 +25,10 @@ def act(instruction: str = "move") -> Request:
 
 
 def summary(answers: list[Answer]) -> list[object]:
-    return [
-        (answer.message, answer.cause) if isinstance(answer, PolicyError) else [c.actions[0, 0] for c in answer]
-        for answer in answers
-    ]
+    def told(answer: Answer) -> object:
+        return (answer.message, answer.cause) if isinstance(answer, PolicyError) else [c.actions[0, 0] for c in answer]
+
+    return list(map(told, answers))
 
 
 def test_a_call_has_no_more_than_the_policy_takes():

@@ -117,9 +117,8 @@ def test_an_observation_without_a_picture_is_refused():
 
 def test_the_default_is_mini_where_something_renders_and_pinhole_where_nothing_does(monkeypatch):
     for problem, name in ((None, "mini"), ("no device", "pinhole")):
-        monkeypatch.setattr(
-            "vlafuzz.worlds.tabletop.world.probe_once", lambda problem=problem: Renderer(None, None, problem)
-        )
+        found = Renderer(None, None, problem)
+        monkeypatch.setattr("vlafuzz.worlds.tabletop.world.probe_once", lambda found=found: found)
         assert default_policy() == name
 
 
@@ -206,9 +205,8 @@ def test_integers_are_used_where_a_process_survived_their_trial_with_right_sums(
 
 def test_the_card_has_a_range_of_every_large_convolution_but_the_one_that_sees_the_picture():
     network = Network()
-    large = {
-        name for name, layer in network.named_modules() if isinstance(layer, nn.Conv2d) and layer.kernel_size == (3, 3)
-    }
+    convolutions = {name: layer for name, layer in network.named_modules() if isinstance(layer, nn.Conv2d)}
+    large = {name for name, layer in convolutions.items() if layer.kernel_size == (3, 3)}
     to_integers(network, read_card().ranges)
     whole = {name for name, layer in network.named_modules() if isinstance(layer, IntegerConv)}
     assert whole == large

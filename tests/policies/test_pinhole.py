@@ -53,15 +53,13 @@ def test_to_mix_up_what_goes_into_what_is_a_failure_and_no_error():
 
 @pytest.mark.parametrize("name", ["pepsi_can", "carrot", "sponge", "green_cube", "blue_plastic_bottle"])
 @pytest.mark.parametrize("yaw", [0.0, 40.0, 110.0])
-def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
-    from tests.worlds.tabletop.sim.scenes import make_env
+def test_its_eyes_find_place_rest_pose_and_yaw(env, name, yaw):
     from vlafuzz.worlds.manipulation.camera import camera_pose
     from vlafuzz.worlds.manipulation.rigs import PANDA
     from vlafuzz.worlds.tabletop.evaluator import outlines
     from vlafuzz.worlds.tabletop.experts.pinhole import OutlineLocalizer
 
     model = CATALOGUE[name]
-    env = make_env()
     for rest in model.stable_poses:
         scene = dataclasses.replace(SCENE, targets=(Placement(name, rest.name, 0.05, -0.18, yaw),))
         state = env.begin(scene)
@@ -69,4 +67,3 @@ def test_its_eyes_find_place_rest_pose_and_yaw(name, yaw):
         thing = OutlineLocalizer(camera_pose(PANDA.view)).find(model, seen)
         assert np.linalg.norm(thing.position[:2] - [0.05, -0.18]) < 0.008
         assert abs(thing.position[2] - rest.height) < 0.005
-    env.close()

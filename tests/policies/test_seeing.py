@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, make_env, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, evaluate, nominal, pick_up, put
 from vlafuzz.errors import PolicyError
 from vlafuzz.model import Camera, Conditions, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation
@@ -85,8 +85,7 @@ def test_it_asks_for_no_state_of_the_simulator_and_refuses_without_calibration()
 
 
 @pytest.mark.parametrize("name", ["pepsi_can", "carrot", "sponge", "spoon", "blue_plastic_bottle", "basket"])
-def test_a_fit_finds_place_and_rest_pose_although_something_stands_before_it(name):
-    env = make_env()
+def test_a_fit_finds_place_and_rest_pose_although_something_stands_before_it(env, name):
     for rest in CATALOGUE[name].stable_poses:
         target, before = put(name, -0.1, -0.1, 40.0, rest.name), put("orange", 0.02, -0.07)
         state = env.begin(pick_up(target, before, camera=DISPLACED))
@@ -95,7 +94,6 @@ def test_a_fit_finds_place_and_rest_pose_although_something_stands_before_it(nam
         look = Look(seen, Calibration(env.view, env.light, env.models[:1]), hand)
         thing = look.find(CATALOGUE[name], look.alike(CATALOGUE[name], look.colours))
         assert np.linalg.norm(thing.position - state.positions[0]) < 0.004
-    env.close()
 
 
 @pytest.mark.slow

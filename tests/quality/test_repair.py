@@ -35,11 +35,8 @@ def test_an_arm_is_compared_with_the_others_in_the_same_scenes(figures, tmp_path
         write(tmp_path, policy, "random", hard & (rng.random(400) < kept))
         write(tmp_path, policy, "nominal", np.arange(100) < 5)
     shipped, failed, random = figures.rows(tmp_path, [TASK])
-    assert [(row.arm, row.repeats) for row in (shipped, failed, random)] == [
-        ("shipped", 1),
-        ("failed", 2),
-        ("random", 2),
-    ]
+    arms = [(row.arm, row.repeats) for row in (shipped, failed, random)]
+    assert arms == [("shipped", 1), ("failed", 2), ("random", 2)]
     for estimate, truth in (
         (shipped.failures[TASK], 0.5),
         (failed.failures["all"], 0.2),

@@ -28,9 +28,8 @@ def cases(of: Iterable[str], quick: str) -> pytest.MarkDecorator:
     """Strategies in all of these; of ``surrogate``, which takes seconds a run, those that are not quick are slow."""
     slow = [("surrogate", one) for one in of if one not in quick.split(", ")]
     names = product(("nsga2", "feedback", "surrogate"), of)
-    return pytest.mark.parametrize(
-        ("name", "case"), [pytest.param(*case, marks=[pytest.mark.slow] * (case in slow)) for case in names]
-    )
+    params = [pytest.param(*case, marks=[pytest.mark.slow] * (case in slow)) for case in names]
+    return pytest.mark.parametrize(("name", "case"), params)
 
 
 def in_two_of_three(holds: Callable[[int], bool]) -> bool:

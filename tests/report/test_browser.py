@@ -166,9 +166,8 @@ def test_a_dot_shows_the_picture_of_its_card_while_it_is_pointed_at(page: "sync.
     dot = page.locator(".plot").first.locator("a").last  # no other one lies on it
     dot.hover(force=True)
     card = dot.evaluate("(link) => link.href.baseVal")
-    assert page.locator("img.preview").get_attribute("src") == page.locator(f"{card} .fails video").get_attribute(
-        "poster"
-    )
+    poster = page.locator(f"{card} .fails video").get_attribute("poster")
+    assert page.locator("img.preview").get_attribute("src") == poster
     page.mouse.move(0, 0)
     assert page.locator("img.preview").count() == 0
 

@@ -272,7 +272,6 @@ def test_a_certified_event_explains_no_failure_before_it(tmp_path: Path, monkeyp
 
 
 def test_beside_an_estimated_rate_no_count_of_chosen_scenes_is_told():
-    found = CauseList(
-        run=1, of="", causes=(), unexplained=4, probability=Probability(0.8, 0.5, 0.9), found=0, certified=0, rollouts=0
-    )
+    none, rate = {"found": 0, "certified": 0, "rollouts": 0}, Probability(0.8, 0.5, 0.9)
+    found = CauseList(run=1, of="", causes=(), unexplained=4, probability=rate, **none)
     assert told(found, (), 4, 11) == "No cause was found."

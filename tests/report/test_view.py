@@ -178,14 +178,8 @@ def test_every_deviation_is_described_in_words():
     nominal = SPACE.nominal()
     other = Placement("apple", "upright", 0.1, -0.2)
     turned = Placement(nominal.targets[0].object, nominal.targets[0].rest, 0.02, 0.0, 45.0)
-    scene = Scene(
-        "pick-up",
-        (turned,),
-        nominal.instruction,
-        confounders=(other,),
-        light=Light(6.5),
-        camera=Camera(0.028, 30.0, 10.0, pitch=-3.0),
-    )
+    light, camera = Light(6.5), Camera(0.028, 30.0, 10.0, pitch=-3.0)
+    scene = replace(nominal, targets=(turned,), confounders=(other,), light=light, camera=camera)
     causes = Causes(thresholds=(Threshold("light", (("light.intensity", 6.25),), 0.9),))
     described = {row.operator: (row.value, row.reference, row.fails_from) for row in deviations(SPACE, scene, causes)}
     assert described == {
@@ -224,12 +218,8 @@ def test_where_nominal_fails_too_another_neighbour_is_shown(triaged: View):
     card = replace(card, neighbours=(("nominal", nominal), ("without light", without)))
     told = []
     for neighbours in (card.neighbours, card.neighbours[:1]):
-        shown = filmed(
-            replace(triaged, causes=(replace(card, neighbours=neighbours),), failures=()),
-            partial(beside, Failing(passing=1)),
-            1,
-            lambda *_: None,
-        )
+        alone = replace(triaged, causes=(replace(card, neighbours=neighbours),), failures=())
+        shown = filmed(alone, partial(beside, Failing(passing=1)), 1, lambda *_: None)
         told.append(shown.cards[0].shots[0].says)
     assert told == ["without light: passes", "nominal: fails, too"]
 

@@ -129,9 +129,8 @@ def test_policies_behind_servers_that_take_batches_get_lanes(policy, kind):
     assert type(executor_at(Place(), Asking, policy)) is kind
 
 
-make = partial(
-    ManiSkillEvaluator, Conditions(task="pick-up", world={"min_distance": 0.15}, repeats=2), catalogue=CATALOGUE
-)
+CONDITIONS = Conditions(task="pick-up", world={"min_distance": 0.15}, repeats=2)
+make = partial(ManiSkillEvaluator, CONDITIONS, catalogue=CATALOGUE)
 
 
 def row(outcome: Outcome) -> tuple[object, ...]:

@@ -52,10 +52,8 @@ def ask(policy: SharedPolicy, name: str = "scene", instruction: str = "move") ->
 
 
 def trials(store: Path, workers: int, policy: str, executor: str | None = None) -> list[tuple[object, ...]]:
-    flags = {"policy": policy, "strategy": "nsga2", "budget": 6, "batch": 3, "seed": 5}
-    summary = config.start(
-        config.plan(config.RunConfig(**flags, store=store, workers=workers, executor=executor)), lambda tally: None
-    )
+    flags = {"policy": policy, "strategy": "nsga2", "budget": 6, "batch": 3, "seed": 5, "executor": executor}
+    summary = config.start(config.plan(config.RunConfig(**flags, store=store, workers=workers)), lambda tally: None)
     assert summary.rollouts == 6
     with Store.open(store) as opened:
         return sorted(
@@ -181,8 +179,8 @@ def test_all_who_share_a_name_share_a_process_until_the_last_is_closed():
 
 
 def test_only_who_says_so_is_shared():
-    named = [f"{MODELS}:Common", f"{MODELS}:Own", "pinhole", "vla-eval:ws://gpu:8000"]
-    assert [is_shared(name) for name in named] == [True, False, False, False]
+    named = [f"{MODELS}:Common", "lerobot:/policies/mine", f"{MODELS}:Own", "pinhole", "vla-eval:ws://gpu:8000"]
+    assert [is_shared(name) for name in named] == [True, True, False, False, False]
 
 
 def test_nothing_is_left_over_when_the_process_that_shares_is_killed():

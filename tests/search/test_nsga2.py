@@ -42,9 +42,8 @@ def test_what_was_not_judged_survives_only_where_nothing_else_is_left():
     asked = strategy.ask(SMALLEST + 3)
     strategy.tell(asked, [BROKEN[0], BROKEN[1], BROKEN[0]] + [SIMPLE] * (SMALLEST - 1) + [EARLY])
     strategy.tell(strategy.ask(1), [BROKEN[1]])
-    assert sorted(score.verdict for score in population(strategy)) == [Verdict.PASSED] * (SMALLEST - 1) + [
-        Verdict.FAILED
-    ]
+    verdicts = sorted(score.verdict for score in population(strategy))
+    assert verdicts == [Verdict.PASSED] * (SMALLEST - 1) + [Verdict.FAILED]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 from gymnasium import spaces
 
 from tests.cli.typed import told, typed
-from tests.worlds.carts import Cart, Carts
+from tests.worlds.carts import Cart, Carts, world
 from vlafuzz.errors import CatalogueError, PolicyError, UsageError
 from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.model.scene import amount
@@ -20,16 +20,16 @@ CARTS = "python:tests.worlds.carts"
 EXAMPLES = Path(__file__).parents[2] / "docs" / "worlds"
 
 
-def space(world: GymWorld, *vary: str):
-    return world.space(world.tasks[0], "own", vary=vary)
+def space(of: GymWorld, *vary: str):
+    return of.space(of.tasks[0], "own", vary=vary)
 
 
-def outcome(world: GymWorld, act, scene=None, **options) -> Outcome:
+def outcome(of: GymWorld, act, scene=None, **options) -> Outcome:
     """The outcome of a policy, by default in the nominal scene."""
-    all_scenes = space(world)
-    conditions = Conditions(task=world.tasks[0], policy="own", **all_scenes.conditions)
-    policy = type(world).policy(act, **options)()
-    evaluator = world.evaluator(conditions, policy, all_scenes, recording=None, checked=True)
+    all_scenes = space(of)
+    conditions = Conditions(task=of.tasks[0], policy="own", **all_scenes.conditions)
+    policy = type(of).policy(act, **options)()
+    evaluator = of.evaluator(conditions, policy, all_scenes, recording=None, checked=True)
     (found,) = evaluator.evaluate([scene or all_scenes.nominal()])
     evaluator.close()
     return found
@@ -87,10 +87,7 @@ def test_actions_of_seven_numbers_arrive_as_they_are():
             assert action == pytest.approx([0.5] * 7)
             return super().step(action)
 
-    class World(Carts):
-        env = Seven
-
-    assert outcome(World(), lambda seen: np.full(7, 0.5)).verdict is not Verdict.ERROR
+    assert outcome(world(Seven)(), lambda seen: np.full(7, 0.5)).verdict is not Verdict.ERROR
 
 
 def test_a_rollout_ends_where_the_environment_does():
@@ -99,10 +96,7 @@ def test_a_rollout_ends_where_the_environment_does():
             observation, reward, _, truncated, info = super().step(action)
             return observation, reward, self.x > 0.2, truncated, info
 
-    class World(Carts):
-        env = Falls
-
-    (rollout,) = outcome(World(), towards).rollouts
+    (rollout,) = outcome(world(Falls)(), towards).rollouts
     assert len(rollout.actions) < 20
 
 
@@ -111,11 +105,8 @@ def test_observations_may_be_nested_and_pictures_in_them_are_no_numbers():
         def seen(self):
             return {"hand": super().seen(), "camera": np.zeros((4, 4, 3), np.uint8), "more": (np.ones(2),)}
 
-    class World(Carts):
-        env = Nested
-
-    now = World().reset(dict(space(World()).nominal().values), 0)
-    assert World().observe(now).shape == (5,)
+    nested = world(Nested)()
+    assert nested.observe(nested.reset(dict(space(nested).nominal().values), 0)).shape == (5,)
 
 
 def test_an_environment_that_was_made_without_pictures_is_not_asked_for_one():
@@ -125,23 +116,18 @@ def test_an_environment_that_was_made_without_pictures_is_not_asked_for_one():
         def render(self):
             raise RuntimeError("render_mode is not set")
 
-    class World(Carts):
-        env = Blind
-
-    world = World()
-    assert world.picture(world.reset(dict(space(world).nominal().values), 0)) is None
-    assert Carts().picture(Carts().reset(dict(space(Carts()).nominal().values), 0)).shape == (24, 48, 3)
+    for kind, shape in ((Blind, None), (Cart, (24, 48, 3))):
+        made = world(kind)()
+        picture = made.picture(made.reset(dict(space(made).nominal().values), 0))
+        assert (None if picture is None else picture.shape) == shape
 
 
 def test_a_space_of_actions_that_is_no_array_is_refused():
     class Odd(Cart):
         action_space = spaces.Dict({"push": spaces.Discrete(2)})
 
-    class World(Carts):
-        env = Odd
-
     with pytest.raises(UsageError, match="actions of Dict are not supported"):
-        _ = World().action_width
+        _ = world(Odd)().action_width
 
 
 FILE = """
@@ -171,30 +157,27 @@ def test_a_file_says_kinds_units_and_groups(read):
     assert (amount("values.length", 0.5), amount("values.heading", 30)) == ("0.5 m", "30°")
 
 
-def test_parameters_of_a_group_vary_and_are_reset_together(read):
-    class World(Carts):
-        parameters = read(FILE)
+@pytest.fixture
+def filed(read) -> Carts:
+    """A world with the parameters of the file."""
+    return type("Filed", (Carts,), {"parameters": read(FILE)})()
 
-    drawn = space(World(), "place").sample(np.random.default_rng(3))
-    changed = {name for name, value in drawn.values if value != dict(space(World()).nominal().values)[name]}
+
+def test_parameters_of_a_group_vary_and_are_reset_together(filed):
+    drawn = space(filed, "place").sample(np.random.default_rng(3))
+    changed = {name for name, value in drawn.values if value != dict(space(filed).nominal().values)[name]}
     assert changed == {"x", "y"}
-    assert space(World()).reset(drawn, ["place"]) == space(World()).nominal()
+    assert space(filed).reset(drawn, ["place"]) == space(filed).nominal()
 
 
-def test_whole_numbers_of_a_stored_scene_are_whole_again(read):
-    class World(Carts):
-        parameters = read(FILE)
-
-    stored = Scene.from_json(space(World()).nominal().to_json())
-    assert repr(World().values_in(stored)["boxes"]) == "1"
-    assert World().values_in(stored) == dict(stored.values)
+def test_whole_numbers_of_a_stored_scene_are_whole_again(filed):
+    stored = Scene.from_json(space(filed).nominal().to_json())
+    assert repr(filed.values_in(stored)["boxes"]) == "1"
+    assert filed.values_in(stored) == dict(stored.values)
 
 
-def test_whole_numbers_stay_whole_in_the_neighbourhood_of_a_scene(read):
-    class World(Carts):
-        parameters = read(FILE)
-
-    near = dict(space(World()).jittered(space(World()).nominal(), 1).values)
+def test_whole_numbers_stay_whole_in_the_neighbourhood_of_a_scene(filed):
+    near = dict(space(filed).jittered(space(filed).nominal(), 1).values)
     assert near["boxes"] == 1
     assert 0 < abs(near["length"] - 0.5) < 0.01
 
@@ -242,18 +225,18 @@ def example(name: str):
 
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
-    ("package", "name", "world", "tasks"),
+    ("package", "name", "kind", "tasks"),
     [
         ("gymnasium", "pendulum", "Pendulum", ["swing-up"]),
         ("mani_skill", "maniskill", "ManiSkill", ["pick-cube", "stack-cube", "push-cube"]),
         ("metaworld", "meta_world", "MetaWorld", ["reach-v3", "push-v3", "pick-place-v3", "soccer-v3", "push-wall-v3"]),
     ],
 )
-def test_the_expert_of_an_example_solves_its_nominal_scenes(package, name, world, tasks):
+def test_the_expert_of_an_example_solves_its_nominal_scenes(package, name, kind, tasks):
     pytest.importorskip(package)
     module = example(name)
     for task in tasks:
-        opened = getattr(module, world)().opened(task)
+        opened = getattr(module, kind)().opened(task)
         now = opened.reset(dict(space(opened).nominal().values), 0)
         solved = 0
         while not opened.ended(now) and now.steps < opened.horizon and solved < opened.stages[-1].steps:

@@ -72,9 +72,8 @@ def test_what_names_the_world_in_a_file_is_not_loaded_without_trust(store: Path,
 
 
 def test_the_command_to_see_a_failure_is_accepted_as_it_is_printed(store: Path, capsys):
-    (line,) = [
-        line for line in typed(capsys, ["report", str(store), "--trust"]).out.splitlines() if "vlafuzz replay" in line
-    ]
+    shown = typed(capsys, ["report", str(store), "--trust"]).out.splitlines()
+    (line,) = [line for line in shown if "vlafuzz replay" in line]
     typed(capsys, [*shlex.split(line.partition("vlafuzz ")[2]), "--no-film"])
 
 

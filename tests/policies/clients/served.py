@@ -18,7 +18,9 @@ from websockets.protocol import State
 from websockets.sync.server import serve
 
 from tests.doubles import Idle
+from tests.worlds.tabletop.sim.scenes import evaluate, pick_up, put
 from vlafuzz.errors import PolicyError
+from vlafuzz.model import Verdict
 from vlafuzz.policies.base import ActionChunk, CameraRequest, EpisodeStart, Observation, Policy, PolicySpec
 from vlafuzz.rollouts.policies import make_policy
 
@@ -69,9 +71,8 @@ class Served(PredictModelServer):
     def _observation(self, message: dict[str, Any], ctx: Any) -> Observation:
         names = [camera.name for camera in self.policy.spec.cameras]
         images = dict(zip(names, message["images"].values(), strict=True))
-        return Observation(
-            ctx.session_id, ctx.step, message["task_description"], images=images, state=message.get("state")
-        )
+        state, said = message.get("state"), message["task_description"]
+        return Observation(ctx.session_id, ctx.step, said, images=images, state=state)
 
     def get_action_spec(self) -> dict[str, DimSpec]:
         action = self.policy.spec.action
@@ -107,9 +108,8 @@ class Rounded:
         self.reset, self.close = policy.reset, policy.close
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
-        return [
-            ActionChunk(chunk.actions.astype(np.float32).astype(np.float64)) for chunk in self._policy.act(observations)
-        ]
+        chunks = self._policy.act(observations)
+        return [ActionChunk(chunk.actions.astype(np.float32).astype(np.float64)) for chunk in chunks]
 
 
 class Attentive(Idle):
@@ -239,3 +239,12 @@ def check_failure(error: PolicyError, cause: str, says: str) -> None:
 
 def still_open(opened) -> int:
     return sum(connection.state is not State.CLOSED for connection in opened)
+
+
+def check_same_as_in_process(name: str, make: Callable[[], Policy], verdict: Verdict) -> None:
+    """Whole rollouts of a policy behind a server have the verdict, and the actions and states of those without."""
+    scenes = [pick_up(put("coke_can", -0.05, 0.1)), pick_up(put("green_cube", 0.05, -0.15, 30.0))]
+    for far, near in zip(evaluate(make_policy(name), *scenes), evaluate(make(), *scenes), strict=True):
+        assert verdict is far.verdict is near.verdict, far.detail
+        assert np.array_equal(far.rollouts[0].actions, near.rollouts[0].actions)
+        assert far.rollouts[0].states_hash == near.rollouts[0].states_hash

@@ -74,9 +74,7 @@ class TestFrames:
         assert unpack(msgpack.packb(npy(columns))).tolist() == columns.tolist()
 
 
-def conversed(
-    reply: dict, query: str, *observations: Observation, **keys: list[str]
-) -> tuple[list[list], dict[str, Any]]:
+def conversed(reply: dict, query: str, *observations: Observation, **keys: list[str]) -> tuple[list, dict[str, Any]]:
     """The actions in a reply, and the only request; ``keys``: of the model, where they are others."""
     with served([reply, {}], modalities=config(MODALITIES | keys)) as (name, requests):
         policy = make_policy(name + query)
@@ -217,8 +215,6 @@ class TestRefused:
 
     @pytest.mark.parametrize("modalities", [{}, {"action": 3}, {"action": {"delta_indices": [0]}}, [1]])
     def test_a_server_of_something_else(self, modalities):
-        with (
-            served(modalities=modalities) as (name, _),
-            pytest.raises(PrerequisiteError, match="its modality config: "),
-        ):
+        server = served(modalities=modalities)
+        with server as (name, _), pytest.raises(PrerequisiteError, match="its modality config: "):
             make_policy(name)

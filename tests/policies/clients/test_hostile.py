@@ -106,10 +106,8 @@ def test_a_message_of_vla_eval_whose_parts_are_others_is_none(change):
 
 def test_a_server_that_declares_other_than_words_and_flags_is_none():
     for hello in ({"observation_params": {"send_state": [1, 2]}}, {"model_server": "x" * 5000}):
-        with (
-            scripted(lambda number: message("action", {}, number), hello=HELLO | hello) as name,
-            pytest.raises(PrerequisiteError, match="its hello: "),
-        ):
+        server = scripted(lambda number: message("action", {}, number), hello=HELLO | hello)
+        with server as name, pytest.raises(PrerequisiteError, match="its hello: "):
             make_policy(f"{name}?camera=0")
 
 

@@ -23,7 +23,7 @@ import pytest
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.policies.clients.lerobot import LeRobot, LeRobotOptions, fitted
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.rollouts.policies import is_shared, make_policy
+from vlafuzz.rollouts.policies import make_policy
 
 THERE = os.environ.get("VLAFUZZ_LEROBOT")
 ROOT = Path(__file__).parents[3]
@@ -64,9 +64,6 @@ class TestNames:
         address = parse("lerobot:~/a b/policy?device=cuda:1&hz=20", LeRobot)
         assert (address.name, address.url) == ("lerobot:~/a b/policy", "~/a b/policy")
         assert (address.options.device, address.options.hz) == ("cuda:1", 20)
-
-    def test_one_model_serves_all_workers(self):
-        assert is_shared("lerobot:/policies/mine")
 
     @pytest.mark.parametrize("inner", [None, "pretrained_model", "checkpoints/last/pretrained_model"])
     def test_a_folder_without_a_policy_or_of_lerobots_trainer(self, tmp_path, inner):

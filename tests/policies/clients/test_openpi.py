@@ -10,8 +10,16 @@ import numpy as np
 import pytest
 
 from tests.policies.clients.faults import Drifting, openpi
-from tests.policies.clients.served import CLOSE, HANG, STATE, asked, check_failure, failure, websocket
-from tests.policies.rolled import check_same_as_in_process
+from tests.policies.clients.served import (
+    CLOSE,
+    HANG,
+    STATE,
+    asked,
+    check_failure,
+    check_same_as_in_process,
+    failure,
+    websocket,
+)
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Verdict
 from vlafuzz.policies.clients.msgpack_wire import pack_openpi, unpack_openpi

@@ -26,15 +26,11 @@ def make(kind: str, folder: Path) -> None:
     from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
     torch.manual_seed(0)
-    inputs = {
-        f"observation.images.{name}": PolicyFeature(FeatureType.VISUAL, (3, SIDE, SIDE)) for name in ("image", "image2")
-    }
+    picture = PolicyFeature(FeatureType.VISUAL, (3, SIDE, SIDE))
+    inputs = {f"observation.images.{name}": picture for name in ("image", "image2")}
     inputs["observation.state"] = PolicyFeature(FeatureType.STATE, (STATE,))
-    features = {
-        "input_features": inputs,
-        "output_features": {"action": PolicyFeature(FeatureType.ACTION, (ACTIONS,))},
-        "device": "cpu",
-    }
+    outputs = {"action": PolicyFeature(FeatureType.ACTION, (ACTIONS,))}
+    features = {"input_features": inputs, "output_features": outputs, "device": "cpu"}
     config = {"act": _act, "diffusion": _diffusion, "smolvla": _smolvla}[kind](features, folder)
     policy = get_policy_class(kind)(config)
     policy.save_pretrained(folder)
@@ -84,14 +80,8 @@ def _smolvla(features: dict, folder: Path) -> Any:
 
 def _language_model(folder: Path) -> Path:
     """A tiny configuration and processor of SmolVLM."""
+    import transformers
     from tokenizers import ByteLevelBPETokenizer
-    from transformers import (
-        GPT2TokenizerFast,
-        SmolVLMConfig,
-        SmolVLMImageProcessor,
-        SmolVLMProcessor,
-        SmolVLMVideoProcessor,
-    )
 
     special = ["<|endoftext|>", "<|im_start|>", "<end_of_utterance>", "<pad>", "<image>"]
     special += ["<fake_token_around_image>", "<global-img>"]
@@ -100,21 +90,21 @@ def _language_model(folder: Path) -> Path:
     folder.mkdir(parents=True)
     bytes_alone.save_model(str(folder))
     marks = {"image_token": special[4], "fake_image_token": special[5], "global_image_token": special[6]}
-    tokenizer = GPT2TokenizerFast(
+    tokenizer = transformers.GPT2TokenizerFast(
         str(folder / "vocab.json"),
         str(folder / "merges.txt"),
         pad_token="<pad>",
         model_max_length=512,
         extra_special_tokens=marks | {"end_of_utterance_token": special[2]},
     )
-    pictures = SmolVLMImageProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
-    video = SmolVLMVideoProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
-    SmolVLMProcessor(pictures, tokenizer, video, chat_template="x").save_pretrained(folder)
+    pictures = transformers.SmolVLMImageProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
+    video = transformers.SmolVLMVideoProcessor(size={"longest_edge": 64}, max_image_size={"longest_edge": 64})
+    transformers.SmolVLMProcessor(pictures, tokenizer, video, chat_template="x").save_pretrained(folder)
     depth = {"num_hidden_layers": 2, "num_attention_heads": 2}
     eyes = {"hidden_size": 32, "intermediate_size": 64, "image_size": 64, "patch_size": 16}
     text = {"model_type": "llama", "hidden_size": 64, "intermediate_size": 128, "head_dim": 32}
     text |= {"num_key_value_heads": 2, "vocab_size": len(tokenizer), "pad_token_id": tokenizer.pad_token_id}
-    SmolVLMConfig(
+    transformers.SmolVLMConfig(
         vision_config=eyes | depth | {"num_hidden_layers": 1},
         text_config=text | depth,
         scale_factor=2,

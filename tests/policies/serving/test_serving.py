@@ -21,8 +21,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from tests.doubles import Idle
-from tests.policies.clients.served import STATE, Attentive, asked, failure, seen, start
-from tests.policies.rolled import check_same_as_in_process
+from tests.policies.clients.served import STATE, Attentive, asked, check_same_as_in_process, failure, seen, start
 from vlafuzz.cli import main
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Verdict
@@ -35,15 +34,8 @@ from vlafuzz.rollouts.policies import make_policy
 
 pytestmark = pytest.mark.usefixtures("opened", "no_pause")
 
-CONVENTIONS = ActionSpec(
-    rotation="euler_xyz",
-    relative_to="current",
-    position_scale=0.5,
-    rotation_scale=2.0,
-    gripper="open_01",
-    sticky=2,
-    hz=10,
-)
+SCALES = {"position_scale": 0.5, "rotation_scale": 2.0}
+CONVENTIONS = ActionSpec(rotation="euler_xyz", relative_to="current", gripper="open_01", sticky=2, hz=10, **SCALES)
 CAMERAS = (CameraRequest("front", 64, 48), CameraRequest("wrist", 64, 48, "wrist"))
 SERVED = {
     "conventions, and two actions of a chunk": lambda: Attentive(action=CONVENTIONS, execute=2),
@@ -212,9 +204,8 @@ class TestAddress:
             assert "gripper=" not in name
 
     def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
-        assert says_of(Frozen().spec).startswith(
-            "it answers one observation at a time, and the first action of each chunk is executed"
-        )
+        says = "it answers one observation at a time, and the first action of each chunk is executed"
+        assert says_of(Frozen().spec).startswith(says)
         assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(
             "it answers up to 8 observations at once, and all actions of each chunk are executed"
         )

@@ -47,10 +47,8 @@ def space() -> LiberoSpace:
 
 def test_what_a_task_is_about_has_a_map_of_where_it_is_moved(space: LiberoSpace):
     maps = WORLD.maps(TASK)
-    assert [one.title for one in maps] == [
-        "Where the target is moved, from above",
-        "Where target 2 is moved, from above",
-    ]
+    titles = [f"Where {what} is moved, from above" for what in ("the target", "target 2")]
+    assert [one.title for one in maps] == titles
     assert {path for one in maps for path in (one.across, one.along)} <= space.by_path.keys()
 
 
@@ -333,10 +331,8 @@ class TestVariedSpace:
         targets = (*scene.targets[:milk], added("milk_1", 0.04, 0.0), *scene.targets[milk + 1 :])
         moved = replace(scene, targets=targets)
         shown = {part.operator: part.value for part in deviations(varied, moved, Causes())}
-        assert shown == {
-            "bystander-position": "milk 1: x 0.04 m, y 0 m",
-            "confounders": "wine bottle at x -0.2 m, y -0.35 m",
-        }
+        milk, bottle = "milk 1: x 0.04 m, y 0 m", "wine bottle at x -0.2 m, y -0.35 m"
+        assert shown == {"bystander-position": milk, "confounders": bottle}
         assert directed(varied, moved, shown) == ["confounders:1,bottle", "bystander-position:+x5"]
 
     def test_a_task_may_lack_what_varies_by_default_but_not_what_is_asked_for_alone(self):

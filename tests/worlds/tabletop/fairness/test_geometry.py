@@ -96,14 +96,8 @@ def test_two_cubes_are_apart_when_their_sides_are(x: float, y: float, yaw: float
     assert apart(a, b) == apart(b, a) == expected
 
 
-placements = st.builds(
-    Placement,
-    st.just("sponge"),
-    st.sampled_from(["flat", "on_edge"]),
-    st.floats(-0.1, 0.1),
-    st.floats(-0.1, 0.1),
-    st.floats(-180, 180),
-)
+rests, offset = st.sampled_from(["flat", "on_edge"]), st.floats(-0.1, 0.1)
+placements = st.builds(Placement, st.just("sponge"), rests, offset, offset, st.floats(-180, 180))
 
 
 @quickly

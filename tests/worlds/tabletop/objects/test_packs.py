@@ -18,7 +18,7 @@ from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects import Catalogue, ObjectModel, load_catalogue, open_packs
 from vlafuzz.worlds.tabletop.objects.catalogue import packs_json, stored_catalogue
-from vlafuzz.worlds.tabletop.objects.packs import find_pack, packs_of, spoken
+from vlafuzz.worlds.tabletop.objects.packs import packs_of, spoken
 from vlafuzz.worlds.tabletop.sim.world import World
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
@@ -61,11 +61,8 @@ def test_size_and_mass_are_those_of_the_mesh_whatever_the_info_says(tmp_path):
 
 def test_rest_poses_are_measured_with_what_the_gripper_can_take_in_each(tmp_path):
     model = only(tmp_path, brick=box(0.04, 0.06, 0.1))
-    assert {pose.name: round(pose.top, 3) for pose in model.stable_poses} == {
-        "upright": 0.1,
-        "lying": 0.04,
-        "lying_2": 0.06,
-    }
+    tops = {pose.name: round(pose.top, 3) for pose in model.stable_poses}
+    assert tops == {"upright": 0.1, "lying": 0.04, "lying_2": 0.06}
     assert {pose.grasps[0].width for pose in model.stable_poses} == {0.04, 0.06}
     assert model.role == "graspable"
 
@@ -196,15 +193,6 @@ def test_a_wrong_info_file_is_named_with_its_key(tmp_path, text, message):
         open_packs(str(folder))
     assert message in caught.value.message
     assert "\n" not in caught.value.message
-
-
-def test_a_pack_that_was_moved_is_found_by_its_digest_and_keeps_its_name(tmp_path, monkeypatch):
-    (pack,) = open_packs(str(write_pack(tmp_path / "mine", brick=box(0.04, 0.06, 0.1))))
-    shutil.move(pack.folder, tmp_path / "moved")
-    with pytest.raises(UsageError, match="it needs the pack 'mine'"):
-        find_pack("mine", pack.digest, str(pack.folder))
-    monkeypatch.setenv("VLAFUZZ_PACKS", str(tmp_path / "moved"))
-    assert find_pack("mine", pack.digest, str(pack.folder)).name == "mine"
 
 
 def test_names_tell_which_packs_scenes_need(tmp_path, monkeypatch):

@@ -52,9 +52,8 @@ CROWD = pick_up(
 def random_scene(rng: np.random.Generator) -> Scene:
     """One to five objects anywhere, at times into each other."""
     names = rng.choice(CATALOGUE.names(), size=rng.integers(1, 6), replace=False)
-    placed = [
-        put(str(name), rng.uniform(-0.2, 0.12), rng.uniform(-0.25, 0.25), rng.uniform(-180, 180)) for name in names
-    ]
+    low, high = (-0.2, -0.25, -180), (0.12, 0.25, 180)  # x, y, yaw
+    placed = [put(str(name), *rng.uniform(low, high).tolist()) for name in names]
     return pick_up(*placed, light=float(rng.uniform(0.5, 2)))
 
 

@@ -57,9 +57,8 @@ def test_a_scene_cut_short_leaves_no_trace_and_another_action_another_hash(env, 
 
 def test_another_process_without_vulkan_repeats_it_and_the_experts_rollout(fresh, expert_on):
     nowhere = {"VK_DRIVER_FILES": "/nonexistent", "VK_ICD_FILENAMES": "/nonexistent"}
-    child = subprocess.run(
-        [sys.executable, "-c", CHILD], env=os.environ | nowhere, capture_output=True, text=True, check=False
-    )
+    command, environment = [sys.executable, "-c", CHILD], os.environ | nowhere
+    child = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert child.returncode == 0, child.stderr
     (rollout,) = expert_on("pick-up").evaluate([nominal()])[0].rollouts
     assert json.loads(child.stdout.splitlines()[-1]) == [fresh, "PASSED", rollout.states_hash]

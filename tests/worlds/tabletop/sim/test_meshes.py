@@ -40,9 +40,8 @@ def test_every_part_keeps_its_colours_and_to_a_pixel_its_size_with_few_vertices(
     for pair in zip(files(OURS, "visual"), files(STOCK, "visual"), strict=True):
         ours, stock = map(trimesh.load_scene, pair)
         assert np.abs(ours.bounds - stock.bounds).max() < PIXEL
-        colours = [
-            [mesh.visual.material.main_color.tolist() for mesh in part.geometry.values()] for part in (ours, stock)
-        ]
+        parts = [list(part.geometry.values()) for part in (ours, stock)]
+        colours = [[mesh.visual.material.main_color.tolist() for mesh in meshes] for meshes in parts]
         assert colours[0] == colours[1]
         vertices = [
             n + sum(len(mesh.vertices) for mesh in part.geometry.values())

@@ -55,12 +55,8 @@ def test_the_same_seed_gives_the_same_scene(task: str) -> None:
 
 
 def test_the_papers_upright_objects_are_not_turned() -> None:
-    upright = [
-        placement
-        for scene in drawn("paper", "pick-up")[1]
-        for placement in scene.placements
-        if placement.rest in ("standing", "on_edge")
-    ]
+    placed = [placement for scene in drawn("paper", "pick-up")[1] for placement in scene.placements]
+    upright = [placement for placement in placed if placement.rest in ("standing", "on_edge")]
     assert len(upright) > 10
     assert {placement.yaw for placement in upright} == {0.0}
 

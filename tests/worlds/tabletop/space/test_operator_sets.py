@@ -84,6 +84,20 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
     assert load_operators("paper-rq1").in_task("put-in").visible is None
 
 
+WRONG_RANGES = [
+    (
+        "target-position: {x: {low: 0, high: 1, stepp: 1}}",
+        "target-position.x.stepp: unknown key",
+        "did you mean 'step'?",
+    ),
+    ("light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}", "light.intensity: low is above high: 3 > 2", ""),
+    ("light: {intensity: {low: 2, high: 3, step: 0.05, nominal: 1}}", "nominal 1 is not between 2 and 3", ""),
+    ("confounder-count: {high: '3'}", "confounder-count.high: input should be a valid integer, got '3'", ""),
+    ("target-position: {nominal: [[0, 0]]}", "target-position: nominal has 1 places, 2 are needed", ""),
+    ("target-position: {nominal: [[0, 0], [0, 9]]}", "the nominal place (0, 9) is outside its box", ""),
+]
+
+
 @pytest.mark.parametrize(
     ("text", "says", "hint"),
     [
@@ -97,36 +111,7 @@ def test_bounds_of_visibility_are_inherited_key_by_key_and_can_be_left_out(tmp_p
         ("vary: [confounder-type]", "vary: confounder-type: there is no confounder", "vary confounder-count"),
         ("operators: {lite: {}}", "operators.lite: unknown key", "did you mean 'light'?"),
         ("operators: {light: {intensty: 3}}", "operators.light.intensty: unknown key", "'intensity'?"),
-        (
-            "operators: {target-position: {x: {low: 0, high: 1, stepp: 1}}}",
-            "operators.target-position.x.stepp: unknown key",
-            "did you mean 'step'?",
-        ),
-        (
-            "operators: {light: {intensity: {low: 3, high: 2, step: 0.05, nominal: 1}}}",
-            "operators.light.intensity: low is above high: 3 > 2",
-            "",
-        ),
-        (
-            "operators: {light: {intensity: {low: 2, high: 3, step: 0.05, nominal: 1}}}",
-            "nominal 1 is not between 2 and 3",
-            "",
-        ),
-        (
-            "operators: {confounder-count: {high: '3'}}",
-            "operators.confounder-count.high: input should be a valid integer, got '3'",
-            "",
-        ),
-        (
-            "operators: {target-position: {nominal: [[0, 0]]}}",
-            "operators.target-position: nominal has 1 places, 2 are needed",
-            "",
-        ),
-        (
-            "operators: {target-position: {nominal: [[0, 0], [0, 9]]}}",
-            "the nominal place (0, 9) is outside its box",
-            "",
-        ),
+        *((f"operators: {{{ranges}}}", says, hint) for ranges, says, hint in WRONG_RANGES),
         ("tasks: {pickup: {}}", "tasks: unknown name 'pickup'", "did you mean 'pick-up'?"),
         ("extends: tabeltop", "no file", "did you mean 'tabletop'?"),
         ("[light]", "the file: ", ""),
