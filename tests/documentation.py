@@ -29,10 +29,8 @@ def text(name: str) -> str:
 def blocks(page: Path) -> list[Block]:
     """The console blocks of a page, in order."""
     parts = _BLOCK.findall(page.read_text(encoding="utf-8"))
-    return [
-        Block(mark, tuple(_words(line) for line in re.findall(r"^\$ (.*)$", block, re.MULTILINE)))
-        for mark, block in parts
-    ]
+    typed = ((mark, re.findall(r"^\$ (.*)$", block, re.MULTILINE)) for mark, block in parts)
+    return [Block(mark, tuple(map(_words, lines))) for mark, lines in typed]
 
 
 def files(page: Path) -> dict[str, str]:

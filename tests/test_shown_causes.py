@@ -71,20 +71,14 @@ def ranges(page: str) -> dict[str, Range]:
             world = yaml.safe_load(content)
             return {f"{name} {name}": Range(*one["range"], one["nominal"]) for name, one in world.items()}
     (plots,) = json.loads(EXAMPLE.partition('id="plots">')[2].partition("</script>")[0])
-    return {
-        f"{axis['operator']} {axis['quantity'].rpartition('.')[2]}": Range(
-            axis["low"], axis["high"], axis["nominal"], axis["log"]
-        )
-        for axis in plots["axes"]
-    }
+    axes = {f"{axis['operator']} {axis['quantity'].rpartition('.')[2]}": axis for axis in plots["axes"]}
+    return {name: Range(*(axis[key] for key in ("low", "high", "nominal", "log"))) for name, axis in axes.items()}
 
 
 def region(row: Row, known: dict[str, Range]) -> float:
     """Percent of random scenes in the range of a row."""
-    conditions = _CONDITION.findall(row["conditions"])
-    return 100 * math.prod(
-        known[f"{operator} {name}"].beyond(float(value.strip("× "))) for operator, name, value in conditions
-    )
+    conditions = ((known[f"{of} {name}"], value) for of, name, value in _CONDITION.findall(row["conditions"]))
+    return 100 * math.prod(values.beyond(float(value.strip("× "))) for values, value in conditions)
 
 
 SHOWN = [(page, row) for page in (str(path.relative_to(ROOT)) for path in PAGES) for row in listed(page)]

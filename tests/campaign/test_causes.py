@@ -199,9 +199,8 @@ def test_no_bound_of_a_cause_exceeds_that_of_all_failures(tmp_path: Path):
             return [Cause(self._genome, ("light",), 2, Probability(0.6, 0.35, 0.7))]
 
     space = TinySpace()
-    found, _ = run(
-        tmp_path / "a.db", LocalExecutor(ClosedForm()), space=space, strategy=Bold([space.encode(scene(0.125))])
-    )
+    bold = Bold([space.encode(scene(0.125))])
+    found, _ = run(tmp_path / "a.db", LocalExecutor(ClosedForm()), space=space, strategy=bold)
     assert found.causes[0].share == Probability(0.4, 0.3, 0.5)
 
 

@@ -31,9 +31,8 @@ def planned(tmp_path: Path) -> Plan:
 def test_rollouts_one_at_a_time_take_an_answer_a_step(planned: Plan):
     forecast = Forecast(planned, SLOW, certify=False)
     assert forecast.run == pytest.approx(300 * 0.7 * 80 * 0.5)
-    assert str(forecast) == (
-        "about 2.3 h: 300 rollouts of up to 80 steps take 70 min to 3.3 h; measured: an answer takes 0.5 s"
-    )
+    says = "about 2.3 h: 300 rollouts of up to 80 steps take 70 min to 3.3 h; measured: an answer takes 0.5 s"
+    assert str(forecast) == says
 
 
 def test_a_run_has_as_many_rollouts_at_a_time_as_workers_or_as_its_server_takes(planned: Plan):

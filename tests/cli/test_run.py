@@ -198,10 +198,8 @@ def test_another_version_of_the_users_code_is_not_answered_by_the_one_before(fol
 @pytest.mark.parametrize("store", [".", "runs"])
 def test_a_folder_is_no_store(folder: Path, store: str, capsys):
     (folder / "runs").mkdir()
-    assert typed(capsys, ["run", *IDLE, "--store", store], code=2).err.splitlines() == [
-        f"error: {store}: is a folder",
-        "hint: give the file of a store in it",
-    ]
+    said = typed(capsys, ["run", *IDLE, "--store", store], code=2).err.splitlines()
+    assert said == [f"error: {store}: is a folder", "hint: give the file of a store in it"]
 
 
 @pytest.mark.parametrize(

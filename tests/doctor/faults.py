@@ -15,13 +15,7 @@ from vlafuzz.rollouts.policies import make_policy
 class Changed(Lent):
     """A policy whose observations and answers are transformed."""
 
-    def __init__(
-        self,
-        healthy: str | Policy,
-        seen: Callable[[Observation], Observation] = lambda seen: seen,
-        answer: Callable[[np.ndarray], np.ndarray] = lambda actions: actions,
-        **spec: object,
-    ) -> None:
+    def __init__(self, healthy: str | Policy, seen=lambda seen: seen, answer=lambda actions: actions, **spec) -> None:
         super().__init__(make_policy(healthy) if isinstance(healthy, str) else healthy)
         self._seen, self._answer, self._more = seen, answer, spec
 

@@ -29,10 +29,8 @@ from vlafuzz.rollouts.scene_runner import SimulatorSceneRunner
 
 parquet = pytest.importorskip("pyarrow.parquet")
 LEROBOT = os.environ.get("VLAFUZZ_LEROBOT")
-NAMES = {
-    "observation.state": ["x", "y", "z", "rx", "ry", "rz", "opening"],
-    "action": ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"],
-}
+MOVES = ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
+NAMES = {"observation.state": ["x", "y", "z", "rx", "ry", "rz", "opening"], "action": MOVES}
 FRAMES, STEPS = "data/chunk-000/file-{:03d}.parquet", (4, 3, 5)
 READ = """
 import json, sys
@@ -116,7 +114,7 @@ def test_the_metadata_describe_the_dataset(folder: Path):
     facts = [info[key] for key in ("codebase_version", "robot_type", "total_episodes", "total_frames", "fps")]
     assert facts == ["v3.0", "panda", 3, 12, 5]
     assert info["features"]["observation.images.front"]["shape"] == [12, 16, 3]
-    assert info["features"]["action"]["names"] == ["dx", "dy", "dz", "drx", "dry", "drz", "gripper"]
+    assert info["features"]["action"]["names"] == MOVES
     episodes = parquet.read_table(folder / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
     spans = [(row["dataset_from_index"], row["dataset_to_index"], row["tasks"]) for row in episodes]
     assert spans == [(0, 4, ["pick up thing 0"]), (4, 7, ["pick up thing 1"]), (7, 12, ["pick up thing 0"])]

@@ -20,10 +20,8 @@ def crew() -> Iterator[Crew]:
     SEEDS.clear()
     BATCHES.clear()
     conditions = run("make_remote")
-    with (
-        trusting(EVERYTHING),
-        crew_at(Place(), partial(SimulatorSceneRunner, Path("a.db"), conditions), conditions.policy) as crew,
-    ):
+    make = partial(SimulatorSceneRunner, Path("a.db"), conditions)
+    with trusting(EVERYTHING), crew_at(Place(), make, conditions.policy) as crew:
         yield crew
 
 

@@ -24,14 +24,7 @@ FAILED = Score(Verdict.FAILED, 0.3, 1.0, cell="grasp|base|x0y0")
 Fails = Callable[[Scene], bool]
 
 
-def played(
-    fails: Fails,
-    budget: int = 150,
-    seed: int = 0,
-    rate: float = 1.0,
-    where: SearchSpace | None = None,
-    like: Sequence[Cause] = (),
-) -> Causes:
+def played(fails: Fails, budget=150, seed=0, rate=1.0, where=None, like: Sequence[Cause] = ()) -> Causes:
     """The strategy after a run against a policy that fails at a rate where it ``fails``."""
     where = where or space()
     strategy, rng = Causes(where, seed, budget, like=like), np.random.default_rng(seed)

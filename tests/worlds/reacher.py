@@ -111,10 +111,8 @@ class Downhill:
         else:
             gain = 0.0 if weight > 0.5 else 1.0
         arm = Arm((first, second), (x, y), 1.0, 0.0, "none")
-        slope = [
-            arm.gap - replace(arm, joints=(first + 0.01, second)).gap,
-            arm.gap - replace(arm, joints=(first, second + 0.01)).gap,
-        ]
+        moved = [replace(arm, joints=at) for at in ((first + 0.01, second), (first, second + 0.01))]
+        slope = [arm.gap - one.gap for one in moved]
         answer[:2] = np.array(slope) * 12 * gain * min(1.0, 4 * arm.gap)
         return answer
 

@@ -206,9 +206,8 @@ class TestAddress:
     def test_it_says_whether_the_policy_answers_batches_and_how_much_of_a_chunk_is_executed(self):
         says = "it answers one observation at a time, and the first action of each chunk is executed"
         assert says_of(Frozen().spec).startswith(says)
-        assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(
-            "it answers up to 8 observations at once, and all actions of each chunk are executed"
-        )
+        says = "it answers up to 8 observations at once, and all actions of each chunk are executed"
+        assert says_of(PolicySpec("eight", max_batch=8, execute=None)).startswith(says)
 
 
 class TestCommand:

@@ -1,7 +1,5 @@
 """The four tasks, judged on states made by hand without a simulator, and their wordings."""
 
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -18,15 +16,7 @@ HELD = {(0, HAND)}
 STEP = 0.2  # seconds
 
 
-def state(
-    *positions: Sequence[float],
-    held: int | None = None,
-    touching: set[tuple[int, int | str]] | None = None,
-    speed: float = 0.0,
-    spin: float = 0.0,
-    turned: dict[int, Rotation] | None = None,
-    tcp: Sequence[float] | None = None,
-) -> State:
+def state(*positions, held=None, touching=None, speed=0.0, spin=0.0, turned=None, tcp=(0.0, 0.0, 0.17)) -> State:
     """Objects upright at some positions; everything on the table and at rest unless said otherwise."""
     rotations = np.stack([np.eye(3)] * len(positions))
     for index, rotation in (turned or {}).items():
@@ -38,7 +28,7 @@ def state(
         rotations=rotations,
         earlier=(now - [speed * STEP, 0, 0], rotations @ turn),
         seconds=STEP,
-        tcp=np.array(tcp if tcp is not None else [0.0, 0.0, 0.17]),
+        tcp=np.array(tcp),
         tcp_rotation=np.eye(3),
         opening=0.04,
         held=held,

@@ -11,12 +11,9 @@ from vlafuzz.model import Backdrop, Camera, InitialPose, Latency, Light, Noise, 
 from vlafuzz.worlds.tabletop.sim.world import settled
 from vlafuzz.worlds.tabletop.tasks import TASKS
 
-SHOWN = pick_up(
-    put("orange", -0.10, 0.15, 30.0),
-    put("coke_can", 0.05, -0.2, -70.0, "lying"),
-    light=0.4,
-    camera=Camera(0.04, 30.0, 20.0, roll=2.0, pitch=-3.0, yaw=4.0),
-)
+MOVED = Camera(0.04, 30.0, 20.0, roll=2.0, pitch=-3.0, yaw=4.0)
+ORANGE, CAN = put("orange", -0.10, 0.15, 30.0), put("coke_can", 0.05, -0.2, -70.0, "lying")
+SHOWN = pick_up(ORANGE, CAN, light=0.4, camera=MOVED)
 
 
 @pytest.mark.parametrize(

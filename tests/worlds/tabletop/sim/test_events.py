@@ -133,10 +133,8 @@ def test_whoever_is_told_to_stop_passes_by_standing_still_and_fails_by_going_on_
     def let_go(seen, inner):
         return [ActionChunk(STILL[None] if seen.step > still[0] + SECOND else inner)]
 
-    gone_on, again, dropped = (
-        evaluate(policy, scene)[0]
-        for policy in (repeating(unaware.rollouts[0].actions), repeating(done.actions), Meddled(let_go))
-    )
+    policies = repeating(unaware.rollouts[0].actions), repeating(done.actions), Meddled(let_go)
+    gone_on, again, dropped = (evaluate(policy, scene)[0] for policy in policies)
     assert [one.verdict for one in (gone_on, again, dropped)] == [Verdict.FAILED, Verdict.PASSED, Verdict.FAILED]
     assert gone_on.lost_stage == "success"
 

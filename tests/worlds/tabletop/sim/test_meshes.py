@@ -43,8 +43,6 @@ def test_every_part_keeps_its_colours_and_to_a_pixel_its_size_with_few_vertices(
         parts = [list(part.geometry.values()) for part in (ours, stock)]
         colours = [[mesh.visual.material.main_color.tolist() for mesh in meshes] for meshes in parts]
         assert colours[0] == colours[1]
-        vertices = [
-            n + sum(len(mesh.vertices) for mesh in part.geometry.values())
-            for n, part in zip(vertices, (ours, stock), strict=True)
-        ]
+        added = (sum(len(mesh.vertices) for mesh in part.geometry.values()) for part in (ours, stock))
+        vertices = [n + more for n, more in zip(vertices, added, strict=True)]
     assert vertices[0] < MOST_VERTICES < vertices[1] / 20
