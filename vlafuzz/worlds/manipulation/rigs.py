@@ -111,7 +111,7 @@ class Rig(Robot):
         larger area in which imported scenes may place objects; None if it is the workspace.
         operators: name of the operator set that is used by default.
         initial_states: that a task has of its own; 0 where the operators say how it begins.
-        gains: of the joints, arm first, where the simulator has none: stiffness, damping and force limit.
+        gains: of the joints, arm first: stiffness, damping and force limit.
     """
 
     base: tuple[float, float, float]

@@ -22,7 +22,7 @@ from vlafuzz.worlds.tabletop.objects.solids import quaternion
 from vlafuzz.worlds.tabletop.room import DAMPING, FRICTION, ROLLING_DAMPING, WRIST_CAMERA
 
 STEP = 0.002  # seconds of a physics step, MuJoCo's own; PhysX has 0.01 with 15 iterations in each
-STIFFNESS, RESISTANCE, FORCE = 1000.0, 100.0, 100.0  # of all joints: ManiSkill's Panda
+STIFFNESS, RESISTANCE, FORCE = PANDA.gains["panda_joint1"]  # as all joints have
 # Kilograms of the drives. Contacts in MuJoCo are as stiff as bodies are heavy: without it, fingers of 15 g sink 2 mm
 # into what they hold, and cubes creep out of them.
 ARMATURE = 0.1

@@ -6,7 +6,7 @@ The files of the last two are in the user's packs. Their gains, limits and frict
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from vlafuzz.common import assets
 from vlafuzz.common.arrays import Array
-from vlafuzz.worlds.manipulation.rigs import GOOGLE, WIDOWX, Rig
+from vlafuzz.worlds.manipulation.rigs import GOOGLE, PANDA, WIDOWX, Rig
 from vlafuzz.worlds.tabletop.objects.packs import check_references
 
 # Half a Newton step per iteration converges in a dozen iterations. SAPIEN's default of a tenth takes four
@@ -171,20 +171,17 @@ class MotionProfile:
         return self._position
 
 
-Gains = tuple[float, float, float]  # stiffness, damping, force limit
-
-
 class _Metric(BaseAgent):
     """A robot that a ``MetricArm`` moves, in place of ManiSkill's controllers.
 
     Attributes:
-        gains: of the joints, arm first. tcp_name: the link of the tool centre point.
+        tcp_name: the link of the tool centre point.
         fingers: the links of each finger, first the one with the pad; its y axis is the closing axis. tool: from the
         TCP link's axes to the hand's, z along the fingers and y the closing axis. wrist: the link for a wrist camera;
         None if there is none. pace, yields: see ``MetricArm``.
     """
 
-    gains: Mapping[str, Gains]
+    rig: Rig
     tcp_name: str
     gripper: Gripper
     fingers: tuple[tuple[str, ...], ...]
@@ -197,7 +194,7 @@ class _Metric(BaseAgent):
 
     def set_control_mode(self, control_mode: str | None = None) -> None:
         """Called by ManiSkill once the robot is loaded: sets the gains, joint by joint; no link sags."""
-        for name, (stiffness, damping, force) in self.gains.items():
+        for name, (stiffness, damping, force) in self.rig.gains.items():
             joint = self.robot.active_joints_map[name]
             joint.set_drive_properties(stiffness, damping, force_limit=force, mode="force")
             joint.set_friction(0.0)
@@ -218,14 +215,11 @@ class MetricPanda(_Metric, Panda):
     """ManiSkill's Panda, whose visual meshes are simplified: ``scripts/make_panda.py``."""
 
     uid = "vlafuzz_panda"
+    rig = PANDA
     urdf_path = str(assets.operators_dir() / "robots" / "panda" / "panda_v2.urdf")
     tcp_name = "panda_hand_tcp"
     fingers = (("panda_leftfinger",), ("panda_rightfinger",))
     wrist = "panda_hand"
-    gains = dict.fromkeys(
-        (*Panda.arm_joint_names, *Panda.gripper_joint_names),
-        (Panda.arm_stiffness, Panda.arm_damping, Panda.arm_force_limit),
-    )
     # Closed is below zero, so that the gripper also presses on thin objects.
     gripper = Gripper(closed=-0.01, open=0.04, width=lambda qpos: float(qpos[-1] + qpos[-2]))
 
@@ -236,7 +230,6 @@ class _FromPack(_Metric):
     Its hand yields out of reach; the reference exceeds joint limits there, or does not move at all.
     """
 
-    rig: Rig
     yields = True
 
     def _load_articulation(self, initial_pose: Any = None) -> None:
@@ -272,7 +265,6 @@ class MetricWidowX(_FromPack):
     # the fingers' collision meshes is 22 mm less than the joint positions.
     gripper = Gripper(closed=0.014, open=0.038, width=lambda qpos: float(qpos[-1] + qpos[-2]) - 0.022)
     urdf_config = _friction(left_finger_link=2.0, right_finger_link=2.0)
-    gains = WIDOWX.gains
 
 
 # Gap between the Google robot's fingers in metres by joint position, measured on the collision meshes.
@@ -294,7 +286,6 @@ class MetricGoogle(_FromPack):
         **dict.fromkeys((name for finger in fingers for name in finger[:2]), 2.0),
         **dict.fromkeys((finger[2] for finger in fingers), 0.1),
     )
-    gains = GOOGLE.gains
     # The reference planner's limits without that of the jerk, 50 rad/s^3, which delays each change of
     # acceleration by 0.04 s.
     pace = Pace(speed=1.5, acceleration=2.0, finger_speed=1.0, finger_acceleration=7.0)
