@@ -27,7 +27,7 @@ from vlafuzz.report.page import render
 from vlafuzz.report.plots import plot_of
 from vlafuzz.report.sources import view_of_corpus, view_of_store
 from vlafuzz.report.view import View
-from vlafuzz.store.records import Run
+from vlafuzz.store.records import Attribution, FoundCause, Run
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.base import SceneMap
 
@@ -144,7 +144,9 @@ def test_it_names_the_phase_of_a_run(tmp_path: Path):
     with Store.open(path, "write") as opened:
         run = begun(opened, ended(SPACE.nominal()), about=replace(MANIFEST, budget=50))
         assert view_of_store(opened).phase == "searching: 1 of 50 rollouts done"
+        opened.keep_causes(run, Attribution((FoundCause(SPACE.nominal(), ("light",), 1),)))
         opened.finish(run, "finished", 1.0)
+        assert view_of_store(opened).phase == "certifying: 0 of 1 cause so far"
     assert view(path).phase == "finished"
     stored(path, about=replace(MANIFEST, budget=50))
     assert view(path).phase == "interrupted: 0 of 50 rollouts done"  # it was killed: nobody writes

@@ -4,8 +4,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from vlafuzz.common.text import named
-from vlafuzz.failures.causes import ListedCause
+from vlafuzz.common.text import named, plural
+from vlafuzz.failures.causes import CauseList, ListedCause
 from vlafuzz.failures.corpus.corpus import Corpus
 from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, space_of, title_of
@@ -53,7 +53,7 @@ def view_of_store(store: Store) -> View:
     return View(
         title=listing.title,
         source=str(store.path),
-        phase=_phase(store, runs),
+        phase=_phase(store, runs, listing.causes),
         heads=tuple(_head(one, listing, runs, store) for one in standings),
         causes=tuple(causes),
         failures=tuple(failures),
@@ -119,15 +119,18 @@ def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) ->
     return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found) + left)
 
 
-def _phase(store: Store, runs: Sequence[Run]) -> str:
-    """How far the newest run of a store is."""
+def _phase(store: Store, runs: Sequence[Run], lists: Sequence[CauseList]) -> str:
+    """What goes on in a store."""
     if not runs:
         return "no run yet"
-    run = runs[-1]
-    if run.status in ("finished", "stopped"):
-        return "finished"
-    word = "searching" if run.status == "running" and is_being_written(store.path) else "interrupted"
-    return f"{word}: {store.rollouts(run.id)} of {run.manifest.budget} rollouts done"
+    run, written = runs[-1], is_being_written(store.path)
+    if run.status != "finished" and run.status != "stopped":
+        word = "searching" if run.status == "running" and written else "interrupted"
+        return f"{word}: {store.rollouts(run.id)} of {run.manifest.budget} rollouts done"
+    if written:
+        found = next((one for one in lists if one.run == run.id), None)
+        return f"certifying: {found.certified} of {plural(found.found, 'cause')} so far" if found else "triaging"
+    return "finished"
 
 
 def view_of_corpus(folder: Path, corpus: Corpus) -> View:
