@@ -390,7 +390,7 @@ class Causes:
         deviations = self._units.deviations(levels[None])[0]
         new = Rule.of(attribution.cause, levels, deviations, self._units)
         rule = self._rules.add(new, deviations, self._units)
-        self._waiting.forget()
+        self._waiting.forget(lambda all_: rule.chance(self._units.deviations(all_), self._units) >= POSSIBLE)
         if rule is new:
             self._tests += [Test(halfway, rule.kept, rule=rule) for halfway in rule.halfway(self._units)]
         else:

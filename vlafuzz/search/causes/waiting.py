@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from vlafuzz.search.causes.units import Levels
 
@@ -45,12 +46,14 @@ class Waiting:
         self._tried.add(levels.tobytes())
         self.add(levels, few=True)
 
-    def forget(self) -> None:
-        """There is a new rule: what failures promised holds no more."""
-        self._promises.clear()
+    def forget(self, explained: Callable[[NDArray[np.int64]], NDArray[np.bool_]]) -> None:
+        """What those failures promised holds no more that a new rule may explain, by their ``(n, dim)`` levels."""
+        waiting = list(self)
+        for index in np.flatnonzero(explained(np.array(waiting))) if waiting else ():
+            self._promises.pop(waiting[index].tobytes(), None)
 
     def next(self, promise: Callable[[Levels], float]) -> Levels | None:
-        """Take out the failure that promises most; what another promised before stands until there is a new rule.
+        """Take out the failure that promises most; what another promised before stands unless a new rule explains it.
 
         Hundreds wait where half of the scenes fail, and a promise takes 5 ms in which all workers would wait.
         """
