@@ -11,6 +11,7 @@ from tests.doubles import Backwards, ClosedForm, Raising, Scripted, Several, Tin
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
+from vlafuzz.campaign import causes as keeping
 from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
@@ -221,6 +222,22 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
     (cause,) = found.causes
     assert cause.scene != dark
     assert np.isclose(cause.scene.light.intensity, 0.25)
+
+
+def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
+    monkeypatch.setattr(keeping, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
+    monkeypatch.setattr(keeping, "SHARE", float("inf"))
+    path = tmp_path / "a.db"
+
+    def watch(tally):
+        if tally.causes:
+            with Store.open(path) as store:
+                kept = store.causes(tally.run)
+            if kept and kept.causes:
+                raise KeyboardInterrupt  # it has gone on long enough
+
+    with pytest.raises(KeyboardInterrupt):
+        run(path, watch=watch)
 
 
 def test_causes_that_act_through_one_quantity_are_kept_as_one(tmp_path: Path):

@@ -1,7 +1,7 @@
 """``vlafuzz report``: the page that it writes, and the failures that it lists in the terminal."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from shutil import copy
 from unittest.mock import Mock
@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import pytest
 
 from tests.cli.typed import complaint, told, typed
+from tests.doubles import ended, failed, scene
 from tests.failures.corpus.corpora import make_corpus
 from tests.report.stores import MANIFEST, MadeUpFilms, store
 from vlafuzz.api import open_store
@@ -16,6 +17,7 @@ from vlafuzz.cli import main
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.rollouts import scene_runner as runner
+from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop import renderer
 from vlafuzz.worlds.tabletop.renderer import Renderer
 
@@ -94,6 +96,28 @@ def test_an_exported_corpus_has_a_page_too(place: Path):
     assert videos(Path("page.html")) == 3
 
 
+def test_a_page_follows_what_is_written_and_ends_as_it_is_to_stay(monkeypatch, capsys):
+    pages: list[str] = []
+    with Store.open(Path("a.db"), "write") as written:
+        run = written.begin(replace(MANIFEST, budget=50))
+
+        def wait(_: float) -> None:
+            pages.append(Path("a.html").read_text())
+            if len(pages) == 2:
+                raise KeyboardInterrupt
+            written.add(run, ended(scene(), failed()))
+
+        monkeypatch.setattr("time.sleep", wait)
+        assert "open a.html" in typed(capsys, ["report", "a.db", "--follow"]).err
+    told = [f"searching: {done} of 50 rollouts done" in page for done, page in enumerate(pages)]
+    assert told == [True, True]
+    assert ['<meta http-equiv="refresh"' in page for page in (*pages, Path("a.html").read_text())] == [
+        True,
+        True,
+        False,
+    ]
+
+
 def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
     monkeypatch.setattr(FilmDesk, "film", Mock(side_effect=KeyboardInterrupt))
     assert main(["report", "a.db", "--out", "page.html"]) == 130
@@ -108,6 +132,8 @@ def test_interrupted_it_leaves_nothing(monkeypatch, place: Path):
         (["a.db", "--out", "empty"], "error: empty: is a folder"),
         (["a.db", "--out", "a.db/page.html"], "error: a.db/page.html: cannot be written"),
         (["a.db", "--out", "page.html", "--limit", "0"], "error: --limit: expected at least 1, got 0"),
+        (["none.db", "--follow"], "error: none.db: no such store or corpus"),
+        (["a.db", "--follow", "--limit", "3"], "error: --limit 3: has no effect with --follow"),
         (["a.db", "--limit", "-1"], "error: --limit: expected at least 0"),
         (["a.db", "--out", "a.html", "--limit", "3", "--no-videos"], "error: --limit 3: with --no-videos there are"),
     ],

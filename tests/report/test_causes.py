@@ -275,3 +275,4 @@ def test_beside_an_estimated_rate_no_count_of_chosen_scenes_is_told():
     none, rate = {"found": 0, "certified": 0, "rollouts": 0}, Probability(0.8, 0.5, 0.9)
     found = CauseList(run=1, of="", causes=(), unexplained=4, probability=rate, **none)
     assert told(found, (), 4, 11) == "No cause was found."
+    assert told(found, (), 4, 11, going_on=True) == "No cause is known yet."

@@ -143,7 +143,10 @@ def test_it_names_the_phase_of_a_run(tmp_path: Path):
     path = tmp_path / "a.db"
     with Store.open(path, "write") as opened:
         run = begun(opened, ended(SPACE.nominal()), about=replace(MANIFEST, budget=50))
-        assert view_of_store(opened).phase == "searching: 1 of 50 rollouts done"
+        live = view_of_store(opened)
+        assert live.phase == "searching: 1 of 50 rollouts done"
+        assert live.heads[0].sentence == "1 of 1 scene failed so far; no cause is known yet."
+        assert (live.todo, [card.step for card in live.cards]) == ((), [None])
         opened.keep_causes(run, Attribution((FoundCause(SPACE.nominal(), ("light",), 1),)))
         opened.finish(run, "finished", 1.0)
         assert view_of_store(opened).phase == "certifying: 0 of 1 cause so far"

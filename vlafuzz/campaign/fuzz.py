@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from vlafuzz.campaign.causes import attribution
+from vlafuzz.campaign.causes import attribution, keeping_causes
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
@@ -146,6 +146,7 @@ class Campaign:
         run = store.begin(self.manifest) if self.resume is None else self.resume
         before = Spent(0.0) if self.resume is None else store.reopen(run, finished=self.more > 0)
         self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
+        self._follow = keeping_causes(self.watch, strategy, self.space, store)
         self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
         self._running, self._tags = dict[int, _Asked | None](), count()  # None: begun early
         self.early = dict[str, int]()  # tags by digest
@@ -247,7 +248,7 @@ class Campaign:
         for trial in past.values():
             self.tally.count(trial)
         if past and not self.past.left:
-            self.watch(self.tally)
+            self._follow(self.tally)
         by_scene = {asked.scene.digest: asked for asked in self._awaited if asked.same is None}
         for index, (proposal, scene) in enumerate(zip(proposals, scenes, strict=True)):
             asked = _Asked(proposal, scene, same=by_scene.get(scene.digest))
@@ -346,4 +347,4 @@ class Campaign:
         with self.tally.store:
             self.store.add(self.tally.run, trial)
         self.tally.count(trial)
-        self.watch(self.tally)
+        self._follow(self.tally)

@@ -23,7 +23,10 @@ COMMANDS = {
     "run": ("vlafuzz.cli.run:command", "Fuzz a policy: find scenes in which it fails."),
     "compare": ("vlafuzz.cli.compare:command", "Compare strategies at equal budget, with statistics."),
     "triage": ("vlafuzz.cli.triage:command", "Find out which failures can be trusted, and what causes them."),
-    "report": ("vlafuzz.cli.report:command", "List what was found, or write it as one HTML page."),
+    "report": (
+        "vlafuzz.cli.report:command",
+        "List what was found, write it as one HTML page, or follow a run in the browser.",
+    ),
     "replay": ("vlafuzz.cli.replay:command", "Run one scene or failure again and show it."),
     "export": ("vlafuzz.cli.export:export", "Write scenes, stores and corpora to files, also of other formats."),
     "regress": ("vlafuzz.cli.corpora:regress", "Check whether a policy got worse on an exported corpus."),

@@ -1,7 +1,9 @@
-"""``vlafuzz report``: in the terminal, or as a page."""
+"""``vlafuzz report``: in the terminal, as a page, or as a page that follows a run."""
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import asdict, replace
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from vlafuzz.report.view import View
 
 FEW, FILMED = 20, 50  # failures that are listed, and that get videos, by default
+REFRESH, TIMES = 10, 20  # seconds between two pages that follow a run; at least so many times what one takes
 VALUES = 3  # operators of an untriaged failure that are shown with their values
 
 
@@ -31,6 +34,9 @@ def command(
         Path, typer.Argument(help="A store that `vlafuzz run` wrote, or an exported corpus.", metavar="STORE|DIR")
     ],
     out: Annotated[Path | None, option("Write one HTML page.", "the terminal")] = None,
+    follow: Annotated[
+        bool, option("Write the page again while a run goes on; a browser reloads it.", flag="--follow")
+    ] = False,
     limit: Annotated[
         int | None, option("Most that are listed, 0 for all; on a page, filmed.", f"{FEW}; {FILMED} on a page")
     ] = None,
@@ -43,16 +49,20 @@ def command(
     Causes come first, the strongest first: those for which most random scenes fail. Failures with one minimal scene are
     listed as one.
 
-    The store is read, never written.
+    With --follow the page, by default STORE.html, has no videos. The store is read, never written.
     """
     from vlafuzz.failures.corpus.folder import locate
 
-    if out:
+    if follow:
+        refuse({"--limit": limit}, "has no effect with --follow")
+    if follow or out:
         refuse({"--json": json or None}, "has an effect in the terminal only")
     check_number("--limit", limit, 1 if out else 0)
     if not locate(source).exists():
         raise UsageError(f"{source}: no such store or corpus", hint="`vlafuzz run` says where its store is")
-    if out:
+    if follow:
+        _follow(source, out or source.with_suffix(".html"))
+    elif out:
         _write(source, out, limit, videos=videos)
     else:
         _list(source, FEW if limit is None else limit, json=json)
@@ -154,3 +164,18 @@ def with_films(view: View, films: Sequence[RunFilms], shots_of: ShotsOf, limit: 
                 reason = error.message
     Bar.note(f"note: no videos: {reason}.")
     return replace(view, notes=(*view.notes, f"No videos: {reason}."))
+
+
+def _follow(source: Path, out: Path) -> None:
+    from vlafuzz.report.page import check_place, render, write_page
+    from vlafuzz.report.sources import view_of
+
+    check_place(out)
+    sys.stderr.write(f"following {source}: open {out} in a browser; Ctrl-C ends it\n")
+    try:
+        while True:
+            began = time.monotonic()
+            write_page(out, render(view_of(source), refresh=REFRESH))
+            time.sleep(max(REFRESH, TIMES * (time.monotonic() - began)))
+    except KeyboardInterrupt:
+        write_page(out, render(view_of(source)))  # as it is to stay

@@ -21,12 +21,20 @@ SAID = 2  # causes in a sentence
 OFF = 0.05  # of an axis: less is no deviation that one would draw
 
 
-def told(found: CauseList | None, causes: Sequence[ListedCause], failed: int, judged: int) -> str:
-    """Say in a sentence what fails: when, if causes are known, else how many of the scenes that were judged."""
+def told(
+    found: CauseList | None, causes: Sequence[ListedCause], failed: int, judged: int, *, going_on: bool = False
+) -> str:
+    """Say in a sentence what fails: when, if causes are known, else how many of the scenes that were judged.
+
+    Args:
+        going_on: the run is not over, so that causes may follow.
+    """
     if causes:
         return sentence(causes)
     if found and found.probability and failed:  # most scenes were chosen: their count would contradict that estimate
-        return f"No cause was found{found.nominal}."
+        return "No cause is known yet." if going_on else f"No cause was found{found.nominal}."
+    if going_on:
+        return f"{failed} of {plural(judged, 'scene')} failed so far; no cause is known yet."
     if not judged:
         return "No scene was judged."
     if not failed:

@@ -23,13 +23,19 @@ from vlafuzz.worlds.evaluator import FILM_SPEED, Film
 MOST = 1500  # scenes that are drawn; of more an even selection
 
 
-def render(view: View) -> str:
-    """A view as one HTML page without external resources."""
+def render(view: View, *, refresh: int | None = None) -> str:
+    """A view as one HTML page without external resources.
+
+    Args:
+        refresh: seconds after which the browser loads it again.
+    """
     made = [shot.film for card in view.cards for shot in card.shots if shot.film]
     films = {film_id(film): _encoded(film.video) for film in made}
     page = environment().get_template("page.html.j2")
     plots = [_plot_data(plot, view) for plot in view.plots]
-    return page.render(view=view, plots=_script(plots), films=_script(films), speed=FILM_SPEED, version=__version__)
+    return page.render(
+        view=view, plots=_script(plots), films=_script(films), speed=FILM_SPEED, version=__version__, refresh=refresh
+    )
 
 
 def film_id(film: Film) -> str:

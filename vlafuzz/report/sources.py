@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from vlafuzz.common.text import named, plural
@@ -33,8 +34,8 @@ def view_of(source: Path) -> View:
 
 
 def view_of_store(store: Store) -> View:
-    """The causes and failures of the runs, with the results of triage."""
-    runs, listing = store.runs(), listing_of_store(store)
+    """The causes and failures of the runs, with the results of triage; nothing to do next while they go on."""
+    runs, listing, going_on = store.runs(), listing_of_store(store), is_being_written(store.path)
     standings, groups = standings_of(store, listing.causes), _comparable(runs)
     plots = [_plot(store, group) for group in groups]
     of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
@@ -54,13 +55,13 @@ def view_of_store(store: Store) -> View:
         title=listing.title,
         source=str(store.path),
         phase=_phase(store, runs, listing.causes),
-        heads=tuple(_head(one, listing, runs, store) for one in standings),
-        causes=tuple(causes),
-        failures=tuple(failures),
+        heads=tuple(_head(one, listing, runs, store, going_on=going_on) for one in standings),
+        causes=tuple(replace(card, step=None) if going_on else card for card in causes),
+        failures=tuple(replace(card, step=None) if going_on else card for card in failures),
         plots=tuple(plot for plot in plots if plot.axes),
         runs=listing.runs,
         tables=(*several, *map(cause_table, listing.causes), run_table(store, runs)) if runs else (),
-        todo=listing.todo,
+        todo=() if going_on else listing.todo,
         notes=tuple(filter(None, (told_early(sum(one.before_event for one in listing.failures)), _TOY * toy))),
     )
 
@@ -107,14 +108,14 @@ def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause,
             yield ListedCause.of_failure(one), one, ""
 
 
-def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store) -> Head:
+def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store, *, going_on: bool) -> Head:
     """The sentence on a policy in a task, by the newest run that looked for causes."""
     numbers = {run.id for run in runs if (run.manifest.model, run.manifest.task) == (one.policy, one.task)}
     found = next((each for each in reversed(listing.causes) if each.run in numbers), None)
     certified = [of for of in listing.failures if of.number in numbers and of.bucket == "minimal"]
     causes = found.causes if found and found.causes else tuple(map(ListedCause.of_failure, certified))
     failed, judged = store.judged(sorted(numbers))
-    said = told(found, causes, failed, judged)
+    said = told(found, causes, failed, judged, going_on=going_on)
     left = f", {found.left}" if found and found.causes else ""
     return Head(f"{one.policy} on {one.task}", said, one.rate, evidence(one.rollouts, found) + left)
 
