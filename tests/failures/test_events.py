@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 
 from tests.doubles import STAGES, ClosedForm, Scripted, begun, ended, failed, manifest, passed
-from tests.failures.triage.planted import WITH_EXTRAS
+from tests.failures.triage.planted import SPACE, WITH_EXTRAS
 from vlafuzz.campaign.fuzz import Campaign
 from vlafuzz.failures.events import Recovery, came_about, failed_before, recovery_of
 from vlafuzz.model import Outcome, Scene
-from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, PictureLoss, Slide
+from vlafuzz.model.scene import EVENTS, ControlStall, GripSlip, Newcomer, PictureLoss, Slide
 from vlafuzz.report.sources import view_of_store
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.stored import StoredResults
@@ -40,6 +40,12 @@ def test_a_scene_that_failed_came_about_without_the_events_that_never_began():
     assert came_about(both, LATE) == SLID
     assert came_about(both, EARLY) == replace(both, **EVENTS)
     assert came_about(both, passed()) is both
+
+
+def test_what_was_never_put_down_was_not_there():
+    there = next(one for seed in range(99) if (one := SPACE.sample(np.random.default_rng(seed))).confounders)
+    late = replace(there, newcomer=Newcomer("carry", "first"))
+    assert came_about(late, LATE) == replace(there, confounders=there.confounders[1:])
 
 
 def test_a_policy_recovers_once_it_is_farther_than_before_the_event():

@@ -226,6 +226,13 @@ class InstructionChange(Event):
 
 
 @dataclass(frozen=True)
+class Newcomer(Event):
+    """One of the confounders is not there before: it is put down where it belongs, as soon as there is room."""
+
+    thing: Literal["none", "first", "second", "third"] = "none"
+
+
+@dataclass(frozen=True)
 class Scene(_Strict):
     """Everything that is shown to the policy. Equal scenes have equal digests.
 
@@ -256,6 +263,7 @@ class Scene(_Strict):
     target_topple: TargetTopple = field(default=TargetTopple(), metadata=_EXTRA)
     grip_weak: GripWeak = field(default=GripWeak(), metadata=_EXTRA)
     instruction_change: InstructionChange = field(default=InstructionChange(), metadata=_EXTRA)
+    newcomer: Newcomer = field(default=Newcomer(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 
     @property

@@ -1,7 +1,7 @@
 """Events: what happens in the middle of an episode, when it is due, and what a scene is like afterwards."""
 
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Camera, Scene, Stage
-from vlafuzz.model.scene import EVENTS, CameraBump, Event, Slide
+from vlafuzz.model.scene import EVENTS, CameraBump, Event, Newcomer, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = {"first": 1, "second": 2, "third": 3}  # of confounders, where the instruction names them
@@ -23,7 +23,11 @@ REACTION = 1.0  # seconds until a hand that is told to stop has to stand still: 
 STANDING = 3.0  # seconds for which it stands still then: more than the two for which commands can be lost
 STILL = 0.05  # metres by which it may move meanwhile: with a thing in it and no commands it sinks by 1.5 cm a second
 FALLEN, UPRIGHT = 0.02, math.cos(math.radians(30.0))  # metres; of the angle by which a thing leans that stands upright
-FALLING = {"grip_slip", "grip_weak", "target_topple"}  # events by which something falls
+FALLING = {"grip_slip", "grip_weak", "target_topple", "newcomer"}  # events by which something falls
+DROP = 0.005  # metres above its place at which a newcomer is let go; from 1 cm, a lying can rolls away
+ROOM = 0.03  # metres between a newcomer and all else: more than a hand moves while it falls
+_ANGLES = np.arange(0.0, np.pi, np.pi / 16)
+_DIRECTIONS = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])  # (2, 16) in which two things may be apart
 SLIDING = 0.6  # seconds in which a thing slides to its new place: three control steps of most policies
 
 
@@ -40,13 +44,17 @@ class Events:
         self._fingers = 1.0  # of the last command
         self._last = dict[str, Picture]()  # by camera, seen before the pictures were lost
 
-    def begin(self, step: int, progress: float) -> list[Event]:
-        """The events that begin with a control step, given the best progress before it, in [0, 1]."""
+    def begin(self, step: int, progress: float, has_room: Callable[[], bool]) -> list[Event]:
+        """The events that begin with a control step, given the best progress before it, in [0, 1].
+
+        ``has_room``: whether a newcomer can be put down; it waits for that.
+        """
         self._step = step
         due = [
             name
             for name, event in self.parts.items()
             if name not in self._begun and _is_due(event, step, progress, self._hz, self._stages)
+            if not isinstance(event, Newcomer) or has_room()
         ]
         self._begun |= dict.fromkeys(due, step)
         return [self.parts[name] for name in due]
@@ -120,16 +128,34 @@ def _lasts(event: Event, hz: int) -> int:
     return max(1, round(SLIDING * hz)) if isinstance(event, Slide) else getattr(event, "duration", 0)
 
 
+def newcomer(scene: Scene) -> int | None:
+    """The number, among a scene's placements, of what is put down in mid-episode; None if nothing is."""
+    number = NUMBERS.get(scene.newcomer.thing)
+    return None if number is None else len(scene.targets) + number - 1
+
+
+def has_room(thing: Array, others: Iterable[Array]) -> bool:
+    """Whether the ``(n, 3)`` corners of a thing are ``ROOM`` apart from those of others: beside, or under them."""
+    x, top = thing[:, :2] @ _DIRECTIONS, thing[:, 2].max() + DROP + ROOM
+    near = (other[:, :2] @ _DIRECTIONS for other in others if other[:, 2].min() < top)
+    return all(max((y.min(0) - x.max(0)).max(), (x.min(0) - y.max(0)).max()) > ROOM for y in near)
+
+
 def without(scene: Scene, events: Collection[str]) -> Scene:
-    """The scene in which some events, by their names, never happen."""
-    return replace(scene, **{name: EVENTS[name] for name in events})
+    """The scene in which some events, by their names, never happen: what they would put down is not there."""
+    late, things = newcomer(scene) if "newcomer" in events else None, scene.confounders
+    there = tuple(thing for number, thing in enumerate(things, len(scene.targets)) if number != late)
+    return replace(scene, confounders=there, **{name: EVENTS[name] for name in events})
 
 
 def impossible(scene: Scene) -> str | None:
     """Why the events of a scene cannot happen, if so."""
-    change = scene.instruction_change.to
-    if NUMBERS.get(change, 0) > len(scene.confounders):
-        return f"instruction-change: there is no {change} other thing"
+    change, came = scene.instruction_change.to, scene.newcomer.thing
+    for event, number in (("instruction-change", change), ("newcomer", came)):
+        if NUMBERS.get(number, 0) > len(scene.confounders):
+            return f"{event}: there is no {number} other thing"
+    if change in NUMBERS and came in NUMBERS:
+        return "instruction-change: it names no other thing where one is put down"
     falls = change == STOP and scene.events.keys() & FALLING
     return f"instruction-change: after {STOP!r}, another event would let something fall" if falls else None
 

@@ -21,7 +21,7 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 STAGES = ("grasp", "lift", "success")
 CATALOGUE = load_catalogue()
 SPACE = Remembering(load_operators().only(OPERATORS.keys() - EXTRAS), CATALOGUE, "pick-up")
-WITH_EXTRAS = Remembering(load_operators().only(OPERATORS), CATALOGUE, "pick-up")
+WITH_EXTRAS = Remembering(load_operators().only(OPERATORS.keys() - {"newcomer"}), CATALOGUE, "pick-up")
 
 Condition = Callable[[Scene], bool]
 
@@ -65,7 +65,8 @@ EXTRA_CONDITIONS: dict[str, Condition] = {
     "grip-weak": lambda scene: scene.grip_weak.force < 0.5 and scene.grip_weak.when == "carry",
     "instruction-change": lambda scene: scene.instruction_change.to != "same",
 }
-ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "goal-slide"}  # a task of one target
+# Which the tabletop lacks, or a task of one target; a newcomer is nothing without confounders.
+ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "goal-slide", "newcomer"}
 assert CONDITIONS.keys() | EXTRA_CONDITIONS.keys() == GROUPS.keys() - ELSEWHERE
 
 

@@ -13,7 +13,7 @@ from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.path import directed
 from vlafuzz.model import Backdrop, Camera, Causes, Conditions, InitialPose, Light, Placement, Scene, Verdict
-from vlafuzz.model.scene import ControlStall, GripSlip, GripWeak, InstructionChange, LightSwitch, Slide, Start
+from vlafuzz.model.scene import ControlStall, GripSlip, GripWeak, InstructionChange, LightSwitch, Newcomer, Slide, Start
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
@@ -242,6 +242,13 @@ class TestEvaluator:
         closings = np.flatnonzero(np.diff(solved.rollouts[0].actions[:, 6]) < 0)
         assert (solved.verdict, len(closings)) == (Verdict.PASSED, 2)
         assert closings[1] - closings[0] < 80  # not after a way of 60 steps without it
+
+    def test_the_expert_solves_a_scene_in_which_popcorn_is_put_down_meanwhile_bit_by_bit_the_same(self, soup, varied):
+        crowded = replace(varied.nominal(), confounders=(added("popcorn", -0.2, -0.3),))
+        scene = replace(crowded, newcomer=Newcomer("approach", "first"))
+        solved, again, usual = soup.evaluate([scene, scene, crowded])
+        assert (solved.verdict, usual.verdict) == (Verdict.PASSED, Verdict.PASSED)
+        assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != usual.rollouts[0].states_hash
 
     def test_a_lift_goes_on_after_a_stall(self, soup, varied):
         (solved,) = soup.evaluate([replace(varied.nominal(), control_stall=ControlStall("grasp", 10))])

@@ -11,7 +11,7 @@ import pytest
 from tests.cli.typed import typed
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, STILL, nominal, pick_up, put
 from vlafuzz.model import Camera, Conditions, Scene
-from vlafuzz.model.scene import GripSlip, TargetTopple
+from vlafuzz.model.scene import GripSlip, Newcomer, TargetTopple
 from vlafuzz.policies.base import CameraRequest, EpisodeStart
 from vlafuzz.worlds import opengl, world_of
 from vlafuzz.worlds.tabletop.experts.expert import Expert, Privileged, belief, controller
@@ -92,6 +92,15 @@ def test_events_happen_here_too():
     made.begin(replace(fallen, targets=(put("coke_can", -0.05, 0.1),)))
     upright = [made.advance(STILL).rotations[0][2, 2] for _ in range(10)]
     assert (upright[0], upright[-1]) == (pytest.approx(1.0, abs=1e-3), pytest.approx(0.0, abs=0.05))
+    made.begin(
+        scene := replace(
+            pick_up(put("coke_can", -0.05, 0.1), put("apple", 0.0, -0.2)), newcomer=Newcomer("start", "first")
+        )
+    )
+    made.check(scene)
+    states = [made.advance(STILL) for _ in range(10)]
+    assert [1 in state.there for state in states] == [False] * 5 + [True] * 5
+    assert states[-1].positions[1] == pytest.approx([0.0, -0.2, 0.035], abs=0.01)
 
 
 @pytest.mark.skipif(not opengl.device(), reason="no OpenGL with EGL")

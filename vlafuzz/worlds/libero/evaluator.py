@@ -2,7 +2,7 @@
 
 import atexit
 import hashlib
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Unpack
 
 import numpy as np
@@ -76,7 +76,9 @@ class LiberoEpisode(Episode):
         due, _ = self._commands.exchange(action, self._spec.action.relative_to)
         events, slides = self._events, dict[int, Array]()
         if events.parts:
-            for event in events.begin(len(self.actions) - 1, self.monitor.progress):
+            for event in events.begin(
+                len(self.actions) - 1, self.monitor.progress, partial(self._setting.let_in, self.scene)
+            ):
                 self._setting.happen(self.scene, event)
                 if isinstance(event, InstructionChange):
                     self._instruction, left = STOP, self._last - len(self.actions) + 1

@@ -10,7 +10,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Light, Placement, Rejection, Scene
 from vlafuzz.model.scene import EXTRAS
-from vlafuzz.worlds.events import NUMBERS, afterwards, impossible
+from vlafuzz.worlds.events import NUMBERS, afterwards, impossible, without
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
@@ -51,7 +51,8 @@ class Fairness:
             return Rejection("semantic", problem)
         # the rest of a scene decides nothing here
         judged = ("targets", "confounders", "start", "initial_pose", "camera")
-        seen = replace(nominal, light=Light(), **{part: getattr(scene, part) for part in judged})
+        first = without(scene, scene.events)
+        seen = replace(nominal, light=Light(), **{part: getattr(first, part) for part in judged})
         rejection = self._judged(seen, replace(nominal, start=scene.start))
         if rejection is None and scene.events:
             late = (self.check(afterwards(scene, share)) for share in SLID)

@@ -15,14 +15,13 @@ from vlafuzz.worlds.libero.casts import pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
 from vlafuzz.worlds.libero.packages import versions
-from vlafuzz.worlds.libero.setting import Standing
+from vlafuzz.worlds.libero.setting import OUTLINE, Standing
 from vlafuzz.worlds.libero.suites import PLACING, LiberoTask, find_task
 from vlafuzz.worlds.manipulation.rigs import LIBERO
 
 REACH = LIBERO.reach
 VERSION = 2  # raise it when looking finds something else
 MANY = 20_000  # points of a piece of furniture
-OUTLINE = 1500  # points of a thing's surface
 SLACK = 0.005  # metres by which two things may come closer than in the initial state
 
 

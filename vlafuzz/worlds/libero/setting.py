@@ -13,10 +13,10 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Camera, Placement, Scene
 from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch
-from vlafuzz.worlds.events import turned
+from vlafuzz.worlds.events import has_room, newcomer, turned, without
 from vlafuzz.worlds.libero.casts import cast
 from vlafuzz.worlds.libero.env import LiberoEnv
-from vlafuzz.worlds.libero.grasps import triangles
+from vlafuzz.worlds.libero.grasps import surface, triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS
 
 VIEW = CAMERAS[0]
@@ -24,6 +24,7 @@ VIEW = CAMERAS[0]
 _OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 _LIT = ("ambient", "diffuse", "specular")
 GAP = 0.002  # metres above what carries a thing, at the start
+OUTLINE = 1500  # points of a thing's surface
 CALM = 20  # control steps after which the suite's things rest
 
 
@@ -44,7 +45,8 @@ class Setting:
     def begin(self, scene: Scene) -> None:
         """Begin an episode in a scene; a SceneError if the task has no such things, or no such initial state."""
         env, number = self.env, scene.start.state
-        task, added = cast(self._task, scene), tuple(placed.object for placed in scene.confounders)
+        there = without(scene, scene.events).confounders
+        task, added = cast(self._task, scene), tuple(placed.object for placed in there)
         if number >= len(env.states):
             problem = f"start.state: {task} has {len(env.states)} initial states, not {number + 1}"
             raise SceneError(problem)
@@ -55,14 +57,32 @@ class Setting:
             self._swap(self._standing, positions)
         self._place(scene, positions)
         if self._standing:
-            for placed in scene.confounders:
-                at, place = self._addresses[placed.object], np.array([placed.x, placed.y])
-                positions[at : at + 7] = self._standing.pose(placed.object, place)
-                _turned(positions, at, place, placed)
+            for placed in there:
+                self._stand(self._standing, placed, positions)
         self._light(scene.light.intensity)
         self._aim(scene.camera)
         self._grip(1.0)
         env.restore(state)
+
+    def let_in(self, scene: Scene) -> bool:
+        """Put down the newcomer of a scene if it has room beside things and hand; whether it had."""
+        env, late, standing = self.env, newcomer(scene), self._standing
+        assert late is not None
+        assert standing is not None
+        placed, positions = scene.placements[late], env.data.qpos.copy()
+        bodies = [surface(env, env.bodies[name], OUTLINE) for name in env.movable]
+        fingers = (env.model.geom(name).id for name in env.robosuite.robots[0].gripper.contact_geoms)
+        bodies += [triangles(env, geom).reshape(-1, 3) for geom in fingers]
+        self._stand(standing, placed, positions)
+        before = env.data.qpos.copy()
+        env.cast(env.task, tuple(thing.object for thing in scene.confounders))
+        env.arrange(positions)
+        env.data.qvel[env.away.freedoms[placed.object]] = 0.0
+        free = has_room(surface(env, env.bodies[placed.object], OUTLINE), bodies)
+        if not free:
+            env.cast(env.task, tuple(thing.object for thing in without(scene, scene.events).confounders))
+            env.arrange(before)
+        return free
 
     def happen(self, scene: Scene, event: Event) -> None:
         """What begins with an event of a scene in mid-episode, and stays."""
@@ -79,6 +99,12 @@ class Setting:
         at, free = self._addresses[name], self.env.away.freedoms[name]
         data.qpos[at : at + 2] += shift
         data.qvel[free] *= [0, 0, 1, 0, 0, 0]
+
+    def _stand(self, standing: "Standing", placed: Placement, positions: Array) -> None:
+        """Have a thing that is added at its place, in ``(nq,)`` positions."""
+        at, place = self._addresses[placed.object], np.array([placed.x, placed.y])
+        positions[at : at + 7] = standing.pose(placed.object, place)
+        _turned(positions, at, place, placed)
 
     def _grip(self, force: float) -> None:
         self.env.model.actuator_forcerange[self._fingers] = force * self._press

@@ -8,7 +8,7 @@ from typing import Any
 
 from vlafuzz.model import Camera, Gene, Placement, Scene, scene as model
 from vlafuzz.model.space import Values
-from vlafuzz.worlds.events import MOST
+from vlafuzz.worlds.events import MOST, NUMBERS
 from vlafuzz.worlds.manipulation.base import Layout
 
 PARTS: dict[str, Any] = {"light": model.Light(), **model.EXTRAS}  # parts of a scene with one gene per field
@@ -71,6 +71,8 @@ class TableComposer(ABC):
     def parts(self, values: Mapping[str, float]) -> dict[str, Any]:
         """Camera, light and extras with these values, by the names of the scene's fields."""
         made = {part: self._part(part, values) for part in PARTS}
+        if NUMBERS.get(made["newcomer"].thing, 0) > values["confounders"]:
+            made["newcomer"] = model.EVENTS["newcomer"]  # there is no such thing
         events = [part for part, usual in model.EVENTS.items() if made[part] != usual]
         if len(events) > MOST:  # the smallest do not happen
             size = {part: max(gene.distance(values[gene.path]) for gene in self._parts[part]) for part in events}

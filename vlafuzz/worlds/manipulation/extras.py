@@ -124,8 +124,8 @@ class EventOperator(Extra):
                     yield replace(gene, kind="angle", grid=replace(gene.grid, wraps=True), neutral=True)
                 elif gene.path.endswith(".intensity"):
                     yield replace(gene, grid=replace(gene.grid, log=True))
-                elif gene.path.endswith((".rest", ".to")):
-                    yield replace(gene, drawn=SELDOM)
+                elif gene.path.endswith((".rest", ".to", ".thing")):
+                    yield replace(gene, drawn=1.0 if gene.path.endswith(".thing") else SELDOM)
                 else:
                     yield replace(gene, neutral=gene.kind == "category")
 
@@ -163,6 +163,7 @@ EVENT_KINDS = (
     _event("target-topple", "whether the target falls over in mid-episode", "the target falls over"),
     _event("grip-weak", "a factor on the fingers' force in mid-episode", "the grip weakens"),
     _event("instruction-change", "what the instruction says from mid-episode on", "the instruction changes"),
+    _event("newcomer", "which confounder is put down in mid-episode only", "{newcomer} is put down"),
 )
 EXTRA_KINDS: tuple[type[Extra], ...] = (
     _of_part(Extra, "backdrop", "what table and wall look like"),
@@ -175,7 +176,8 @@ EXTRA_KINDS: tuple[type[Extra], ...] = (
     *EVENT_KINDS,
 )
 EXTRAS = frozenset(kind.name for kind in EXTRA_KINDS)
-EVENTS = tuple(kind.name for kind in EVENT_KINDS)
+# `events` stands for all but the last one, which came later: random scenes are to stay what they are.
+EVENTS = tuple(kind.name for kind in EVENT_KINDS[:-1])
 
 
 def _again(name: str, ranges: dict[str, Any]) -> Extra:

@@ -56,7 +56,9 @@ class OperatorSet:
         varied = dict.fromkeys(name for given in names for name in (EVENTS if given == "events" else (given,)))
         for name in varied:
             check_choice("operator", name, OPERATORS)
-        idle = [name for name in varied if name.startswith("confounder-") and name != ConfounderCount.name]
+        idle = [
+            name for name in varied if name.startswith(("confounder-", "newcomer")) and name != ConfounderCount.name
+        ]
         if idle and ConfounderCount.name not in varied and self.get(ConfounderCount).nominal == 0:
             problem = f"{idle[0]}: there is no confounder to vary while {ConfounderCount.name} stays 0"
             hint = f"vary {ConfounderCount.name} as well, or give it another nominal value in a file"

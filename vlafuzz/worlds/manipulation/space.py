@@ -15,6 +15,7 @@ from vlafuzz.model.phrasing import beyond
 from vlafuzz.model.scene import in_words
 from vlafuzz.model.space import CONFOUNDERS, Composer, Range, Values, Vector
 from vlafuzz.worlds.base import SceneMap, World
+from vlafuzz.worlds.events import newcomer
 from vlafuzz.worlds.manipulation import extras, operators as kinds
 from vlafuzz.worlds.manipulation.composer import camera
 from vlafuzz.worlds.manipulation.jitter import jittered, polar
@@ -171,10 +172,12 @@ class TableSpace(Space):
         if issubclass(kind := kinds.OPERATORS[self.group(group)[0]], extras.EventOperator):
             event, usual = getattr(scene, kind.part), self.values(other)
             size = " or ".join(beyond(low, high, usual) for low, high in fails)
-            names = [field.name for field in fields(event) if field.name not in ("when", "rest", "direction")]
+            names = [field.name for field in fields(event) if field.name not in ("when", "rest", "direction", "thing")]
             here = _fields(event, model.EVENTS[kind.part], names)
             how = f" {kind.by} {size}" if size else f" ({here})" if here else ""
-            return f"{kind.happens}{how} {_MOMENTS[event.when]}"
+            late = newcomer(scene)
+            happens = kind.happens if late is None else kind.happens.format(newcomer=_name(scene.placements[late]))
+            return f"{happens}{how} {_MOMENTS[event.when]}"
         if group == kinds.CameraOrientation.name:
             return self._turns(scene, other, fails)
         if group in (kinds.TargetPosition.name, kinds.TargetOrientation.name) and not fails:

@@ -14,7 +14,7 @@ from vlafuzz.model import Conditions, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest, Observation, Outlines, Policy, PolicySpec, Silhouette
 from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
-from vlafuzz.worlds.events import afterwards
+from vlafuzz.worlds.events import afterwards, without
 from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
 from vlafuzz.worlds.manipulation.looks import COLOUR
@@ -92,9 +92,10 @@ class TabletopEvaluator(SceneEvaluator):
             return Rejection("semantic", f"its task is {scene.task!r}, not {self._task.name!r}")
         distance, spec = MIN_DISTANCE.of(self._conditions), self._policy.spec
         flat = spec.silhouettes and not spec.cameras and not spec.calibrated
-        rejection = check_static(scene, self.catalogue, distance, self._visible, outlines=flat)
+        first = without(scene, scene.events)
+        rejection = check_static(first, self.catalogue, distance, self._visible, outlines=flat)
         rejection = rejection or check_events(scene, self.catalogue, distance, self._visible)
-        rejection = rejection or self.settled(scene, self.catalogue)
+        rejection = rejection or self.settled(first, self.catalogue)
         if rejection is None and scene.events:
             rejection = self.settled(afterwards(scene), self.catalogue)
         return rejection

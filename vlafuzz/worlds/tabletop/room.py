@@ -13,15 +13,26 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import SimulatorError
-from vlafuzz.model import Scene, scene as kinds
+from vlafuzz.model import Placement, Scene, scene as kinds
 from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Start
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
-from vlafuzz.worlds.events import NUMBERS, STOP, Events, afterwards, cancelled, turned
+from vlafuzz.worlds.events import DROP, NUMBERS, STOP, Events, afterwards, cancelled, has_room, newcomer, turned
+from vlafuzz.worlds.manipulation.arms import hand_boxes
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.looks import PAINTS
 from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
-from vlafuzz.worlds.tabletop.tasks import State, StateMonitor, looked_at, say, task as task_named, wordings_of
+from vlafuzz.worlds.tabletop.tasks import (
+    AWAY,
+    State,
+    StateMonitor,
+    corners,
+    looked_at,
+    say,
+    task as task_named,
+    wordings_of,
+)
 
 # In the hand's frame: in front of the palm, 5 cm off its middle, looking along the fingers.
 WRIST_CAMERA = ((0.05, 0.0, 0.03), (0.0, 0.5**0.5, 0.0, 0.5**0.5))
@@ -84,7 +95,11 @@ class Room(ABC):
         self._scene, self.instruction = scene, scene.instruction
         self.view = camera_pose(self.rig.view, scene.camera)
         self.light, self.table_colour = scene.light.intensity, PAINTS[scene.backdrop.colour]
-        start = self.build(scene)
+        start, self._late = self.build(scene), newcomer(scene)
+        if self._late is not None:
+            self._put(self._late, scene.placements[self._late], AWAY, floats=True)
+            start = self.world.read()
+        self._state = start
         self._step, self._noise = 0, SensorNoise(scene.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = StateMonitor(self.task, self.models, start)
@@ -95,14 +110,26 @@ class Room(ABC):
         """Execute a metric action for one control step (see ``MetricArm``); the state after it."""
         events, slides = self._events, None
         if events.parts:
-            for event in events.begin(self._step, self.monitor.progress):
+            for event in events.begin(self._step, self.monitor.progress, self._has_room):
                 self._happen(event)
             slides = events.slides()
         command, relative_to = self._commands.exchange(action, relative_to)
-        state: State = self.world.step(events.executed(command), relative_to, slides)
-        self.monitor.observe(state)
+        self._state = self.world.step(events.executed(command), relative_to, slides)
+        self.monitor.observe(self._state)
         self._step += 1
-        return state
+        return self._state
+
+    def _put(self, number: int, placed: Placement, up: float = 0.0, *, floats: bool = False) -> None:
+        (model,) = models_of([placed], self.catalogue)
+        self.world.put(number, self.world.place(model, placed), up, floats=floats)
+
+    def _has_room(self) -> bool:
+        """Whether what is still to be put down has room where it belongs, beside things and hand."""
+        assert self._late is not None
+        state, late = self._state, self._scene.placements[self._late]
+        others = [corners(self.models[index], state, index) for index in state.there]
+        hand = hand_boxes(state.tcp, state.tcp_rotation, state.opening)
+        return has_room(solid(late, self.catalogue[late.object]), [*others, *hand])
 
     def _happen(self, event: Event) -> None:
         """What begins with an event, and stays."""
@@ -113,8 +140,9 @@ class Room(ABC):
             self.light *= event.intensity
             self.relight()
         elif isinstance(event, kinds.TargetTopple):
-            lying = replace(self._scene.targets[0], rest=event.rest)
-            self.world.put(0, self.world.place(*models_of([lying], self.catalogue), lying))
+            self._put(0, replace(self._scene.targets[0], rest=event.rest))
+        elif isinstance(event, kinds.Newcomer) and self._late is not None:
+            self._put(self._late, self._scene.placements[self._late], DROP)
         elif isinstance(event, kinds.GripWeak):
             self.world.grip(event.force)
         elif isinstance(event, kinds.InstructionChange) and event.to == STOP:
@@ -137,8 +165,9 @@ class Room(ABC):
         if names != built:
             _fail("objects", names, built)
         models = models_of(scene.placements, self.catalogue)
-        for model, placement, pose in zip(models, scene.placements, self.world.poses, strict=True):
-            _check_pose(placement.object, self.world.place(model, placement), pose)
+        for number, (model, placement, pose) in enumerate(zip(models, scene.placements, self.world.poses, strict=True)):
+            up = AWAY if number == newcomer(scene) else 0.0
+            _check_pose(placement.object, self.world.place(model, placement), pose, up)
         light, camera, backdrop = self.measured()
         if abs(light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, light)
@@ -166,8 +195,8 @@ def _alike(expected: Any, actual: Any) -> bool:
     )
 
 
-def _check_pose(name: str, expected: Any, actual: Any) -> None:
-    distance = float(np.abs(expected.p - actual.p).max())
+def _check_pose(name: str, expected: Any, actual: Any, up: float = 0.0) -> None:
+    distance = float(np.abs(expected.p + np.array([0.0, 0.0, up]) - actual.p).max())
     turn = float(min(np.abs(expected.q - actual.q).max(), np.abs(expected.q + actual.q).max()))
     if not (distance <= METRES and turn <= TURN):
         _fail(f"pose of {name}", expected, actual)

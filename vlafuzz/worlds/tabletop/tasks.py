@@ -25,7 +25,7 @@ A, B = 0, 1  # the first target is manipulated, the second one is where it goes
 LIFTED = 0.02  # height above the start, metres
 MOVED = 0.03  # displacement, metres
 NEAR = 0.05  # gap between two footprints, metres
-FALLEN = -2.5  # metres: what has fallen from the table is under the floor there, seen by nobody
+AWAY = -5.0  # metres from its place to where a thing waits that is put down later: under the floor, seen by nobody
 ON_TABLE = 0.004  # gap between an object and the table, due to contact offset and settling, metres
 INSIDE = 0.005  # overlap of a hull with a container's wall, as collision parts are slightly rounded, metres
 _ANGLES = np.arange(0.0, 2 * np.pi, np.pi / 32)
@@ -52,8 +52,8 @@ class State:
 
     @property
     def there(self) -> list[int]:
-        """The objects that have not fallen out of the room."""
-        return [index for index, height in enumerate(self.positions[:, 2].tolist()) if height > FALLEN]
+        """The objects that are in the room: all but one that waits to be put down."""
+        return [index for index, height in enumerate(self.positions[:, 2].tolist()) if height > AWAY / 2]
 
     def touches(self, index: int) -> set[int | str]:
         return {other for touching, other in self.contacts if touching == index}

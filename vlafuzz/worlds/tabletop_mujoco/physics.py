@@ -98,9 +98,10 @@ class MujocoPhysics:
             mujoco.mj_step(self.model, self.data, nstep=1 if slides else self._substeps)
         return self.read()
 
-    def put(self, number: int, pose: Placed) -> None:
+    def put(self, number: int, pose: Placed, up: float = 0.0, *, floats: bool = False) -> None:
         now, speed = self._state_of(number)
-        now[2:], speed[:] = [pose.p[2], *pose.q], 0.0
+        now[2:], speed[:] = [pose.p[2] + up, *pose.q], 0.0
+        self.model.body_gravcomp[self.model.body(str(number)).id] = float(floats)
 
     def exchange(self, number: int) -> State:
         self._order[0], self._order[number] = self._order[number], self._order[0]

@@ -16,6 +16,7 @@ from vlafuzz.model.scene import (
     GripWeak,
     InstructionChange,
     LightSwitch,
+    Newcomer,
     PictureLoss,
     Slide,
     TargetTopple,
@@ -101,6 +102,25 @@ CROWDED = replace(nominal(), confounders=(put("green_cube", 0.05, 0.2),))
 CHANGED = InstructionChange("grasp", "first")
 
 
+def test_a_newcomer_stands_in_its_place_a_step_after_it_is_due_and_is_nowhere_before(env):
+    scene = replace(CROWDED, newcomer=Newcomer("start", "first"))
+    env.begin(scene)
+    env.check(scene)
+    states = [env.advance(STILL) for _ in range(SECOND + 6)]
+    place = env.world.place(CATALOGUE["green_cube"], scene.confounders[0]).p
+    assert [1 in state.there for state in states] == [step >= SECOND for step in range(SECOND + 6)]
+    assert all(np.abs(state.positions[1] - place).max() < 1e-3 for state in states[SECOND + 1 :])
+
+
+def test_a_newcomer_waits_until_the_hand_is_out_of_its_way(env):
+    down, aside = np.array([0.0, 0, -0.05, 0, 0, 0, 1]), np.array([0.0, -0.05, 0, 0, 0, 0, 1])
+    x, y, _ = env.begin(NOMINAL).tcp
+    scene = replace(NOMINAL, targets=(put("coke_can", x, y + 0.25),), confounders=(put("apple", x, y),))
+    env.begin(replace(scene, newcomer=Newcomer("start", "first")))
+    there = [1 in env.advance(action).there for action in [down] * 4 + [STILL] * 6 + [aside] * 6]
+    assert there.index(True) > 10
+
+
 def test_an_instruction_changes_for_the_policy_and_for_what_counts_as_success(expert_on):
     heard = []
 
@@ -163,8 +183,9 @@ def repeating(actions: np.ndarray) -> Meddled:
         {"grip_slip": GripSlip("carry", 3)},
         {"target_topple": TargetTopple("approach", "lying"), "grip_weak": GripWeak("grasp", 0.3)},
         {"control_stall": ControlStall("approach", 6), "camera_bump": CameraBump("grasp", 1.0, 2.0, 1.0)},
+        {"newcomer": Newcomer("approach", "first"), "confounders": CROWDED.confounders},
     ],
-    ids=["slide", "slip", "topple", "stall"],
+    ids=["slide", "slip", "topple", "stall", "newcomer"],
 )
 def test_the_expert_notices_and_solves_the_scene_which_repeating_its_usual_actions_does_not(expert_on, event):
     usual, scene = nominal(), replace(nominal(), **event)
@@ -173,7 +194,7 @@ def test_the_expert_notices_and_solves_the_scene_which_repeating_its_usual_actio
     assert solved.verdict is Verdict.PASSED
     assert 0 < solved.rollouts[0].recovery < 20
     assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != before.rollouts[0].states_hash
-    if "grip_slip" not in event:  # a closing hand may still hold it
+    if not event.keys() & {"grip_slip", "newcomer"}:  # a closing hand may still hold it, a newcomer stand aside
         (blind,) = evaluate(repeating(before.rollouts[0].actions), scene)
         assert blind.verdict is Verdict.FAILED
 
@@ -203,13 +224,28 @@ def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
             replace(nominal(), instruction_change=InstructionChange("start", "second")),
             "instruction-change: there is no second other thing",
         ),
+        (replace(CROWDED, newcomer=Newcomer("start", "third")), "newcomer: there is no third other thing"),
+        (
+            replace(CROWDED, newcomer=Newcomer("start", "first"), instruction_change=CHANGED),
+            "instruction-change: it names no other thing where one is put down",
+        ),
         (replace(nominal(), instruction_change=STOPPED), "instruction-change: pick-up may end as after 'stop'"),
         (
             replace(nominal("put-on"), instruction_change=STOPPED, grip_weak=GripWeak("start", 0.2)),
             "instruction-change: after 'stop', another event would let something fall",
         ),
     ],
-    ids=["off the table", "through a can", "out of the picture", "that cannot lie", "to nothing", "in hand", "to fall"],
+    ids=[
+        "off the table",
+        "through a can",
+        "out of the picture",
+        "that cannot lie",
+        "to nothing",
+        "nothing comes",
+        "to what comes",
+        "in hand",
+        "to fall",
+    ],
 )
 def test_a_scene_is_only_fair_if_what_happens_in_it_is(scene, says):
     rejection = check_events(scene, CATALOGUE, 0.1, None)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from vlafuzz.errors import CatalogueError, SceneError
+from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene
 from vlafuzz.model.scene import EXTRAS as PARTS
 from vlafuzz.worlds import world_of
@@ -24,7 +24,7 @@ quickly = settings(max_examples=3, derandomize=True, deadline=None, database=Non
 tasks = pytest.mark.parametrize("task", TASKS)
 # Of states that worlds other than the tabletop have.
 ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation"}
-extras = pytest.mark.parametrize("name", sorted(EXTRAS - ELSEWHERE - {"goal-slide"}))
+extras = pytest.mark.parametrize("name", sorted(EXTRAS - ELSEWHERE - {"goal-slide", "newcomer"}))
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -164,6 +164,15 @@ def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, objec
 )
 def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
     assert scene.digest == digest
+
+
+def test_a_newcomer_is_a_confounder_so_there_is_none_without_them() -> None:
+    with pytest.raises(UsageError, match="newcomer: there is no confounder to vary"):
+        load_operators().only(["newcomer"])
+    one = space("pick-up", "newcomer", "confounder-count")
+    drawn = [one.sample(np.random.default_rng(seed)) for seed in range(20)]
+    assert {bool(scene.events) for scene in drawn if scene.confounders} == {True, False}
+    assert not any(scene.events for scene in drawn if not scene.confounders)
 
 
 @tasks

@@ -104,11 +104,15 @@ class World:
         turned = sapien.Pose(q=[np.cos(half), 0, 0, np.sin(half)]) * sapien.Pose(q=pose.quaternion)
         return sapien.Pose(np.array([placement.x, placement.y, pose.height]), turned.q)
 
-    def put(self, number: int, pose: sapien.Pose) -> None:
-        """Turn an object, where it is, as in a pose on the table."""
+    def put(self, number: int, pose: sapien.Pose, up: float = 0.0, *, floats: bool = False) -> None:
+        """Turn an object, where it is, as in a pose on the table, or metres above.
+
+        ``floats``: whether it stays in the air.
+        """
         body = self._placed[number]
-        body.entity_pose = sapien.Pose([*body.entity_pose.p[:2], pose.p[2]], pose.q)
+        body.entity_pose = sapien.Pose([*body.entity_pose.p[:2], pose.p[2] + up], pose.q)
         body.linear_velocity = body.angular_velocity = np.zeros(3, dtype=np.float32)
+        body.disable_gravity = floats
 
     def exchange(self, number: int) -> State:
         """Exchange the first object with another one in all states from now on; the present state."""
