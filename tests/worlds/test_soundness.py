@@ -79,8 +79,43 @@ def test_a_world_that_comes_with_vlafuzz_is_not_checked_that_way(capsys):
     assert "this world comes with vlafuzz" in typed(capsys, "doctor --world tabletop", code=2).err
 
 
+def first_run(folder: Path, capsys, world: str, *flags: str, code: int = 0) -> str:
+    """What ``vlafuzz run`` says of a world whose cache is in a folder."""
+    asked = f"run --world {world} --policy {MODULE}:sliding --strategy random --budget 1"
+    return " ".join(typed(capsys, [*asked.split(), "--store", str(folder / "a.db"), *flags], code=code).err.split())
+
+
+def test_a_world_is_looked_at_where_it_is_first_used_and_again_after_a_change(tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "cache"))
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "fresh_cart.py").write_text("from tests.worlds.carts import Expert\nclass Mine(Expert): ...\n")
+    new, world = "python:fresh_cart:Mine is new here", "python:fresh_cart:Mine"
+    assert new in first_run(tmp_path, capsys, world)
+    assert new not in first_run(tmp_path, capsys, world)
+    with (tmp_path / "fresh_cart.py").open("a") as file:
+        file.write("# changed")
+    assert new in first_run(tmp_path, capsys, world)
+
+
+def test_a_world_whose_resets_differ_is_not_run_unless_it_is_asked_for(tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    for _ in range(2):  # what cannot be believed is not remembered
+        said = first_run(tmp_path, capsys, f"{MODULE}:GlobalGenerator", code=3)
+        assert "is not run: resets: two new environments begin differently" in said
+        assert not (tmp_path / "a.db").exists()
+    assert "resets" not in first_run(tmp_path, capsys, f"{MODULE}:GlobalGenerator", "--unchecked")
+    assert "note: python:tests.worlds.carts:OtherNominal: nominal:" in first_run(
+        tmp_path, capsys, f"{MODULE}:OtherNominal"
+    )
+
+
+def test_a_world_that_the_doctor_has_checked_is_not_new(tmp_path: Path, capsys, monkeypatch):
+    monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
+    typed(capsys, f"doctor --world {MODULE}:Expert")
+    assert "is new here" not in first_run(tmp_path, capsys, f"{MODULE}:Expert")
+
+
 def test_all_tasks_of_a_world_are_one_command_and_one_store(tmp_path: Path, capsys):
-    asked = f"run --world {MODULE}:TwoTasks --task all --policy {MODULE}:sliding --strategy random --budget 1"
-    typed(capsys, [*asked.split(), "--store", str(tmp_path / "a.db"), "--unchecked"])
+    first_run(tmp_path, capsys, f"{MODULE}:TwoTasks", "--task", "all", "--unchecked")
     tasks = [run.task for run in StoredResults(tmp_path / "a.db").runs()]
     assert tasks == [f"{MODULE}:TwoTasks/reach", f"{MODULE}:TwoTasks/again"]

@@ -76,11 +76,18 @@ def _checks_of(world: str, task: str | None) -> Iterator[Check]:
     """The checks of a world of the user's own, in the task that is named, or in its first."""
     from vlafuzz.common.plugins import trust
     from vlafuzz.worlds import parted, world_named
+    from vlafuzz.worlds.first_use import remember
     from vlafuzz.worlds.soundness import examine
+    from vlafuzz.worlds.values import ValuesWorld
 
     name, named = parted(world)
     trust(name)
     made = world_named(name)
     wanted = task or named or next(iter(made.tasks))
     made.task(wanted)
-    yield from examine(made, wanted, name)
+    sound = True
+    for check in examine(made, wanted, name):
+        sound = sound and check.verdict != "refuse"
+        yield check
+    if sound and isinstance(made, ValuesWorld):
+        remember(name, made, wanted)

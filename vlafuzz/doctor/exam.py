@@ -34,6 +34,7 @@ from vlafuzz.rollouts.policies import is_built_in, make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
+from vlafuzz.worlds.first_use import looked_at
 
 UNCHECKED = "unchecked"
 TARGETS = ("target-type", "target-position", "target-orientation")  # vary in nominal scenes
@@ -244,6 +245,8 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple
         PrerequisiteError: the policy cannot be tested, or not in this world.
     """
     manifest = plan.manifest
+    if not unchecked and manifest.checkup != UNCHECKED:
+        _look_at_world(manifest.task, watch)
     if manifest.repeats > 1 and plan.policy.spec.deterministic:
         watch.note(f"note: {manifest.policy} is deterministic: repeats differ only if it uses the seed")
     if plan.resume and manifest.alone:
@@ -256,6 +259,17 @@ def checked_plan(plan: Plan, *, unchecked: bool, watch: Watch = SILENT) -> tuple
     if plan.resume is None:
         plan = replace(plan, manifest=replace(manifest, checkup=label))
     return plan, speed
+
+
+def _look_at_world(task: str, watch: Watch) -> None:
+    """Say what is wrong with a world of the user's own that is new here; a PrerequisiteError if it cannot be used."""
+    name, _, own = task.rpartition("/")
+    doctor = shlex.join(["vlafuzz", "doctor", "--world", f"{name}:{own}"])
+    for check in looked_at(task, watch):
+        if check.verdict == "refuse":
+            hint = f"{check.follows}; `{doctor}` looks closer, --unchecked runs it all the same"
+            raise PrerequisiteError(f"{name} is not run: {check.check}: {check.found}", hint)
+        watch.note(f"note: {name}: {check.check}: {check.found}: {check.follows}")
 
 
 def _say(plan: Plan, watch: Watch) -> None:

@@ -3,7 +3,7 @@
 import math
 import random
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ from vlafuzz.worlds.parameters import Parameter, Value
 from vlafuzz.worlds.values import ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
+SIMULATORS = 8  # that ``glance`` makes
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -67,9 +68,19 @@ def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
     exam = _Exam(world, task)
-    first = (exam.resets, exam.steps, exam.repeats, lambda: in_another_process(exam, reference))
-    checks: tuple[Callable[[], Check], ...] = (*first, exam.values, exam.effects, exam.nominal)
-    for check in (*checks, exam.start, exam.expert, exam.pictures):
+    others = (lambda: in_another_process(exam, reference), exam.values, exam.effects, exam.nominal)
+    yield from _done((exam.resets, exam.steps, exam.repeats, *others, exam.start, exam.expert, exam.pictures))
+
+
+def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
+    """Run the checks of ``examine`` that take seconds: those in nominal scenes, in ``SIMULATORS`` simulators."""
+    exam = _Exam(world, task)
+    others = (exam.nominal, exam.nominal_start, exam.expert, exam.pictures)
+    yield from _done((exam.resets, exam.steps, exam.repeats, *others))
+
+
+def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
+    for check in checks:
         try:
             finding = check()
         except VlafuzzError as error:
@@ -189,9 +200,14 @@ class _Exam:
         follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
         return Check("nominal", found, "warn", follows)
 
-    def start(self) -> Check:
+    def nominal_start(self) -> Check:
         if self.pair[0].solved:
             return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
+        return Check("start", "the nominal scene is not solved before the first step")
+
+    def start(self) -> Check:
+        if (nominal := self.nominal_start()).verdict == "refuse":
+            return nominal
         for one in self.world.parameters:
             solved = [value for value, trace in self._levels(one) if trace.solved]
             if solved:
