@@ -219,3 +219,17 @@ def test_a_run_of_narrower_ranges_is_gone_on_with_in_these(monkeypatch, capsys):
     cut(monkeypatch, *flags, "--store", "other.db")
     said = complaint(capsys, ["run", *IDLE, "--resume", "--severity", "0.5", "--store", "other.db"])
     assert "severity 0.3, not 0.5" in said
+
+
+def test_the_severity_at_which_one_half_fails_is_found_first(capsys):
+    run("--severity", "auto", "--budget", "80", "--strategy", "random", "--store", "a.db")
+    shown = capsys.readouterr()
+    assert "one half fails at severity" in shown.out
+    told = re.search(r"severity ([\d.]+): about one half fails there", shown.err)
+    assert told
+    with Store.open(Path("a.db")) as store:
+        assert [(found.manifest.strategy, found.manifest.budget) for found in store.runs()] == [
+            ("severity", 20),
+            ("random", 60),
+        ]
+        assert json.loads(store.runs()[1].manifest.operators).get("severity", 1.0) == float(told[1])

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.fuzz import PATIENCE, Campaign, Proposed
-from vlafuzz.campaign.options import OF_WORLDS, RunConfig as RunConfig
+from vlafuzz.campaign.options import OF_WORLDS, RunConfig as RunConfig, severity_of_flag
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.common.plugins import OBJECT
@@ -40,7 +40,6 @@ BUDGET = 100  # rollouts
 OF_SERVER = 8  # scenes that a model server gets at a time, if it takes as many: more find fewer causes
 STRATEGY = "causes"  # identifies most planted faults: scripts/bench_strategies.py
 MOST = 2**63 - 1  # the largest integer of SQLite
-NARROWEST = 0.05  # severity: narrower ranges have a few levels only
 SEARCH = 0.5  # share of the time for a run where triage follows, which takes about as many rollouts
 # Share of the rollouts that certification leaves which go to causes not found yet, and the fewest that do; the others
 # certify these. With a half or 0.7, as many causes are certified; without any, 0.3 to 0.5 fewer a run of 300.
@@ -84,7 +83,7 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
         check_policy_name(named.policy)
     if space is None:
         whole = world.space(task.name, named.robot, config.operators, config.vary, config.packs)
-        space = whole.narrowed(config.severity)
+        space = whole.narrowed(severity_of_flag(config.severity))
     budget = config.budget or (len(scenes) * config.repeats if config.scenes else BUDGET)
     if config.like:
         if named.strategy != STRATEGY:
@@ -181,9 +180,6 @@ def _check_numbers(config: RunConfig) -> None:
         if config.scenes and value is not None:
             problem = f"--{flag} {value}: the scenes of --scenes are run as they are"
             raise UsageError(problem, hint="leave one of the two out")
-    if not NARROWEST <= config.severity <= 1:
-        hint = "1 leaves the ranges as they are, 0.3 scales them to 30 %"
-        raise UsageError(f"--severity {config.severity:g}: expected a number from {NARROWEST:g} to 1", hint=hint)
     check_number("repeats", config.repeats, 1, MOST)
     check_number("--budget", config.budget, config.repeats, MOST)
     check_number("batch", config.batch, 1, MOST)

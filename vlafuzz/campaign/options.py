@@ -11,8 +11,25 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from vlafuzz.errors import UsageError
+
 # Groups of options on a page of help.
 WHAT, SCENES, LONG, JUDGE, WHERE = "What to run", "Which scenes", "How long", "How to judge", "Where it runs"
+
+AUTO = "auto"  # severity at which about one half fails
+LEAST = 0.05  # severity: narrower ranges have a few levels only
+
+
+def severity_of_flag(severity: float | str) -> float:
+    """The factor that a user gives for ``--severity``; a UsageError if it is none."""
+    try:
+        number = float(severity)
+    except ValueError:
+        number = 0.0
+    if not LEAST <= number <= 1:
+        hint = "1 leaves the ranges as they are, 0.3 scales them to 30 %; auto finds where one half fails"
+        raise UsageError(f"--severity {severity}: expected a number from {LEAST:g} to 1, or auto", hint=hint)
+    return number
 
 
 def _alone() -> str:
@@ -90,12 +107,13 @@ class RunConfig:
     vary: tuple[str, ...] = _option(
         SCENES, "--vary", "Only these operators vary: light,camera-position,…", default=(), kind=str
     )
-    severity: float = _option(
+    severity: float | str = _option(
         SCENES,
         "--severity",
-        "Scale all ranges towards nominal by this factor.",
+        "Scale all ranges towards nominal by this factor; auto: so far that about one half fails.",
         "1: the ranges as they are",
         default=1.0,
+        kind=str,
     )
     like: Path | None = _option(
         SCENES, "--like", "Test first what a store of an earlier version, or of another task, lists as causes."

@@ -8,6 +8,7 @@ from typing import Any
 
 from vlafuzz.campaign.config import Plan, RunConfig, filled, plan
 from vlafuzz.campaign.fuzz import AFRESH
+from vlafuzz.campaign.options import AUTO
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import StoreError
 from vlafuzz.store.records import UNFINISHED, Manifest, Run
@@ -105,7 +106,7 @@ def _misfit(flags: Mapping[str, Any], manifest: Manifest) -> str | None:
         return None
     world = world_of(manifest.task)
     severity = world.stored_space(Path(), manifest).operators.severity
-    if flags.get("severity", severity) != severity:
+    if flags.get("severity", severity) not in (AUTO, severity):
         return f"severity {severity:g}, not {flags['severity']:g}"
     if not asked:
         return None

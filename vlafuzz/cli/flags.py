@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
-from vlafuzz.campaign.options import OPTIONS, RunConfig
+from vlafuzz.campaign.options import AUTO, OPTIONS, RunConfig, severity_of_flag
 from vlafuzz.cli.output import Bar
 from vlafuzz.errors import UsageError, suggestion
 
@@ -87,7 +87,11 @@ def with_run_options(*names: str, **shown: str) -> Callable[[Command], Command]:
 
 def configured(given: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a ``RunConfig`` that the options say, without those that nobody gives."""
-    read: dict[str, Callable[[Any], Any]] = {"vary": listed, "packs": lambda folders: opened(folders) or None}
+    read: dict[str, Callable[[Any], Any]] = {
+        "vary": listed,
+        "packs": lambda folders: opened(folders) or None,
+        "severity": lambda said: said if said in (None, AUTO) else severity_of_flag(said),
+    }
     values = {name: read[name](value) if name in read else value for name, value in given.items()}
     return {name: value for name, value in values.items() if value is not None}
 

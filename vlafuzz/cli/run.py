@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from vlafuzz.campaign.options import AUTO
 from vlafuzz.cli.flags import ConfigFlag, JsonFlag, TimeFlag, TrustFlag, configured, option, typed, with_run_options
 from vlafuzz.cli.output import INTERRUPTED, print_json
 from vlafuzz.common.plugins import command as command_line
@@ -66,20 +68,26 @@ def command(
     _begin_early(given["policy"], given["workers"], given["executor"])
     from vlafuzz.campaign.config import RunConfig, plan as plan_of
     from vlafuzz.campaign.resume import resume as resume_run
-    from vlafuzz.cli.runs import checked, run_plan, run_tasks
+    from vlafuzz.cli.runs import checked, run_plan, run_tasks, with_severity
     from vlafuzz.worlds import task_of, tasks_named
 
     named = task_of(world, given["task"])
     tasks, left = tasks_named(named) if named else (), ""
     flags = configured(given | {"task": named})
     if len(tasks) > 1:
-        runs, left = run_tasks(tasks, flags, until, resume=resume, certify=certify, unchecked=unchecked, json=json)
+        asked = partial(run_plan, certify=certify, json=json)
+        runs, left = run_tasks(tasks, flags, asked, until, resume=resume, unchecked=unchecked, json=json)
     else:
-        plan = resume_run(flags) if resume else plan_of(RunConfig(**flags, command=typed()))
+        wanted = RunConfig(**flags, command=typed())
+        runs = []
+        if wanted.severity == AUTO and not resume:
+            wanted, probe = with_severity(wanted, partial(run_plan, json=json), until)
+            runs.append(probe)
+        plan = resume_run(flags) if resume else plan_of(wanted)
         plan, speed = checked(plan, flags, unchecked=unchecked)
-        runs = [run_plan(plan, speed, until, certify=certify, json=json)]
+        runs.append(run_plan(plan, speed, until, certify=certify, json=json))
         if json:
-            print_json(runs[0].document)
+            print_json(runs[-1].document)
     _end(runs, left, fail_on_finding=fail_on_finding)
 
 
