@@ -70,6 +70,22 @@ class SceneMap:
     below: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Prompt:
+    """The words that a task tells a policy, and those with which they are compared; empty where they are unknown.
+
+    Attributes:
+        things: in its scene; ``wanted``: those that its goal moves.
+        goal: what success is, the same text for the same success.
+    """
+
+    task: str
+    words: str
+    things: tuple[str, ...] = ()
+    wanted: tuple[str, ...] = ()
+    goal: str
+
+
 Acting = Callable[[Observation], Array]  # gives actions (7,)
 
 
@@ -234,6 +250,12 @@ class World(ABC):
     def suite(self, name: str) -> Sequence[str]:
         """The tasks of a suite, in order: those that the world lists for ``all``, none where there is no such suite."""
         return tuple(self.tasks) if name == "all" else ()
+
+    def prompts(self, suite: str = "") -> Iterable[Prompt]:
+        """Return what tasks tell a policy in nominal scenes: those of a suite, the one of that name, or all."""
+        for task in [suite] if suite else self.tasks:
+            scene = self.space(task, next(iter(self.robots))).nominal()
+            yield Prompt(task=task, words=scene.instruction, goal=task)
 
     def imported(self, path: Path) -> Sequence[Scene]:
         """The scenes of another program's file; a SceneError if it is no such file."""

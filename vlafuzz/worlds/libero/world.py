@@ -1,6 +1,7 @@
 """LIBERO's tasks on robosuite. Its packages are an extra, and nothing of them is loaded before it is used."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Unpack
 
@@ -11,7 +12,7 @@ from vlafuzz.policies.base import Policy
 from vlafuzz.policies.clients.model import Interface
 from vlafuzz.policies.mini.policy import SHIPPED, Mini
 from vlafuzz.worlds import opengl
-from vlafuzz.worlds.base import Demonstrator, SceneMap, TryingPolicy
+from vlafuzz.worlds.base import Demonstrator, Prompt, SceneMap, TryingPolicy
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.libero.expert import LiberoDemonstrator, LiberoExpert
 from vlafuzz.worlds.libero.packages import require, versions
@@ -62,6 +63,20 @@ class Libero(TableWorld):
         is_suite = name.startswith("libero") and "/" not in name
         return [str(of) for of in find_tasks(name)] if is_suite else super().suite(name)
 
+    def prompts(self, suite: str = "") -> Iterable[Prompt]:
+        """Return what the tasks of a suite, or of all four usual ones, tell a policy."""
+        for name in [suite] if suite else SUITES:
+            for of in [find_task(name)] if "/" in name else find_tasks(name):
+                named = {*of.things, *of.interest, *(thing for atom in of.goal for thing in atom[1:])}
+                carried = [atom for atom in of.initial if atom[1] in of.carried]  # suites vary where it is, too
+                yield Prompt(
+                    task=str(of),
+                    words=of.instruction,
+                    things=_spoken(sorted(named)),
+                    wanted=_spoken(of.carried),
+                    goal=f"{sorted(of.goal)} from {sorted(carried)}",
+                )
+
     def default_policy(self, robot: str) -> str:
         hint = "--policy mini-libero for libero_object, or your model: openpi:ws://localhost:8000?profile=libero"
         raise UsageError("LIBERO's scenes have no default policy", hint=hint)
@@ -87,6 +102,11 @@ class Libero(TableWorld):
 
     def demonstrator(self, interface: Interface) -> Demonstrator:
         return LiberoDemonstrator(interface)
+
+
+def _spoken(names: Iterable[str]) -> tuple[str, ...]:
+    """Things' names in words: ``akita_black_bowl_1`` is an akita black bowl."""
+    return tuple(dict.fromkeys(re.sub(r"_\d+$", "", name).replace("_", " ") for name in names))
 
 
 WORLD = Libero()
