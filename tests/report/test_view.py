@@ -72,22 +72,22 @@ def test_a_card_shows_what_is_left_with_its_threshold_and_evidence(triaged: View
     assert card.of.replay.endswith(f"a.db {card.of.scene.digest[:12]} --policy idle")
 
 
-def test_a_card_compares_with_the_passing_scene_that_an_earlier_version_shrank_to(tmp_path: Path):
+def test_where_nominal_fails_too_a_card_compares_with_the_passing_scene_that_triage_shrank_to(tmp_path: Path):
     def runner(_: Run) -> CheckingRunner:
-        return CheckingRunner([lambda scene: scene.light.intensity > 1.5])
+        return CheckingRunner([lambda scene: scene.light.intensity > 0.2])
 
-    bright, dark = (replace(SPACE.nominal(), light=Light(2.0**power)) for power in (1.0, -3.0))
+    bright, dark = (replace(SPACE.nominal(), light=Light(2.0**power)) for power in (-1.0, -3.0))
     with Store.open(tmp_path / "a.db", "write") as opened:
         begun(opened, ended(bright), ended(dark, passed(), 1), about=MANIFEST)
         triage(opened, runner)
         (found,) = opened.triaged()
-        opened.settle(replace(found, reference=dark))
         write_corpus(export(opened, runner, name="bright"), tmp_path / "bright")
+    assert (found.bucket, found.reference) == ("minimal", dark)
     assert found.certified is not None
     shown = [view(tmp_path / "a.db"), view_of_corpus(tmp_path / "bright", read_corpus(tmp_path / "bright"))]
     for card in (card for page in shown for card in page.cards):
         (only,) = card.of.deviations
-        assert card.of.scene.light.intensity == 2
+        assert card.of.scene.light.intensity == 0.5
         assert (card.of.reference, only.operator, only.reference) == (dark, "light", "× 0.125")
         assert card.of.detail.startswith(f"fails in {found.certified.failures} of ")
         assert card.neighbours[0] == ("passing neighbour", dark)

@@ -241,12 +241,13 @@ def _way(space: Space, scene: Scene, operator: str, quantity: str) -> str:
     """An operator with its direction, if it has one: of a displacement along the axis that matters most."""
     if operator not in space.groups or operator == CONFOUNDERS:
         return operator
-    here, axes = space.measured(scene)[quantity], space.axes(scene, operator)
+    start, here = space.nominal(like=scene), space.measured(scene)[quantity]
+    axes = space.axes(scene, operator, start)
     if len(axes) > 1:
-        without = {axis: space.without_axes(scene, operator, [axis]) for axis in axes}
+        without = {axis: space.without_axes(scene, operator, [axis], start) for axis in axes}
         most = max(axes, key=lambda axis: abs(space.measured(without[axis])[quantity] - here))
-        scene = space.without_axes(scene, operator, axes.keys() - {most})
-    return f"{operator} {direction(space, scene, operator)}"
+        scene = space.without_axes(scene, operator, axes.keys() - {most}, start)
+    return f"{operator} {direction(space, scene, operator, start)}"
 
 
 def _swapped(run: _Run, best: _Candidate, operators: Sequence[str]) -> bool:

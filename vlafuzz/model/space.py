@@ -183,12 +183,22 @@ class Space(ABC):
             return self.compose(self.nominal_values)
         return self.reset(like, [operator for group in self.groups.values() for operator in group])
 
-    def reset(self, scene: Scene, operators: Iterable[str]) -> Scene:
-        """The scene with some operators nominal; a SceneError if it has another value that no operator gives."""
+    def reset(self, scene: Scene, operators: Iterable[str], to: Scene | None = None) -> Scene:
+        """The scene with some operators nominal, or as in another scene of the same targets.
+
+        Raises:
+            SceneError: a scene has a value that no operator gives, or the targets are of other types.
+        """
         operators = set(operators)
         kept = [path for path, gene in self.by_path.items() if gene.operator not in operators]
         values = self._expressible(scene, kept)
-        return self.compose(self.nominal_values | {path: values[path] for path in kept})
+        start = self.nominal_values
+        if to is not None:
+            types, others = ([placed.object for placed in shown.targets] for shown in (scene, to))
+            if (scene.task, types) != (to.task, others):
+                raise SceneError(f"targets: {', '.join(others)} cannot stand for {', '.join(types)}")
+            start = self._expressible(to, self.by_path.keys() - kept)
+        return self.compose(start | {path: values[path] for path in kept})
 
     def severities(self, scene: Scene) -> dict[str, float]:
         """Each operator's distance from nominal, in [0, 1]: the root mean square over its genes.
@@ -255,16 +265,16 @@ class Space(ABC):
         """What a scene is about, in words, as far as the operator ``subject`` may vary it."""
         return ()
 
-    def direction(self, scene: Scene, operators: str) -> str | None:
-        """The world's own word for how a group deviates from nominal, if it has one."""
+    def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
+        """The world's own word for how a group deviates from a scene to start from, if it has one."""
         return None
 
-    def axes(self, scene: Scene, group: str) -> Mapping[str, float]:
+    def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
         """How far a displacement goes along each of its axes, those where it does; none of a group that is no such."""
         return {}
 
-    def without_axes(self, scene: Scene, group: str, axes: Collection[str]) -> Scene:
-        """The scene with no displacement of a group along some axes."""
+    def without_axes(self, scene: Scene, group: str, axes: Collection[str], start: Scene) -> Scene:
+        """The scene with the displacement of a group as in another one along some axes."""
         return scene
 
     def option(self, scene: Scene, gene: Gene, value: float) -> str:

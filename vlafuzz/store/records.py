@@ -130,8 +130,8 @@ class Triaged(Failure):
         bucket: ``minimal``; ``witnessed``, but not shown to be minimal, ``detail`` says why; ``unproven``, the
             expert fails, too; ``flaky``, it is not shown to fail more often than the nominal scene.
         rate: of the finding; None in findings of earlier versions.
-        reference: the passing scene to which an earlier version shrunk the finding where the nominal one fails, too;
-            None for the nominal scene.
+        reference: a scene of the same objects that passes, to which the finding was shrunk since the nominal one fails,
+            too; None where that was the nominal scene.
         deviating: operators that were not nominal, the confounders' as one.
         shrunk: the scene that is left; None where it was not shrunk.
         counterparts: by operator left, the scene without it, in which the policy passes.

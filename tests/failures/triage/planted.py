@@ -8,7 +8,7 @@ import numpy as np
 from tests.search.worlds import Remembering
 from vlafuzz.failures.triage.certify import Shrunk, certify
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
-from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.shrink import Reference, shrink
 from vlafuzz.model import Scene, Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.extras import EXTRAS
@@ -104,7 +104,7 @@ class Planted:
         """What is left of a scene, certified."""
         oracle = oracle or self.oracle()
         way = shrink(scene, oracle, self.space)
-        return certify(way, oracle, self.space, STAGES)
+        return certify(way, oracle, self.space, Reference(None, STAGES))
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

@@ -15,6 +15,7 @@ from vlafuzz.failures.triage.certify import Shrunk, certify_one
 from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
+from vlafuzz.failures.triage.shrink import Reference
 from vlafuzz.model import Outcome, Rate, Scene, Verdict
 from vlafuzz.store.records import Attribution, FoundCause, Judged, Triaged, Trial
 from vlafuzz.store.store import Store
@@ -94,7 +95,7 @@ def test_operators_that_each_matter_are_not_reset_together_as_well():
         return [FAILED if DARK(scene) and TILTED(scene) else PASSED for scene in scenes]
 
     oracle = Oracle(roll, STAGES, None, budget=100)
-    shrunk = certify_one(dark_and_tilted, oracle, SPACE, STAGES)
+    shrunk = certify_one(dark_and_tilted, oracle, SPACE, Reference(None, STAGES))
     assert (shrunk.minimal, set(shrunk.operators)) == (True, {"light", "camera-orientation"})
     assert not any(scene.light == nominal.light and scene.camera == nominal.camera for scene in rolled)
 

@@ -1,9 +1,11 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from tests.failures.triage.planted import SPACE, WITH_EXTRAS, Planted
-from vlafuzz.failures.triage.path import Path, directed, free_genes
+from vlafuzz.errors import SceneError
+from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
 from vlafuzz.model import Backdrop, Camera, Light, Noise, Scene
 from vlafuzz.model.scene import TargetTopple
 from vlafuzz.worlds.manipulation.space import GROUPS
@@ -18,6 +20,21 @@ def scene(**parts) -> Scene:
 
 def paths(genes) -> list[str]:
     return [gene.path for gene in genes]
+
+
+def test_a_scene_deviates_from_a_reference_where_their_values_differ():
+    reference = scene(light=Light(2.0), camera=Camera(yaw=2.0))
+    failing = scene(light=Light(2.0), camera=Camera(yaw=3.0))
+    assert deviating(SPACE, failing) == ["light", "camera-orientation"]
+    assert deviating(SPACE, failing, reference) == ["camera-orientation"]
+    assert deviating(SPACE, NOMINAL, reference) == ["light", "camera-orientation"]
+    assert paths(free_genes(SPACE, failing, GROUPS["camera-orientation"], reference)) == ["camera.yaw"]
+
+
+def test_a_reset_to_a_reference_needs_its_targets():
+    other = scene(targets=(replace(TARGET, object="sponge"),))
+    with pytest.raises(SceneError, match="sponge cannot stand for"):
+        SPACE.reset(NOMINAL, ["light"], other)
 
 
 def test_a_path_goes_from_the_reference_to_the_scene_step_by_step():
@@ -35,6 +52,16 @@ def test_the_direction_of_a_displacement_counts_where_both_are_displaced():
     assert paths(free_genes(SPACE, other, group)) == ["camera.distance"]
     assert paths(free_genes(SPACE, other, group, one)) == ["camera.distance", "camera.azimuth"]
     assert paths(free_genes(SPACE, NOMINAL, group, one)) == ["camera.distance"]
+
+
+def test_with_all_operators_reset_to_a_reference_the_reference_is_left():
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        failing, reference = SPACE.sample(rng), SPACE.sample(rng)
+        operators = [operator for group in GROUPS.values() for operator in group]
+        reference = SPACE.reset(reference, ["target-type"])
+        failing = SPACE.reset(failing, ["target-type"])
+        assert SPACE.reset(failing, operators, reference) == reference
 
 
 def target(**values) -> Scene:
@@ -69,6 +96,14 @@ def test_confounders_have_their_number_and_their_kinds_where_these_matter():
     changed = replace(scene.confounders[1], object="yellow_cube", rest="flat")
     other = replace(scene, confounders=(scene.confounders[0], changed))
     assert directed(SPACE, other, ["confounders"]) == ["confounders:2,cube"]
+
+
+def test_a_direction_is_one_from_the_reference():
+    reference = replace(NOMINAL, light=Light(0.2), camera=Camera(yaw=4.0))
+    scene = replace(NOMINAL, light=Light(0.5), camera=Camera(yaw=2.0))
+    operators = ["light", "camera-orientation"]
+    assert directed(SPACE, scene, operators) == ["light:dark", "camera-orientation:+yaw"]
+    assert directed(SPACE, scene, operators, reference) == ["light:bright", "camera-orientation:-yaw"]
 
 
 @pytest.mark.parametrize("azimuth", [0.0, 60.0, 135.0])

@@ -12,6 +12,7 @@ from vlafuzz.failures.triage import triager
 from vlafuzz.failures.triage.pipeline import summarise, triage
 from vlafuzz.model import Outcome, Scene, Verdict
 from vlafuzz.model.phrasing import describe
+from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 from vlafuzz.worlds.tabletop.experts.expert import ATTEMPTS
 
@@ -52,6 +53,24 @@ def test_what_fails_even_at_nominal_has_no_cause(store):
     (found,) = triaged(store(scenes([TILTED], 1)), PlantedRunner([lambda scene: True]))
     assert (found.bucket, found.signature, found.operators) == ("flaky", None, ())
     assert found.detail == "even the nominal scene of the same objects fails"
+
+
+def test_where_nominal_fails_the_nearest_passing_scene_takes_its_place(store):
+    """The policy fails in the dark, and wherever the target is at its nominal place."""
+
+    def at_home(scene: Scene) -> bool:
+        return abs(scene.targets[0].x + 0.05) < 0.01
+
+    def fails(scene: Scene) -> bool:
+        return DARK(scene) or at_home(scene)
+
+    dark = next(scene for scene in scenes([DARK], 20) if not at_home(scene))
+    bright = SPACE.reset(dark, ["light"])
+    opened = store([dark])
+    opened.add(1, Trial(proposal=1, scene=bright, outcome=passed(), severity=0.0))
+    (found,) = triaged(opened, PlantedRunner([fails]))
+    assert (found.bucket, found.operators, found.reference) == ("minimal", ("light",), bright)
+    assert found.counterparts == {"light": bright}
 
 
 def test_what_is_lost_earlier_than_at_nominal_is_a_cause_of_its_own(store):

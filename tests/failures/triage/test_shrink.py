@@ -6,9 +6,10 @@ from statistics import median
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, TILTED, Planted, fair
+from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, STAGES, TILTED, Planted, fair
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.shrink import shrink
+from vlafuzz.failures.triage.certify import certify
+from vlafuzz.failures.triage.shrink import Reference, shrink
 from vlafuzz.model import Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.space import GROUPS
@@ -53,6 +54,22 @@ def test_what_is_left_fails_is_fair_is_milder_and_takes_every_operator(case, see
         assert counterpart == SPACE.reset(shrunk.scene, GROUPS[name])
         assert judge.judged(counterpart).verdict is Verdict.PASSED
         assert shrunk.rates[name].failures == 0
+
+
+@settings(max_examples=20)
+@given(planted, seeds)
+def test_with_a_reference_elsewhere_what_is_left_differs_from_it_in_what_it_takes_alone(case, seed):
+    judge = Planted(case[1])
+    finding = judge.finding(seed)
+    reference = SPACE.reset(finding, [operator for name in case[0] for operator in GROUPS[name]])
+    if judge.judged(reference).verdict is not Verdict.PASSED:
+        return
+    oracle = judge.oracle()
+    shrunk = certify(shrink(finding, oracle, SPACE, reference), oracle, SPACE, Reference(reference, STAGES))
+    assert judge.fails(shrunk.scene)
+    assert set(shrunk.operators) <= set(case[0])
+    for name, counterpart in shrunk.counterparts.items():
+        assert counterpart == SPACE.reset(shrunk.scene, GROUPS[name], reference)
 
 
 @settings(max_examples=20)

@@ -41,7 +41,7 @@ class Case(Facts):
         scene: minimal: the policy needs every one of ``operators`` to fail.
         counterparts: by operator, the scene with this operator reset, in which the policy passes.
         nominal: the scene with all operators reset.
-        reference: the passing scene to which an earlier version shrunk the failure where the nominal one fails, too;
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal one;
             resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.

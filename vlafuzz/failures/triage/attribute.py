@@ -92,7 +92,7 @@ def attribute(
 def _threshold(
     shrunk: Shrunk, name: str, oracle: Oracle, space: Space, trials: Sequence[tuple[Scene, bool]]
 ) -> Threshold | None:
-    scene, start = shrunk.scene, space.nominal(like=shrunk.scene)
+    scene, start = shrunk.scene, shrunk.reference or space.nominal(like=shrunk.scene)
     genes = [gene for gene in free_genes(space, scene, space.group(name), start) if gene.kind != "category"]
     path = Path(space, scene, genes, start)
     first = shrunk.rates.get(name) if path.at(0) == shrunk.counterparts.get(name) else None
@@ -110,7 +110,7 @@ def _threshold(
         located.crossing / path.length,
         low=values(located.low),
         high=values(located.high),
-        direction=direction(space, scene, name),
+        direction=direction(space, scene, name, start),
         ranges=((values(located.crossing), values(located.until)),),
     )
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 
 from vlafuzz.failures.triage.contrast import HOPELESS, likely
 from vlafuzz.failures.triage.oracle import Answer, Oracle
-from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes
-from vlafuzz.failures.triage.shrink import drop_confounders, shrink
+from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes, start_values
+from vlafuzz.failures.triage.shrink import Reference, drop_confounders, shrink
 from vlafuzz.model import Rate, Scene, Space
 from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.store.records import Triaged
@@ -31,7 +31,8 @@ class Shrunk:
         usual: the rate without any of the operators; None where the scene was not compared with that. firm: whether
         the scene is shown to fail more often than that, or than without each of them.
         counterparts: by operator, the scene without it, which is shown to pass more often. unresolved: operators left
-        that have no counterpart, with what the scene without them does.
+        that have no counterpart, with what the scene without them does. reference: the scene that it was shrunk to;
+        None for the nominal one.
     """
 
     scene: Scene
@@ -43,6 +44,7 @@ class Shrunk:
     counterparts: Mapping[str, Scene] = field(default_factory=dict)
     rates: Mapping[str, Rate] = field(default_factory=dict)
     unresolved: Mapping[str, str] = field(default_factory=dict)
+    reference: Scene | None = None
 
     @property
     def minimal(self) -> bool:
@@ -67,7 +69,7 @@ class Shrunk:
         return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
 
 
-def certify(way: Sequence[Scene], oracle: Oracle, space: Space, stages: Sequence[str]) -> Shrunk:
+def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
     """The simplest scene on the way from a finding that holds when it is tested anew.
 
     A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the way that
@@ -75,9 +77,8 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: Space, stages: Sequence
 
     Args:
         way: from the finding to the simplest failing scene, as ``shrink`` returns it.
-        stages: of which none may be lost for a scene to pass.
     """
-    certifier = _Certifier(oracle, space, stages)
+    certifier = _Certifier(oracle, space, reference)
     shrunk = certifier.simplest(certifier.firm(way))
     if not shrunk.minimal and oracle.room:
         certifier = replace(certifier, patience=certifier.patience * LONGER)
@@ -86,14 +87,14 @@ def certify(way: Sequence[Scene], oracle: Oracle, space: Space, stages: Sequence
 
 
 def certify_one(
-    scene: Scene, oracle: Oracle, space: Space, stages: Sequence[str], *, subject: Sequence[str] = ()
+    scene: Scene, oracle: Oracle, space: Space, reference: Reference, *, subject: Sequence[str] = ()
 ) -> Shrunk:
     """The evidence for one scene, or for that with fewer operators which is firm, too.
 
     Args:
         subject: the space's, if what the scene is about may be why it fails: it is reset then, too.
     """
-    certifier = _Certifier(oracle, space, stages, tuple(subject))
+    certifier = _Certifier(oracle, space, reference, tuple(subject))
     return certifier.simplest(certifier.test(scene))
 
 
@@ -107,7 +108,7 @@ class _Certifier:
 
     oracle: Oracle
     space: Space
-    stages: Sequence[str]
+    reference: Reference
     subject: tuple[str, ...] = ()
     patience: int = PATIENCE
 
@@ -123,20 +124,20 @@ class _Certifier:
             start = next((scene for scene in self.backwards(way) if self.oracle.holds(scene, sure)), None)
             if start is None:
                 break
-            way = shrink(start, self.oracle, self.space, sure=sure, values=False)
+            way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
             tried.append(self.test(way[-1]))
         return max(tried, key=lambda one: (one.firm, one.rate.share))
 
     def test(self, scene: Scene) -> Shrunk:
         """The evidence for a scene: against each of its operators reset, and if that does not do, all of them."""
-        left, most = (*deviating(self.space, scene), *self.subject), self.patience * self.oracle.lead
+        left = (*deviating(self.space, scene, self.reference.scene), *self.subject)
+        start, stages, most = self.reference.scene, self.reference.stages, self.patience * self.oracle.lead
         without = {name: self._without(scene, name) for name in left}
-        answered = self.oracle.contrasts(scene, list(without.values()), self.stages, most=most)
-        tests = dict(zip(left, answered, strict=True))
+        tests = dict(zip(left, self.oracle.contrasts(scene, list(without.values()), stages, most=most), strict=True))
         firm, usual = bool(left) and all(test.answer is Answer.PASSES for test in tests.values()), None
         if not firm:
             every = [operator for name in left for operator in self.space.group(name)]
-            (whole,) = self.oracle.contrasts(scene, [self.space.reset(scene, every)], self.stages, most=most)
+            (whole,) = self.oracle.contrasts(scene, [self.space.reset(scene, every, start)], stages, most=most)
             firm, usual = bool(left) and whole.answer is Answer.PASSES, whole.rate
         answers = {name: test.answer for name, test in tests.items() if firm}
         shown = [name for name, answer in answers.items() if answer is Answer.PASSES]
@@ -147,6 +148,7 @@ class _Certifier:
             rate=self.oracle.certified(scene),
             usual=usual,
             firm=firm,
+            reference=start,
             counterparts={name: without[name] for name in shown},
             rates={name: tests[name].rate for name in shown},
             unresolved={
@@ -167,10 +169,10 @@ class _Certifier:
     def backwards(self, way: Sequence[Scene]) -> Iterator[Scene]:
         """Scenes from the last to the first: larger values of the operators left, then more operators."""
         last, finding = way[-1], way[0]
-        left = deviating(self.space, last)
+        left = deviating(self.space, last, self.reference.scene)
         groups = self.space.groups
         dropped = [operator for name in groups if name not in left for operator in groups[name]]
-        whole = self.space.reset(finding, dropped)
+        whole = self.space.reset(finding, dropped, self.reference.scene)
         operators = [operator for name in left if name != CONFOUNDERS for operator in groups[name]]
         path = Path(self.space, whole, free_genes(self.space, whole, operators, last), last)
         if path.length > 1:
@@ -179,30 +181,30 @@ class _Certifier:
         yield from reversed(way[:-1])
 
     def _without(self, scene: Scene, name: str) -> Scene:
-        return self.space.reset(scene, self.space.group(name))
+        return self.space.reset(scene, self.space.group(name), self.reference.scene)
 
     def _outcome(self, scene: Scene, answer: Answer) -> str:
         """What a scene does that is not shown to pass, to complete "the scene …"."""
         if answer is Answer.FAILS:
-            return f"fails at {self.oracle.lost(scene, self.stages)}"
+            return f"fails at {self.oracle.lost(scene, self.reference.stages)}"
         return str(answer.value)
 
 
 def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:
-    """The first minimal finding of every signature, of those whose operators were reset to nominal."""
+    """The first minimal finding of every signature."""
     first: dict[str, Triaged] = {}
     for result in triaged:
-        if result and result.bucket == "minimal" and result.signature and result.reference is None:
+        if result and result.bucket == "minimal" and result.signature:
             first.setdefault(result.signature, result)
     return list(first.values())
 
 
 def by_known_cause(
-    scene: Scene, known: Sequence[Triaged], oracle: Oracle, space: Space, stages: Sequence[str]
+    scene: Scene, known: Sequence[Triaged], oracle: Oracle, space: Space, reference: Reference
 ) -> Shrunk | None:
     """The evidence that a failing scene has a known cause.
 
-    That is the scene with the values alone that the cause is about, as far from nominal as they were found: it
+    That is the scene with the values alone that the cause is about, as far from the reference as they were found: it
     fails more often than without any one of the operators, by rollouts of its own.
 
     Args:
@@ -211,31 +213,36 @@ def by_known_cause(
     Returns:
         None where the scene deviates as no known cause does, or that does not explain the failure.
     """
-    alike = (_alike(scene, one, space) for one in known if space.subject not in one.operators)
+    alike = (_alike(scene, one, space, reference) for one in known if space.subject not in one.operators)
     tried = list(dict.fromkeys(filter(None, alike)))
     failing = [one for one, fails in zip(tried, oracle.fails(tried), strict=True) if fails]
     if not failing:
         return None
-    simplest = min(failing, key=lambda one: len(deviating(space, one)))
-    shrunk = certify_one(drop_confounders(simplest, oracle, space), oracle, space, stages)
+    simplest = min(failing, key=lambda one: len(deviating(space, one, reference.scene)))
+    simplest = drop_confounders(simplest, oracle, space, reference.scene)
+    shrunk = certify_one(simplest, oracle, space, reference)
     return shrunk if shrunk.minimal else None
 
 
-def _alike(scene: Scene, known: Triaged, space: Space) -> Scene | None:
+def _alike(scene: Scene, known: Triaged, space: Space, reference: Reference) -> Scene | None:
     """The scene with the values of a known cause alone; None where they are not off in its directions."""
     assert known.shrunk is not None
     # The paths of the values that the cause is about: of a displacement and of confounders all.
     operators = [each for name in known.operators for each in space.group(name)]
     whole = {gene.operator for gene in space.genes if gene.neutral} | set(space.groups.get(CONFOUNDERS, ()))
-    kept = {gene.path for gene in free_genes(space, known.shrunk, operators)}
+    kept = {gene.path for gene in free_genes(space, known.shrunk, operators, known.reference)}
     kept |= {gene.path for gene in space.genes if gene.operator in whole.intersection(operators)}
-    others = [gene.path for gene in space.genes if gene.path not in kept and gene.operator != space.subject]
-    alone = space.compose(space.values(scene) | {path: space.nominal_values[path] for path in others})
-    return alone if _directions(space, alone) == _directions(space, known.shrunk) else None
+    start = start_values(space, reference.scene)
+    others = {
+        gene.path: start[gene.path] for gene in space.genes if gene.path not in kept and gene.operator != space.subject
+    }
+    alone = space.compose(space.values(scene) | others)
+    same = _directions(space, alone, reference.scene) == _directions(space, known.shrunk, known.reference)
+    return alone if same else None
 
 
-def _directions(space: Space, scene: Scene) -> list[str]:
+def _directions(space: Space, scene: Scene, reference: Scene | None) -> list[str]:
     """Operators with their directions; what confounders are matters only for whether there are any."""
-    left = deviating(space, scene)
+    left = deviating(space, scene, reference)
     others = [name for name in left if name != CONFOUNDERS]
-    return directed(space, scene, others) + [CONFOUNDERS] * (CONFOUNDERS in left)
+    return directed(space, scene, others, reference) + [CONFOUNDERS] * (CONFOUNDERS in left)

@@ -9,13 +9,13 @@ _BESIDE = 1 / 2  # of the largest deviation, as a share of the range: less besid
 _PLACES = 3  # that are farther out than a scene; the last one is the end of the range
 
 
-def deviating(space: Space, scene: Scene) -> list[str]:
-    """The groups in which a scene differs from nominal.
+def deviating(space: Space, scene: Scene, reference: Scene | None = None) -> list[str]:
+    """The groups in which a scene differs from a reference, by default from nominal.
 
     Raises:
         SceneError: a value that no operator gives.
     """
-    return [name for name, operators in space.groups.items() if space.reset(scene, operators) != scene]
+    return [name for name, operators in space.groups.items() if space.reset(scene, operators, reference) != scene]
 
 
 def free_genes(space: Space, scene: Scene, operators: Sequence[str], reference: Scene | None = None) -> list[Gene]:
@@ -106,23 +106,23 @@ def _room(gene: Gene, start: float, away: int) -> int:
     return size - 1 - level if away > 0 else level
 
 
-def directed(space: Space, scene: Scene, operators: Iterable[str]) -> list[str]:
-    """Operators with their directions from nominal: ``light:dark``.
+def directed(space: Space, scene: Scene, operators: Iterable[str], reference: Scene | None = None) -> list[str]:
+    """Operators with their directions from a reference, by default from nominal: ``light:dark``.
 
     Numbers have a sign (``+yaw``), the camera's position that of the axis along which it is farthest off (``-z``),
     categories their value (``lying``, ``table-checker``). Confounders have their number and, if it matters what they
     are, their kinds (``1,can``). ``+x2`` is of the second target.
     """
-    return [f"{name}:{direction(space, scene, name)}" for name in operators]
+    start = space.nominal(like=scene) if reference is None else reference
+    return [f"{name}:{direction(space, scene, name, start)}" for name in operators]
 
 
-def direction(space: Space, scene: Scene, name: str) -> str:
-    """The direction of one operator from nominal."""
-    if (own := space.direction(scene, name)) is not None:
+def direction(space: Space, scene: Scene, name: str, start: Scene) -> str:
+    """The direction of one operator from a scene to start from."""
+    if (own := space.direction(scene, name, start)) is not None:
         return own
-    if name == space.subject:  # which the nominal scene has in common
+    if name == space.subject:  # which the scene to start from may have in common
         return ",".join(space.subjects(scene))
-    start = space.nominal(like=scene)
     genes = free_genes(space, scene, space.group(name), start)
     values, before = space.values(scene), space.values(start)
     chosen = [space.option(scene, gene, values[gene.path]) for gene in genes if gene.kind == "category"]

@@ -1,14 +1,20 @@
-"""Shrink: make nominal in a failing scene everything that does not matter, until each operator is necessary."""
+"""Shrink: remove from a failing scene everything that does not matter, until each operator is necessary.
 
-from collections.abc import Callable, Sequence
+What is removed becomes as in the reference: the nominal scene, or where that fails, another one that passes.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import permutations
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
+
+import numpy as np
 
 from vlafuzz.failures.triage.contrast import EFFECT
 from vlafuzz.failures.triage.oracle import LEAD, Answer, Oracle
-from vlafuzz.failures.triage.path import Path, deviating, free_genes
+from vlafuzz.failures.triage.path import Path, deviating, free_genes, start_values
 from vlafuzz.model import Gene, Scene, Space
 from vlafuzz.model.space import CONFOUNDERS
 
@@ -19,20 +25,44 @@ BACKGROUND = 8  # rollouts of the nominal scene where a policy may fail by chanc
 FREQUENT = 0.3  # share of them that fail, or rollouts of the finding that pass, from which on cheap answers would err
 LEAST = 0.3  # above the background, that a failing scene is taken to fail: less than 0.2 makes no cause
 SUREST = 0.98  # rate of a scene that failed whenever it was tried
+NEAREST = 6  # passing scenes that are tried where the nominal one fails
 
 
-def stages_to_pass(scene: Scene, oracle: Oracle, space: Space) -> Sequence[str] | None:
-    """The stages of which none may be lost for a scene to pass, by those that the nominal scene of its targets reaches.
+class Reference(NamedTuple):
+    """Where shrinking goes.
 
-    If that fails at a later stage than the finding, these are those up to the finding's, since what makes the policy
-    fail earlier is a cause of its own. None if it fails as early: the finding has no cause.
+    Attributes:
+        scene: that passes; None for the nominal one.
+        stages: those of which none is lost there: all, or those up to the finding's.
     """
+
+    scene: Scene | None
+    stages: tuple[str, ...]
+
+
+def find_reference(scene: Scene, oracle: Oracle, space: Space, passing: Iterable[Scene]) -> Reference | None:
+    """The nominal scene of the same targets if it passes, else the nearest scene known to pass.
+
+    If there is none, but the nominal scene fails at a later stage than the finding, the nominal scene serves, since
+    what makes the policy fail earlier is a cause of its own. Else there is no reference: the finding has no cause.
+
+    Args:
+        passing: scenes in which the policy has passed; those of other targets are tried with the finding's.
+    """
+    usual = Reference(None, oracle.stages)
     nominal = space.nominal(like=scene)
     if oracle.lead > 1 and _expect_background(scene, nominal, oracle):
-        return oracle.stages
-    if oracle.answers([nominal], oracle.stages, lead=LEAD)[0] is not Answer.FAILS:
-        return oracle.stages  # whose operators may still be reset one by one where it is not fair
-    return oracle.counted if oracle.answers([nominal])[0] is Answer.PASSES else None
+        return usual
+    answer = oracle.answers([nominal], oracle.stages, lead=LEAD)[0]
+    if answer in (Answer.PASSES, Answer.UNTRIED):
+        return usual
+    for candidate in _nearest(scene, space, passing)[:NEAREST]:
+        if oracle.answers([candidate], oracle.stages, lead=LEAD)[0] is Answer.PASSES:
+            return Reference(candidate, oracle.stages)
+    if answer is not Answer.FAILS:
+        return usual  # whose operators may still be reset one by one
+    later = oracle.answers([nominal])[0] is Answer.PASSES
+    return Reference(None, oracle.counted) if later else None
 
 
 def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
@@ -44,34 +74,50 @@ def _expect_background(scene: Scene, nominal: Scene, oracle: Oracle) -> bool:
     return True
 
 
-def shrink(scene: Scene, oracle: Oracle, space: Space, *, sure: int = SURE, values: bool = True) -> list[Scene]:
-    """Reset in a failing scene what can be reset while it still fails.
+def _nearest(scene: Scene, space: Space, passing: Iterable[Scene]) -> Sequence[Scene]:
+    """The passing scenes with the targets of another one, the most similar to it first."""
+    values, place = space.values(scene), space.embed(scene)
+    targets = {gene.path: values[gene.path] for gene in space.genes if gene.operator == space.subject}
+    composed = set()
+    for candidate in passing:
+        known = space.values(candidate)
+        if candidate.task == scene.task and not any(map(math.isnan, known.values())):
+            composed.add(space.compose(known | targets))
+    distances = {other: float(np.linalg.norm(space.embed(other) - place)) for other in composed - {scene}}
+    return sorted(distances, key=lambda other: (distances[other], other.digest))
+
+
+def shrink(
+    scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None, *, sure: int = SURE, values: bool = True
+) -> list[Scene]:
+    """Reset in a failing scene what can be reset to a reference while it still fails.
 
     The targets' types are kept. The answers on the way are cheap ones: the last scene is yet to be certified.
 
     Args:
+        reference: a scene of the same targets; None for the nominal one.
         sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
         values: reset single values, too, not operators and confounders alone.
 
     Returns:
         The failing scenes on the way, from the finding to the last and simplest one.
     """
-    shrinker = _Shrinker(space, oracle, [scene], sure, values)
+    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values)
     shrinker.run()
     return shrinker.way
 
 
 def drop_values(scene: Scene, oracle: Oracle, space: Space) -> Scene:
     """The failing scene without the confounders and single values that do not matter; its operators stay."""
-    shrinker = _Shrinker(space, oracle, [scene])
+    shrinker = _Shrinker(space, oracle, None, [scene])
     shrinker.drop_confounders()
     shrinker.drop_values()
     return shrinker.best
 
 
-def drop_confounders(scene: Scene, oracle: Oracle, space: Space) -> Scene:
+def drop_confounders(scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None) -> Scene:
     """The failing scene without the confounders that do not matter."""
-    shrinker = _Shrinker(space, oracle, [scene])
+    shrinker = _Shrinker(space, oracle, reference, [scene])
     shrinker.drop_confounders()
     return shrinker.best
 
@@ -80,6 +126,7 @@ def drop_confounders(scene: Scene, oracle: Oracle, space: Space) -> Scene:
 class _Shrinker:
     space: Space
     oracle: Oracle
+    reference: Scene | None
     way: list[Scene]
     sure: int = SURE
     values: bool = True
@@ -123,7 +170,7 @@ class _Shrinker:
         before = self.best
         if CONFOUNDERS in self._left() and Answer.UNFAIR in self._without_one():
             for gene in self._free(self.space.group(CONFOUNDERS)):
-                path = Path(self.space, self.best, [gene])
+                path = Path(self.space, self.best, [gene], self.reference)
                 passes, fails = 0, path.length
                 while fails - passes > 1 and self.oracle.room:
                     middle = (passes + fails) // 2
@@ -142,9 +189,10 @@ class _Shrinker:
         genes = self._free(operators)
         self._drop([gene for gene in genes if gene.kind != "count"], self._without_values)
         for name in self._left():
-            axes = self.space.axes(self.best, name)
+            axes = self.space.axes(self.best, name, self._start)
             if len(axes) > 1:  # the one that is left says where to it has to go
-                self._drop(list(axes), partial(self.space.without_axes, self.best, name))
+                without = partial(self.space.without_axes, self.best, name, start=self._start)
+                self._drop(list(axes), without)
 
     def _drop(self, keys: Sequence[K], without: Callable[[Sequence[K]], Scene]) -> bool:
         """Remove all keys that can go; returns whether there were any.
@@ -160,7 +208,7 @@ class _Shrinker:
         if self._holds(without(loose)):
             gone = loose
         elif len(loose) > 1:
-            for key in sorted(loose, key=lambda key: -self.space.severity(without([key]))):
+            for key in sorted(loose, key=lambda key: -self._distance(without([key]))):
                 if self._holds(without([*gone, key])):
                     gone.append(key)
         self._go_to(without(gone))
@@ -170,22 +218,27 @@ class _Shrinker:
         return self._is_nearer(scene) and self.oracle.holds(scene, self.sure)
 
     def _fails(self, scenes: Sequence[Scene]) -> list[bool]:
-        """Whether each still fails and is no farther from nominal than the best so far."""
+        """Whether each still fails and is no farther from the reference than the best so far."""
         nearer = list(filter(self._is_nearer, scenes))
         failing = dict(zip(nearer, self.oracle.fails(nearer), strict=True))
         return [failing.get(scene, False) for scene in scenes]
 
     def _is_nearer(self, scene: Scene) -> bool:
-        return self.space.severity(scene) <= self.space.severity(self.best) + _ROUNDING
+        return self._distance(scene) <= self._distance(self.best) + _ROUNDING
+
+    def _distance(self, scene: Scene) -> float:
+        if self.reference is None:
+            return self.space.severity(scene)
+        return float(np.linalg.norm(self.space.embed(scene) - self.space.embed(self.reference)))
 
     def _left(self) -> list[str]:
-        return deviating(self.space, self.best)
+        return deviating(self.space, self.best, self.reference)
 
     def _free(self, operators: Sequence[str]) -> list[Gene]:
-        return free_genes(self.space, self.best, operators)
+        return free_genes(self.space, self.best, operators, self.reference)
 
     def _reset(self, operators: Sequence[str]) -> Scene:
-        return self.space.reset(self.best, operators)
+        return self.space.reset(self.best, operators, self.reference)
 
     def _go_to(self, scene: Scene) -> None:
         if scene != self.best:
@@ -196,10 +249,15 @@ class _Shrinker:
         kept = [thing for index, thing in enumerate(self.space.things(self.best)) if index not in gone]
         orders = (self.space.with_things(self.best, order) for order in permutations(kept))
         first = next(orders)
-        if self.space.severity(first) <= self.space.severity(self.best):
+        if self._distance(first) <= self._distance(self.best):
             return first
-        return min(orders, key=self.space.severity, default=first)
+        return min(orders, key=self._distance, default=first)
+
+    @property
+    def _start(self) -> Scene:
+        return self.space.nominal(like=self.best) if self.reference is None else self.reference
 
     def _without_values(self, genes: Sequence[Gene]) -> Scene:
-        reset = {gene.path: self.space.nominal_values[gene.path] for gene in genes}
+        start = start_values(self.space, self.reference)
+        reset = {gene.path: start[gene.path] for gene in genes}
         return self.space.compose(self.space.values(self.best) | reset)

@@ -11,7 +11,7 @@ from vlafuzz.failures.triage.attribute import attribute
 from vlafuzz.failures.triage.certify import Shrunk, by_known_cause, certify, certify_one
 from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Oracle
 from vlafuzz.failures.triage.path import deviating, directed, free_genes, outward
-from vlafuzz.failures.triage.shrink import drop_confounders, drop_values, shrink, stages_to_pass
+from vlafuzz.failures.triage.shrink import Reference, drop_confounders, drop_values, find_reference, shrink
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.model.phrasing import signature
@@ -124,7 +124,7 @@ class Triager:
             # A confounder has many values: of a policy that fails by chance, cheap answers drop one that matters.
             drop = drop_confounders if CONFOUNDERS in names and oracle.lead > 1 else drop_values
             firm = drop(firm, oracle, space)
-        shrunk = certify_one(firm, oracle, space, oracle.stages, subject=subject)
+        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
         rate = oracle.rate(alone) if farther_out else shrunk.rate
         if shrunk.hopeless:  # to shrink the whole failure would take 80 to 90 rollouts more, mostly in vain
             triaged = replace(self._repeated(finding, rate), detail=shrunk.problem)
@@ -205,14 +205,14 @@ class Triager:
     def _shrink(self, triaged: Triaged, oracle: Oracle, most: int) -> Triaged:
         space, confirmed = self.runner.space, oracle.spent
         oracle.budget = confirmed + round(most * TO_SHRINK)
-        stages = stages_to_pass(triaged.scene, oracle, space)
-        if stages is None:
+        reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
+        if reference is None:
             return replace(triaged, bucket="flaky", detail="even the nominal scene of the same objects fails")
-        shrunk = by_known_cause(triaged.scene, self.known, oracle, space, stages)
+        shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
         if shrunk is None:
-            way = shrink(triaged.scene, oracle, space)
+            way = shrink(triaged.scene, oracle, space, reference.scene)
             oracle.budget = confirmed + round(most * TO_CERTIFY)
-            shrunk = certify(way, oracle, space, stages)
+            shrunk = certify(way, oracle, space, reference)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
         oracle.budget = confirmed + most
@@ -224,7 +224,7 @@ class Triager:
         if shrunk.minimal and space.subject in self.blamed.get(triaged.scene, ()):
             others = space.reset(shrunk.scene, [space.subject])
             rates[space.subject] = oracle.contrasts(shrunk.scene, [others], most=MOST)[0].rate
-        operators = directed(space, shrunk.scene, shrunk.operators)
+        operators = directed(space, shrunk.scene, shrunk.operators, shrunk.reference)
         name = signature(triaged.scene.task, shrunk.lost, operators)
         located = any(name == one.signature and one.causes.thresholds for one in self.known)
         triaged = replace(
@@ -236,6 +236,7 @@ class Triager:
             certified=shrunk.rate,
             counterparts=shrunk.counterparts,
             counterpart_rates=rates,
+            reference=shrunk.reference,
             signature=name,
         )
         if not shrunk.minimal:

@@ -103,30 +103,30 @@ class TableSpace(Space):
         slots = {gene.slot for gene in self.by_path.values() if gene.operator == kinds.TargetType.name}
         return [_name(one) for slot, one in enumerate(scene.targets) if f"targets.{slot}" in slots]
 
-    def direction(self, scene: Scene, operators: str) -> str | None:
+    def direction(self, scene: Scene, operators: str, start: Scene) -> str | None:
         """See ``Space.direction``; confounders have their number and, if it matters, their kinds: ``1,can``."""
         if operators == CONFOUNDERS:
-            others = self.reset(scene, [kinds.ConfounderType.name]).confounders
+            others = self.reset(scene, [kinds.ConfounderType.name], start).confounders
             pairs = zip(scene.confounders, others, strict=True)
             changed = {one.object.rpartition("_")[2] for one, other in pairs if one.object != other.object}
             return ",".join([str(len(scene.confounders)), *sorted(changed)])
         if operators == kinds.Light.name:
-            return "dark" if scene.light.intensity < self.nominal(like=scene).light.intensity else "bright"
+            return "dark" if scene.light.intensity < start.light.intensity else "bright"
         if operators == kinds.CameraPosition.name:  # the axis along which it is farthest off
-            axes = self.axes(scene, operators) or {"x": 0.0}
+            axes = self.axes(scene, operators, start) or {"x": 0.0}
             axis = max(axes, key=lambda axis: abs(axes[axis]))
             return f"{'-' if axes[axis] < 0 else '+'}{axis}"
         return None
 
-    def axes(self, scene: Scene, group: str) -> Mapping[str, float]:
+    def axes(self, scene: Scene, group: str, start: Scene) -> Mapping[str, float]:
         """See ``Space.axes``; the camera's position has x, y and z, in metres."""
         if group != kinds.CameraPosition.name:
             return {}
-        offsets = zip("xyz", scene.camera.offset, self.nominal(like=scene).camera.offset, strict=True)
+        offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
         return {axis: here - there for axis, here, there in offsets if abs(here - there) > _STILL}
 
-    def without_axes(self, scene: Scene, group: str, axes: Collection[str]) -> Scene:
-        offsets = zip("xyz", scene.camera.offset, self.nominal(like=scene).camera.offset, strict=True)
+    def without_axes(self, scene: Scene, group: str, axes: Collection[str], start: Scene) -> Scene:
+        offsets = zip("xyz", scene.camera.offset, start.camera.offset, strict=True)
         moved = polar(*(there if axis in axes else here for axis, here, there in offsets))
         paths = [f"camera.{name}" for name in ("distance", "azimuth", "elevation")]
         grids = [self.by_path[path].grid for path in paths]
