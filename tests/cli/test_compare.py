@@ -21,7 +21,7 @@ from vlafuzz.store.store import Store
 IDLE = ("--policy", "python:tests.doubles:make_idle")
 _SMALL = "--strategies random,nsga2 --budget 12 --repeats 2 --seed 3 --triage-rollouts 0"
 SMALL = (*IDLE, *_SMALL.split())
-HERE = ("--store", "a.db")
+HERE = ("--store", "a.db", "--out", "compare.html")
 
 
 def dark(scene: Scene) -> bool:
@@ -123,6 +123,15 @@ def test_strategies_are_judged_by_the_causes_that_triage_certifies(triaged: Made
     assert all(0 < run["triage_rollouts"] <= 200 for run in document["runs"])
     assert "12 rollouts and 200 of triage, 2 repeats" in " ".join(triaged.printed.split())
     assert "nsga2: certified causes beside random: 2 repeats are too few to tell" in triaged.printed
+
+
+def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(triaged: Made):
+    page = (triaged.folder / "compare.html").read_text()
+    assert "vlafuzz report a.db --out report.html --trust" in page
+    for standing in triaged.document["standings"]:
+        for count in standing["causes"].values():
+            assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page
+    assert page.count("<article") == len({name for each in triaged.document["standings"] for name in each["causes"]})
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):

@@ -32,6 +32,7 @@ def command(
             "as many as --budget, at least 200",
         ),
     ] = None,
+    out: Annotated[Path | None, option("Write a page with each cause to this HTML file.")] = None,
     json: JsonFlag = False,
     config: ConfigFlag = None,
     **given: Any,
@@ -44,8 +45,10 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
+    from vlafuzz.cli.report import write
     from vlafuzz.lab.compare import compare
-    from vlafuzz.lab.comparison import rows, sentences
+    from vlafuzz.lab.comparison import rows, sentences, view_of_comparison
+    from vlafuzz.report.sources import view_of
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)
@@ -67,6 +70,8 @@ def command(
     else:
         print_rows(rows(compared), title=compared.title)
         print_lines(*sentences(compared))
+    if out:
+        write(out, view_of_comparison(compared, view_of(store)))
 
 
 def _names(strategies: str) -> list[str]:

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 from vlafuzz.campaign import config
 from vlafuzz.campaign.config import Plan, RunConfig, fuzz, make_executor, stands_alone
+from vlafuzz.campaign.forecast import Forecast, usual_speed
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.statistics import Estimate
-from vlafuzz.common.text import plural
+from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.failures.triage.pipeline import HERE, Allowance, findings_in_order, job_of, runner_of_run, work
@@ -91,6 +92,9 @@ def complete(
                     plan = replace(plan, manifest=run.manifest, resume=run.id)
                 if number == 1 and plan.manifest.alone:
                     watch.note(stands_alone(plan.manifest.policy))
+                if number == 1 and (speed := usual_speed(plan)):
+                    seconds = total * Forecast(plan, speed, certify=False).rollout
+                    watch.note(f"{plural(len(missing), 'run')}: about {duration(seconds)} without triage; {speed.words}")
                 executor = executor or stack.enter_context(closing(make_executor(plan)))
                 summary = fuzz(plan, store, executor, partial(_report, show, done), alone=True)
                 done += plan.manifest.budget

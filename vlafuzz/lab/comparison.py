@@ -6,8 +6,11 @@ from dataclasses import dataclass, replace
 from statistics import fmean
 
 from vlafuzz.common import statistics as stats
+from vlafuzz.common.plugins import command
 from vlafuzz.common.statistics import Estimate
 from vlafuzz.common.text import Row, interval, percent, plural
+from vlafuzz.report.tables import Table
+from vlafuzz.report.view import Head, View
 from vlafuzz.store.records import Manifest
 
 ALPHA = 0.05
@@ -236,3 +239,34 @@ def sentences(compared: Comparison) -> list[str]:
         runs = f"in {len(short)} of {plural(len(compared.runs), 'run')}"
         said.append(f"{runs} {limit} rollouts are too few to triage one failure: give more --triage-rollouts")
     return said
+
+
+def view_of_comparison(compared: Comparison, view: View) -> View:
+    """The view of its store with one card for each certified cause, those of most runs first."""
+    cards = {card.of.signature: card for card in reversed(view.causes) if card.of and card.of.bucket == "minimal"}
+    found = {name: [one.causes.get(name or "", 0) for one in compared.standings] for name in cards}
+    ordered = sorted(cards, key=lambda name: -sum(found[name]))
+    names = [standing.strategy for standing in compared.standings]
+    says, *tests = sentences(compared)
+    causes = tuple(
+        replace(
+            cards[name],
+            id=f"cause-{number}",
+            numbers=[
+                (f"{count} of {compared.repeats}", f"runs of {strategy} certify it")
+                for strategy, count in zip(names, found[name], strict=True)
+            ],
+            step=None,
+        )
+        for number, name in enumerate(ordered, start=1)
+    )
+    report = command("report", compared.store, "--out", "report.html", names=[compared.policy])
+    return replace(
+        view,
+        title=f"{' and '.join(names)}: {compared.title}",
+        heads=(Head("", f"{tests[0] if tests else 'One strategy, compared with none'}."),),
+        causes=causes,
+        failures=(),
+        tables=(Table("Strategies", rows(compared), f"{says} {'; '.join(tests)}"), view.tables[-1]),
+        todo=(("Films of these causes, and all failures:", report),),
+    )
