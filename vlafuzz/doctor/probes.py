@@ -165,14 +165,6 @@ class Answers:
         """A distance relative to the mean distance between the answers to different moments."""
         return distance / self._spread if self._spread else float(distance > 0)
 
-    def crossed(self, probed: Sequence[Array]) -> bool:
-        """Whether the probed answers would fit the moments much better in another order."""
-        from scipy.optimize import linear_sum_assignment
-
-        costs = np.array([[apart(self._spec, a, b) for b in self._first] for a in probed])
-        rows, columns = linear_sum_assignment(costs)
-        return bool(costs[rows, columns].sum() < costs.trace() / 2)
-
     def _distances(self, others: Sequence[Array]) -> Array:
         pairs = zip(self._first, others, strict=True)
         return np.array([apart(self._spec, a, b) for a, b in pairs])

@@ -34,7 +34,7 @@ FAULTS: dict[str, tuple[Rating, str]] = {
     "nearly blind": ("warn", "it notices darkness, but {view} changes nothing"),
     "deaf": ("warn", "it ignores its instruction; look at how the instruction gets to it"),
     "it asks for the pose of the hand and does not use it": ("warn", "look at the layout, state=…"),
-    "mixed up": ("refuse", "{problem}"),
+    "mixed up": ("refuse", "answer in the order of the observations, and each by its own alone"),
     "the last digits depend on the rest of the batch": ("warn", "say deterministic=False, or max_batch=1"),
     "slow": ("warn", "a robot would wait for it, here it only takes long; execute more of a chunk, or lower hz"),
     "it breaks off at times": ("warn", "the first time {broken.where}: {broken.error.message}"),
@@ -150,11 +150,8 @@ def on_batch(spec: PolicySpec, answers: Answers, together: Sequence[Array] | Non
         return Check("batch", "it takes one observation at a time")
     change = answers.change(together)
     detail = f"its answers change by {change.size:.2%} in a batch"
-    if answers.crossed(together):
-        problem = "they belong to other observations; answer in the order of the observations"
-        return judged("batch", detail, "mixed up", problem=problem)
     if change.clear:
-        return judged("batch", detail, "mixed up", problem="an answer must depend on its own observation alone")
+        return judged("batch", detail, "mixed up")
     exact = spec.deterministic and not answers.noise.any()
     return judged("batch", detail, "the last digits depend on the rest of the batch" if change.size and exact else None)
 
