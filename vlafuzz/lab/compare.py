@@ -94,8 +94,8 @@ def complete(
                     watch.note(stands_alone(plan.manifest.policy))
                 if number == 1 and (speed := usual_speed(plan)):
                     seconds = total * Forecast(plan, speed, certify=False).rollout
-                    runs = plural(len(missing), "run")
-                    watch.note(f"{runs}: about {duration(seconds)} without triage; {speed.words}")
+                    about = plural(len(missing), "run")
+                    watch.note(f"{about}: about {duration(seconds)} without triage; {speed.words}")
                 executor = executor or stack.enter_context(closing(make_executor(plan)))
                 summary = fuzz(plan, store, executor, partial(_report, show, done), alone=True)
                 done += plan.manifest.budget
