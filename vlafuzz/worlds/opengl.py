@@ -1,18 +1,15 @@
 """MuJoCo's pictures without a screen, and which OpenGL draws them here."""
 
-import os
-import subprocess
-import sys
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from vlafuzz.common.arrays import Picture
+from vlafuzz.common.child import tried
 
 MOST_SHAPES = 1000  # in a picture, as in robosuite
 
-# A driver may crash, so a child process asks it for its device, and its version.
 _CHILD = """
 from mujoco.egl import GLContext
 context = GLContext(8, 8)
@@ -27,12 +24,8 @@ context.free()
 @cache
 def device() -> str:
     """Device and driver with its version; empty if no pictures can be drawn."""
-    child, place = [sys.executable, "-c", _CHILD], {"MUJOCO_GL": "egl", **os.environ}
-    try:
-        told = subprocess.run(child, env=place, capture_output=True, text=True, timeout=120, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return ""
-    return told.stdout.strip()
+    lines, problem = tried(_CHILD, MUJOCO_GL="egl")
+    return "" if problem else "\n".join(lines).strip()
 
 
 class Canvas:

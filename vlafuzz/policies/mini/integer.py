@@ -5,10 +5,7 @@ Weights have one scale per output channel, inputs one per layer, from the ranges
 """
 
 import os
-import subprocess
-import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import cache
 from itertools import product
 from typing import Any
@@ -18,11 +15,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from vlafuzz.common.assets import kept
+from vlafuzz.common.child import tried
 
 # The largest integers of inputs and of weights: older processors add two products in 16 bits.
 LEVELS, SIGNED = 255, 64
 SHAPES = ((32, 64, 64, 2), (64, 64, 32, 1), (64, 128, 32, 2), (128, 128, 16, 1))  # channels, size, stride
-TIMEOUT = 120.0  # seconds
 
 
 class IntegerConv(nn.Module):
@@ -74,10 +71,8 @@ def exact() -> bool:
 
 
 def _survives_trial() -> bool:
-    command = [sys.executable, "-c", f"from {__name__} import trial; raise SystemExit(not trial())"]
-    with suppress(subprocess.TimeoutExpired, OSError):
-        return subprocess.run(command, capture_output=True, timeout=TIMEOUT, check=False).returncode == 0
-    return False
+    _, problem = tried(f"from {__name__} import trial; raise SystemExit(not trial())")
+    return not problem
 
 
 @torch.inference_mode()

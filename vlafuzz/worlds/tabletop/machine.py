@@ -1,10 +1,9 @@
 """Checks of this machine: the simulator's packages, and what draws pictures."""
 
-import subprocess
-import sys
 from collections.abc import Iterator
 
 from vlafuzz.common.check import Check
+from vlafuzz.common.child import tried
 from vlafuzz.worlds.provenance import versions
 from vlafuzz.worlds.tabletop import renderer
 
@@ -29,10 +28,6 @@ def checks() -> Iterator[Check]:
 
 
 def import_problem() -> str:
-    """Why the simulator cannot be imported, empty if it can: tried in a new process, as a native library may crash."""
-    try:
-        child = subprocess.run([sys.executable, "-c", _IMPORT], capture_output=True, text=True, timeout=180)
-    except subprocess.TimeoutExpired:
-        return "no import within 180 s"
-    said = child.stderr.strip().splitlines() if child.returncode > 0 else []
-    return "" if child.returncode == 0 else (said or ["the import crashed"])[-1]
+    """Why the simulator cannot be imported, empty if it can."""
+    _, problem = tried(_IMPORT, 180.0)
+    return problem

@@ -7,11 +7,11 @@ import ctypes
 import json
 import os
 import struct
-import subprocess
 import sys
 from functools import cache
 from typing import Any, NamedTuple
 
+from vlafuzz.common.child import tried
 from vlafuzz.errors import PrerequisiteError
 
 HINT = (
@@ -46,19 +46,9 @@ class Renderer(NamedTuple):
 
 def probe(timeout: float = 120.0) -> Renderer:
     """Draw one picture in a new process within ``timeout`` seconds."""
-    environment = {"LP_NUM_THREADS": "0", **os.environ}
-    command = [sys.executable, "-c", _CHILD]
-    try:
-        child = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout)
-    except subprocess.TimeoutExpired:
-        return Renderer(problem=f"no picture within {timeout:.0f} s")
-    except OSError as error:
-        return Renderer(problem=f"no process for it: {error.strerror}")
-    answers = [line for line in child.stdout.splitlines() if line.startswith("{")]
-    if answers:
-        return Renderer(**json.loads(answers[-1]))
-    crashed = f"the driver crashed with signal {-child.returncode}"
-    return Renderer(problem=crashed if child.returncode < 0 else (child.stderr.splitlines() or ["no output"])[-1])
+    lines, problem = tried(_CHILD, timeout, LP_NUM_THREADS="0")
+    answers = [line for line in lines if line.startswith("{")]
+    return Renderer(**json.loads(answers[-1])) if answers else Renderer(problem=problem or "no output")
 
 
 @cache
