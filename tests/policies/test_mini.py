@@ -197,7 +197,7 @@ def test_processors_without_integers_compute_the_same(conv):
 @pytest.mark.parametrize(("code", "answer"), [(0, True), (1, False), (-11, False)])
 def test_integers_are_used_where_a_process_survived_their_trial_with_right_sums(monkeypatch, tmp_path, code, answer):
     monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path))
-    monkeypatch.setattr(subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, code))
+    monkeypatch.setattr(subprocess, "run", lambda command, **_: subprocess.CompletedProcess(command, code, "", ""))
     assert exact.__wrapped__() is answer
     monkeypatch.setattr(subprocess, "run", lambda command, **_: pytest.fail("it is tried once"))
     assert exact.__wrapped__() is answer
