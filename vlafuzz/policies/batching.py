@@ -144,14 +144,11 @@ class ServedPolicy:
     """
 
     def __init__(self, policy: Policy, wait: float = WAIT, longest: float | None = None) -> None:
-        self.spec, self._longest, self._numbers = policy.spec, longest, itertools.count()
+        self.spec, self._longest, self.newcomers = policy.spec, longest, itertools.count()
         self._batching, self._most, self._wait = BatchingPolicy(policy), policy.spec.max_batch, wait
         self._changed, self._busy, self._took = Condition(), False, 0.0
         self._pending: list[_Pending] = []
         self._live: set[int] = set()  # callers in the middle of a rollout, which will send requests
-
-    def newcomer(self) -> int:
-        return next(self._numbers)
 
     def leave(self, caller: int) -> None:
         with self._changed:

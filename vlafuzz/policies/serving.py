@@ -155,7 +155,7 @@ class _Session:
     """A connection with its rollout."""
 
     def __init__(self, policy: ServedPolicy) -> None:
-        self._spec, self._policy, self._number = policy.spec, policy, policy.newcomer()
+        self._spec, self._policy, self._number = policy.spec, policy, next(policy.newcomers)
         self._said = _Begun()
         self._start: EpisodeStart | None = None
         self._begun = self._step = 0

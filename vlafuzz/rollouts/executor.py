@@ -50,8 +50,7 @@ def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Any]) -> list[Outcome
     except Exception as error:  # a bug in the evaluator must not end a run of hours
         return [broken(error)] * len(scenes)
     if len(outcomes) != len(scenes):
-        message = f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes"
-        return [Outcome.error(message)] * len(scenes)
+        return [Outcome.error(f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes")] * len(scenes)
     return [checked(outcome) if isinstance(outcome, Outcome) else outcome for outcome in outcomes]
 
 

@@ -31,8 +31,7 @@ def is_built_in(name: str) -> bool:
 
 def known_policies() -> dict[str, str]:
     """Name → description, one sentence each."""
-    clients = [client(protocol) for protocol in SERVERS]
-    named: dict[str, Any] = built_in() | {kind.form: kind for kind in clients}
+    named: dict[str, Any] = built_in() | {kind.form: kind for kind in map(client, SERVERS)}
     return {
         name: (inspect.getdoc(factory) or "").split("\n\n")[0].replace("\n", " ") for name, factory in named.items()
     }

@@ -89,7 +89,8 @@ class _Actor:
         try:
             result = ray.get(self.pending)
         except RayActorError as error:
-            raise Lost(f"its actor died{_unmade(error)}") from None
+            lines = str(error).strip().splitlines()  # the last one may say that its machine lacks a package
+            raise Lost(f"its actor died{f': {lines[-1]}' if 'creation task' in lines[0] else ''}") from None
         except RayError as error:
             raise Lost(f"its actor broke: {type(error).__name__}") from None
         if isinstance(result, BaseException):
@@ -119,12 +120,6 @@ class _RemoteWorker:
         except (VlafuzzError, KeyboardInterrupt) as error:
             return error
         return outcomes
-
-
-def _unmade(error: RayActorError) -> str:
-    """Why the actor could not be created, for instance a missing package on its machine."""
-    lines = str(error).strip().splitlines()
-    return f": {lines[-1]}" if "creation task" in lines[0] else ""
 
 
 def _wait(workers: Sequence[Any], seconds: float) -> None:

@@ -200,7 +200,7 @@ def _accept(listener: connection.Listener, served: ServedPolicy) -> None:
 
 def _talk(served: ServedPolicy, pipe: Any) -> None:
     """Answer the requests of a worker until it is gone."""
-    caller = served.newcomer()
+    caller = next(served.newcomers)
     with suppress(EOFError, OSError):
         while True:
             request: Request = pipe.recv()

@@ -22,11 +22,10 @@ LEVELS, SIGNED = 255, 64
 SHAPES = ((32, 64, 64, 2), (64, 64, 32, 1), (64, 128, 32, 2), (128, 128, 16, 1))  # channels, size, stride
 
 
-class IntegerConv(nn.Module):
+class IntegerConv:
     """A convolution of inputs in [0, ``largest``]; larger ones are clipped. For inference on a CPU."""
 
     def __init__(self, conv: nn.Conv2d, largest: float) -> None:
-        super().__init__()
         weight = conv.weight.detach()
         self._step = largest / LEVELS
         self._steps = weight.abs().amax((1, 2, 3)).clamp(min=1e-12) / SIGNED
@@ -36,7 +35,7 @@ class IntegerConv(nn.Module):
         self._zeros = torch.zeros(len(weight), dtype=torch.int64)
         self._packed: dict[tuple[int, ...], Any] = {}  # weights as oneDNN wants them, by shape of the input
 
-    def forward(self, x: Tensor) -> Tensor:
+    def __call__(self, x: Tensor) -> Tensor:
         rounded = (x * (1 / self._step)).add_(0.5).clamp_(max=LEVELS)
         whole = rounded.to(torch.int16).to(torch.uint8)  # straight to bytes takes half as long again
         return self.fast(whole) if exact() else self.slow(whole)
@@ -66,8 +65,7 @@ def exact() -> bool:
 
     That is tried in a process of its own, as a kernel may crash, and once for a processor and torch.
     """
-    limit = os.environ.get("ONEDNN_MAX_CPU_ISA")
-    return bool(kept("integers", _survives_trial, limit))
+    return bool(kept("integers", _survives_trial, os.environ.get("ONEDNN_MAX_CPU_ISA")))
 
 
 def _survives_trial() -> bool:
@@ -96,4 +94,5 @@ def to_integers(network: nn.Module, largest: Mapping[str, float]) -> None:
         parent, _, own = name.rpartition(".")
         conv = network.get_submodule(name)
         assert isinstance(conv, nn.Conv2d)
+        delattr(network.get_submodule(parent), own)
         setattr(network.get_submodule(parent), own, IntegerConv(conv, size))

@@ -6,6 +6,7 @@ argmax of Levine et al. 2016 (<https://arxiv.org/abs/1504.00702>) in place of to
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 import torch
@@ -65,9 +66,9 @@ class Block(nn.Module):
         self.film = Film(channels)
 
     def forward(self, x: Tensor, film: Affine) -> Tensor:
-        scale, shift = film
-        y = functional.relu(self.norms[0](self.first(x)), inplace=True)
-        return functional.relu(x + (self.norms[1](self.second(y)) * scale + shift), inplace=True)
+        (scale, shift), (before, after) = film, self.norms
+        y = _normed(before, self.first(x)).relu_()
+        return (_normed(after, self.second(y)) * scale).add_(shift).add_(x).relu_()
 
 
 class Down(nn.Module):
@@ -79,7 +80,12 @@ class Down(nn.Module):
         self.norm = nn.GroupNorm(8, after)
 
     def forward(self, x: Tensor) -> Tensor:
-        return functional.relu(self.norm(self.conv(x)), inplace=True)
+        return _normed(self.norm, self.conv(x)).relu_()
+
+
+def _normed(norm: Any, x: Tensor) -> Tensor:
+    """What a ``GroupNorm`` makes of its input, without the checks of its call."""
+    return torch.group_norm(x, norm.num_groups, norm.weight, norm.bias, norm.eps)
 
 
 class Reader(nn.Module):
@@ -168,9 +174,9 @@ class Network(nn.Module):
 
     def _see(self, pictures: Tensor, told: Told) -> tuple[Tensor, Tensor]:
         """Features of every picture on its own: ``(n * views, …)``, halved twice and three times."""
-        grid = _grid(self.views, pictures.device, pictures.dtype).repeat(len(pictures), 1, 1, 1)
+        grid = _grid(self.views, pictures.device, pictures.dtype).expand(len(pictures), -1, -1, -1, -1).flatten(0, 1)
         pictures = pictures.reshape(-1, 3, *pictures.shape[2:])
-        x = self.to_middle(self.stem(torch.cat([pictures * 2 - 1, grid], dim=1)))
+        x = self.to_middle(self.stem(torch.cat([(pictures * 2).sub_(1), grid], dim=1)))
         films = iter(told.films)
         for block in self.middle:
             x = block(x, next(films))
@@ -185,8 +191,7 @@ def _grid(views: int, device: torch.device, dtype: torch.dtype) -> Tensor:
     """``(views, 2, 128, 128)``: row and column of each pixel in [-1, 1], shifted by 2 for each camera."""
     side = torch.linspace(-1, 1, 128, device=device, dtype=dtype)
     grid = torch.stack(torch.meshgrid(side, side, indexing="ij"))[None]
-    shifted = grid + 2 * torch.arange(views, device=device, dtype=dtype)[:, None, None, None]
-    return shifted.contiguous(memory_format=torch.channels_last)
+    return grid + 2 * torch.arange(views, device=device, dtype=dtype)[:, None, None, None]
 
 
 def _look(fused: Tensor, queries: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -136,7 +136,7 @@ class Mini:
         picture = torch.from_numpy(joined)[None].permute(0, 3, 1, 2)
         with torch.inference_mode():
             told = self._read(seen.instruction)
-            output = self._network.act(picture.float() / 255, told, torch.from_numpy(state))
+            output = self._network.act(picture.float().div_(255), told, torch.from_numpy(state))
             moves = decode(output["moves"])[0].numpy()
         actions = np.ones((HORIZON, 7))
         actions[:, :6] = moves

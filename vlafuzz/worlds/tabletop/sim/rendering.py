@@ -25,7 +25,6 @@ from vlafuzz.worlds.tabletop.room import FRICTION
 
 # What SAPIEN's shaders do for nothing: a reflectance table, which takes 6 s to compute on a CPU, light that is mirrored
 # from surroundings, of which there are none, and a picture of places and numbers. Without it the pictures are the same.
-_NEEDLESS_NAMES = ("samplerBRDFLUT", "specularIBL", "outPositionSegmentation")
 _NEEDLESS = re.compile(
     r"^layout\(.*\) (uniform sampler2D samplerBRDFLUT|out ivec4 outPositionSegmentation);$"
     r"|^vec3 specularIBL\([^}]*\}$"
@@ -78,25 +77,22 @@ def _shader_pack(*, full: bool = False) -> Path:
         for name in ("minimal", "common")
         for file in sorted((source / name).iterdir())
     }
+
+    def fill(folder: Path) -> None:
+        for name, text in shaders.items():
+            (folder / name).parent.mkdir(exist_ok=True)
+            (folder / name).write_text(text, encoding="utf-8")
+
     digest = hashlib.sha256(json.dumps(shaders).encode()).hexdigest()[:20]
-    folder = assets.made_once(
-        f"shaders/{digest}",
-        lambda folder: _fill(shaders, folder),
-        lambda folder: all((folder / name).is_file() for name in shaders),
-    )
+    folder = assets.made_once(f"shaders/{digest}", fill, lambda made: all((made / name).is_file() for name in shaders))
     return folder / "minimal"
 
 
 def _quick(shader: str) -> str:
     """The shader without needless work; unchanged where SAPIEN has changed it, which is only slower."""
     without = _NEEDLESS.sub("", shader)
-    return (shader if any(name in without for name in _NEEDLESS_NAMES) else without).replace(_COLOUR, _OPAQUE)
-
-
-def _fill(shaders: dict[str, str], folder: Path) -> None:
-    for name, text in shaders.items():
-        (folder / name).parent.mkdir(exist_ok=True)
-        (folder / name).write_text(text, encoding="utf-8")
+    left = re.search("samplerBRDFLUT|specularIBL|outPositionSegmentation", without)
+    return (shader if left else without).replace(_COLOUR, _OPAQUE)
 
 
 def add_entity(scene: sapien.Scene, name: str, pose: sapien.Pose, *components: sapien.Component) -> sapien.Entity:
