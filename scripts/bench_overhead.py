@@ -16,10 +16,12 @@ import argparse
 import json
 import os
 import sys
+import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -59,18 +61,39 @@ class Block:
     mib: float
 
 
+class Clock:
+    """Adds up the seconds in some methods of an object."""
+
+    def __init__(self, timed: object, *names: str) -> None:
+        self.seconds = 0.0
+        for name in names:
+            setattr(timed, name, partial(self._call, getattr(timed, name)))
+
+    def _call(self, method: Callable[..., Any], *args: Any, **options: Any) -> Any:
+        began = time.perf_counter()
+        try:
+            return method(*args, **options)
+        finally:
+            self.seconds += time.perf_counter() - began
+
+
+def clocks(strategy: object, store: Store) -> tuple[Clock, Clock]:
+    """Those of a strategy and a store in a campaign."""
+    return Clock(strategy, "ask", "tell"), Clock(store, "add", "known", "keep_causes")
+
+
 class Blocks:
     """Watches a campaign, and adds a block after every ``size`` proposals."""
 
-    def __init__(self, size: int) -> None:
+    def __init__(self, size: int, parts: tuple[Clock, Clock]) -> None:
         self.blocks: list[Block] = []
-        self._size, self._before = size, (0.0, 0.0)
+        self._size, self._parts, self._before = size, parts, (0.0, 0.0)
 
     def __call__(self, tally: Tally) -> None:
         """Called when a trial is stored."""
         if tally.proposals % self._size:
             return
-        now = (tally.search.seconds, tally.store.seconds)
+        now = (self._parts[0].seconds, self._parts[1].seconds)
         search, store = (1e3 * (b - a) / self._size for a, b in zip(self._before, now, strict=True))
         self._before = now
         self.blocks.append(Block(tally.proposals, search, store, resident()))
@@ -110,8 +133,9 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
             with Store.open(first.store, "write") as store:
                 for name in options.strategies:
                     prepared = plan(options, name, options.rollouts, folder)
+                    search, storing = clocks(prepared.strategy, store)
                     summary = config.fuzz(prepared, store, executor, lambda tally: None, alone=True)
-                    spent = {"search": summary.search_seconds, "store": summary.store_seconds}
+                    spent = {"search": search.seconds, "store": storing.seconds}
                     row: dict[str, Any] = {"strategy": name, "rollouts": summary.rollouts}
                     row |= {"proposals": summary.proposals, "seconds": summary.seconds}
                     row |= {f"{part}_seconds": seconds for part, seconds in spent.items()}
@@ -130,8 +154,8 @@ def endure(options: argparse.Namespace, strategy: str) -> dict[str, Any]:
             space.catalogue,
             min_distance=prepared.manifest.value("min_distance"),
         )
-        watch = Blocks(options.block)
         with Store.open(prepared.store, "write") as store:
+            watch = Blocks(options.block, clocks(prepared.strategy, store))
             summary = Campaign(
                 manifest=prepared.manifest,
                 space=space,

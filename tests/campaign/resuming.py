@@ -95,4 +95,4 @@ def contents(path: Path, run: int = 1) -> tuple[object, ...]:
 
 
 def timeless(summary: Summary, path: Path) -> Summary:
-    return replace(summary, seconds=0.0, search_seconds=0.0, store_seconds=0.0, store=str(path))
+    return replace(summary, seconds=0.0, store=str(path))

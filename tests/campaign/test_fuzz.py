@@ -1,4 +1,3 @@
-import time
 from pathlib import Path
 
 import numpy as np
@@ -237,24 +236,3 @@ def test_a_run_alone_pays_for_what_other_runs_know_and_only_once(store: Store):
     assert evaluator.evaluated == [scene(0.25), scene(1.0)]
     assert (summary.rollouts, summary.duplicates) == (2, 1)
     assert run(store, strategy=Scripted(asked)).rollouts == 0
-
-
-class Slow(Random):
-    """A strategy that takes its time, asked and told."""
-
-    def ask(self, n: int):
-        time.sleep(0.01)
-        return super().ask(n)
-
-    def tell(self, proposals, scores) -> None:
-        time.sleep(0.01)
-        super().tell(proposals, scores)
-
-
-def test_the_time_of_search_and_store_is_kept_apart_from_the_rollouts(store: Store):
-    summary = run(store, budget=20, batch=10, strategy=Slow(SPACE, 0))
-    (kept,) = store.runs()
-    assert summary.search_seconds >= 4 * 0.01
-    assert summary.store_seconds > 0
-    assert kept.seconds is not None
-    assert summary.search_seconds + summary.store_seconds <= kept.seconds <= summary.seconds

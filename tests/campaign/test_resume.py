@@ -155,11 +155,9 @@ def test_one_hears_once_of_what_was_stored_and_then_of_every_trial(tmp_path: Pat
 def test_its_seconds_are_those_of_all_parts(tmp_path: Path):
     cut(tmp_path / "a.db", 12)
     with Store.open(tmp_path / "a.db", "write") as store:
-        store.finish(1, "interrupted", 1000.0, 200.0, 300.0)
+        store.finish(1, "interrupted", 1000.0)
     summary = play(tmp_path / "a.db", resume=1)
     assert 1000 < summary.seconds < 1060
-    assert 200 < summary.search_seconds < 260
-    assert 300 < summary.store_seconds < 360
 
 
 RUN = """

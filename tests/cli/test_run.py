@@ -32,7 +32,6 @@ def test_a_run_prints_one_json_object_and_keeps_a_store(capsys):
     summary = told(capsys, ["run", *IDLE, "--budget", "30", "--store", "a.db", "--json"])
     assert [summary[name] for name in ("rollouts", "task", "strategy", "seed")] == [30, "pick-up", "causes", 0]
     assert list(summary["verdicts"]) == NAMES
-    assert 0 < summary["search_seconds"] + summary["store_seconds"] < summary["seconds"]
     assert summary["findings"] == summary["verdicts"]["failed"] > 0
     with Store.open(Path(summary["store"])) as store:
         assert len(store.findings(summary["run"])) == summary["findings"]

@@ -25,8 +25,8 @@ def test_a_run_that_is_gone_on_with_has_what_it_took_and_not_its_parallel_rollou
     run = store.begin(manifest())
     for proposal in range(3):
         store.add(run, trial(proposal, passed()))
-    store.finish(run, "interrupted", 0.25, 0.05, 0.125)
-    assert store.reopen(run) == (0.25, 0.05, 0.125)
+    store.finish(run, "interrupted", 0.25)
+    assert store.reopen(run) == 0.25
 
 
 def test_a_failing_trial_comes_back_bit_by_bit(store: Store):

@@ -75,8 +75,7 @@ def keeping_causes(
         watch(tally)
         began = time.monotonic()
         if tally.causes is not None and began >= due:
-            with tally.store:
-                store.keep_causes(tally.run, attribution(strategy, space, store, tally.run))
+            store.keep_causes(tally.run, attribution(strategy, space, store, tally.run))
             due = began + max(EVERY, (time.monotonic() - began) / SHARE)
 
     return follow

@@ -19,7 +19,7 @@ from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
 from vlafuzz.search.scoring import Measure, cell, score
-from vlafuzz.store.records import Manifest, Spent, Status, Trial
+from vlafuzz.store.records import Manifest, Status, Trial
 from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
@@ -144,7 +144,7 @@ class Campaign:
         """
         store, strategy = self.store, self.strategy
         run = store.begin(self.manifest) if self.resume is None else self.resume
-        before = Spent(0.0) if self.resume is None else store.reopen(run, finished=self.more > 0)
+        before = 0.0 if self.resume is None else store.reopen(run, finished=self.more > 0)
         self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
         self._follow = keeping_causes(self.watch, strategy, self.space, store)
         self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
@@ -173,7 +173,7 @@ class Campaign:
             status = "interrupted"
             raise
         finally:
-            store.finish(run, status, *self.tally.spent)
+            store.finish(run, status, self.tally.seconds)
             if looks_for_causes(strategy) and not self.past.left:
                 store.keep_causes(run, attribution(strategy, self.space, store, run))
         return self.tally.summary(str(store.path))
@@ -202,8 +202,7 @@ class Campaign:
             return None
         if self._ahead is None:
             number = min(AHEAD * self.manifest.batch, self._affordable())
-            with self.tally.search:
-                self._ahead = deque(map(self.space.decode, self.strategy.ahead(number)))
+            self._ahead = deque(map(self.space.decode, self.strategy.ahead(number)))
         while self._ahead:
             scene = self._ahead.popleft()
             if scene.digest not in self.early and self._known(scene) is None:
@@ -214,8 +213,7 @@ class Campaign:
 
     def _ask(self) -> None:
         while (room := self._room()) > 0:
-            with self.tally.search:
-                proposals = self.strategy.ask(room)
+            proposals = self.strategy.ask(room)
             if len(proposals) > room:  # a user's own strategy may, but the budget holds
                 name = self.manifest.strategy
                 problem = f"strategy {name!r}: asked for {room} proposals, got {len(proposals)}"
@@ -243,8 +241,7 @@ class Campaign:
     def _admit(self, proposals: Sequence[Proposal]) -> None:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""
         scenes = [self.space.decode(proposal.genome) for proposal in proposals]
-        with self.tally.store:
-            past = self.past.take(proposals, scenes)
+        past = self.past.take(proposals, scenes)
         for trial in past.values():
             self.tally.count(trial)
         if past and not self.past.left:
@@ -264,8 +261,7 @@ class Campaign:
             by_scene.setdefault(scene.digest, asked)
 
     def _known(self, scene: Scene) -> Outcome | None:
-        with self.tally.store:
-            return self.store.known(scene, self.manifest.key(), self.tally.run if self.alone else None)
+        return self.store.known(scene, self.manifest.key(), self.tally.run if self.alone else None)
 
     def _begin(self, asked: _Asked) -> None:
         """Have a scene rolled out, unless it was begun early."""
@@ -297,11 +293,10 @@ class Campaign:
         if not self.tally.stopped:
             self.tally.judge(scenes, outcomes, self.patience)
         scores = [score(*pair, self.space) for pair in zip(scenes, outcomes, strict=True)]
-        with self.tally.search:
-            self.strategy.tell([self._tried(asked) for asked in group], scores)
-            if looks_for_causes(self.strategy):
-                found = said_by(self.strategy, "found", None)
-                self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
+        self.strategy.tell([self._tried(asked) for asked in group], scores)
+        if looks_for_causes(self.strategy):
+            found = said_by(self.strategy, "found", None)
+            self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
 
     def _tried(self, asked: _Asked) -> Proposal:
         """The proposal without the events that had not begun, as they explain no failure."""
@@ -344,7 +339,6 @@ class Campaign:
             duplicate=asked.duplicate,
         )
         asked.kept = True
-        with self.tally.store:
-            self.store.add(self.tally.run, trial)
+        self.store.add(self.tally.run, trial)
         self.tally.count(trial)
         self._follow(self.tally)

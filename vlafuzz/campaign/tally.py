@@ -9,7 +9,7 @@ from typing import NamedTuple
 from vlafuzz.common.text import plural
 from vlafuzz.failures.events import failed_before
 from vlafuzz.model import Outcome, Scene, Verdict
-from vlafuzz.store.records import Manifest, Spent, Trial
+from vlafuzz.store.records import Manifest, Trial
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class Summary:
         before_event: distinct scenes that failed before any of their events had begun.
         first_failure: digest of the first scene that failed.
         stopped: why the run ended before its budget was spent, in a sentence.
-        seconds: wall time; ``search_seconds`` of it in the strategy's ask and tell, ``store_seconds`` in the store.
+        seconds: wall time.
     """
 
     run: int
@@ -49,8 +49,6 @@ class Summary:
     stopped: str | None
     checkup: str
     seconds: float
-    search_seconds: float
-    store_seconds: float
     store: str
 
     @property
@@ -81,20 +79,6 @@ _OF_TALLY = ("run", "rollouts", "proposals", "duplicates", "earlier", "first_err
 TIME_OVER = "its time is over; with --resume it goes on"
 
 
-class Stopwatch:
-    """Adds up the seconds spent in its ``with`` blocks."""
-
-    def __init__(self, seconds: float = 0.0) -> None:
-        self.seconds = seconds
-        self._began = 0.0
-
-    def __enter__(self) -> None:
-        self._began = time.perf_counter()
-
-    def __exit__(self, *_: object) -> None:
-        self.seconds += time.perf_counter() - self._began
-
-
 class _Seen(NamedTuple):
     """The first proposal of a scene and its last outcome: an ERROR may be followed by a verdict."""
 
@@ -108,17 +92,15 @@ class Tally:
     """Counts trials as they are stored, and judges whether proposals still lead to rollouts.
 
     Args:
-        before: time that the run has taken already.
+        before: seconds that the run has taken already.
 
     Attributes:
-        search: stopwatch for the strategy's ask and tell; ``store`` is that for the store.
         causes: found so far; None if the strategy does not look for causes.
     """
 
-    def __init__(self, run: int, manifest: Manifest, before: Spent) -> None:
+    def __init__(self, run: int, manifest: Manifest, before: float) -> None:
         self.run, self.manifest = run, manifest
-        self.search, self.store = Stopwatch(before.search or 0.0), Stopwatch(before.store or 0.0)
-        self._began = time.perf_counter() - before.seconds
+        self._began = time.perf_counter() - before
         self.rollouts = self.proposals = self.duplicates = self.earlier = 0
         self.first_error: str | None = None
         self.stopped: str | None = None
@@ -164,8 +146,9 @@ class Tally:
             self.stopped = f"no rollout in {number} proposals in a row: {counts}"
 
     @property
-    def spent(self) -> Spent:
-        return Spent(time.perf_counter() - self._began, self.search.seconds, self.store.seconds)
+    def seconds(self) -> float:
+        """Wall time of the run so far."""
+        return time.perf_counter() - self._began
 
     def summary(self, store: str) -> Summary:
         """The result so far."""
@@ -181,8 +164,6 @@ class Tally:
             findings=len(failed),
             before_event=sum(seen.early for seen in scenes),
             first_failure=min(failed, key=failed.__getitem__, default=None),
-            seconds=self.spent.seconds,
-            search_seconds=self.search.seconds,
-            store_seconds=self.store.seconds,
+            seconds=self.seconds,
             store=store,
         )

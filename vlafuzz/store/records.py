@@ -35,14 +35,6 @@ class Manifest(Conditions):
     checkup: str = ""
 
 
-class Spent(NamedTuple):
-    """Seconds of wall time: in all, and of these in the strategy's ask and tell, and in the store."""
-
-    seconds: float
-    search: float | None = None
-    store: float | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class Run:
     """One campaign, with its wall time in ``seconds`` once it is over; a killed run stays ``running``."""

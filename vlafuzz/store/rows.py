@@ -53,7 +53,7 @@ def without_column(kind: type[Triaged]) -> dict[str, TypeAdapter[Any]]:
 
 
 _MORE = without_column(Triaged)
-# Columns of ``run`` beside those of its manifest.
+# Columns of ``run`` beside those of its manifest; the last two are of earlier versions.
 _OF_RUN = ("id", "policy_key", "status", "started", "ended", "seconds", "search_seconds", "store_seconds")
 _BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
 

@@ -12,18 +12,7 @@ from vlafuzz.errors import StoreError
 from vlafuzz.model import Outcome, Rollout, Scene, Verdict
 from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
-from vlafuzz.store.records import (
-    UNFINISHED,
-    Attribution,
-    Finding,
-    Manifest,
-    Repeats,
-    Run,
-    Spent,
-    Status,
-    Triaged,
-    Trial,
-)
+from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Repeats, Run, Status, Triaged, Trial
 
 _SHOWN = 5  # digests, when a prefix fits several
 
@@ -85,13 +74,13 @@ class Store:
         with self._transaction():
             return self._insert("run", rows.run_row(manifest) | {"started": _now()})
 
-    def reopen(self, run: int, *, finished: bool = False) -> Spent:
-        """Continue a run that ended early, or also one that is ``finished``; returns the time that it has taken.
+    def reopen(self, run: int, *, finished: bool = False) -> float:
+        """Continue a run that ended early, or also one that is ``finished``; returns the seconds that it has taken.
 
         Its last errors, after which no scene was judged, are forgotten and so tried again.
         """
         rolling = "coalesce(seconds, (SELECT total(seconds) FROM trial WHERE run = ?1))"  # if it was killed
-        query = f"SELECT {rolling}, search_seconds, store_seconds FROM run WHERE id = ?1"
+        query = f"SELECT {rolling} FROM run WHERE id = ?1"
         with self._transaction():
             reopened = self._connection.execute(
                 f"UPDATE run SET status = 'running', ended = NULL WHERE id = ?1 AND (?2 OR status IN {UNFINISHED})",
@@ -103,7 +92,7 @@ class Store:
             last = f"SELECT id FROM trial WHERE run = ?1 AND id > coalesce(({judged}), 0)"
             for table, column in (("rollout", "trial"), ("trial", "id")):
                 self._connection.execute(f"DELETE FROM {table} WHERE {column} IN ({last})", (run,))
-            return Spent(*self._connection.execute(query, (run,)).fetchone())
+            return float(self._connection.execute(query, (run,)).fetchone()[0])
 
     def add(self, run: int, trial: Trial) -> None:
         """Store a trial with its rollouts, and as a finding when it failed: all of it or nothing."""
@@ -145,11 +134,11 @@ class Store:
             for (scene, number), judged in repeats.items():
                 self._insert("repeat", rows.repeat_row(run, made, scene, number, judged))
 
-    def finish(self, run: int, status: Status, seconds: float, *parts: float | None) -> None:
-        """Mark a run as over, with its wall time and the parts of it: the numbers of ``Spent``."""
-        query = "UPDATE run SET status = ?, ended = ?, seconds = ?, search_seconds = ?, store_seconds = ?"
+    def finish(self, run: int, status: Status, seconds: float) -> None:
+        """Mark a run as over, with its wall time."""
+        query = "UPDATE run SET status = ?, ended = ?, seconds = ? WHERE id = ?"
         with self._transaction():
-            self._connection.execute(f"{query} WHERE id = ?", (status, _now(), *Spent(seconds, *parts), run))
+            self._connection.execute(query, (status, _now(), seconds, run))
 
     # reading
 
