@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from tests.search.worlds import Remembering
-from vlafuzz.failures.triage.certify import Shrunk, certify
+from vlafuzz.failures.triage.certify import Certifier, Shrunk
 from vlafuzz.failures.triage.oracle import Jitter, Oracle
-from vlafuzz.failures.triage.shrink import Reference, shrink
+from vlafuzz.failures.triage.shrink import Reference, Shrinker
 from vlafuzz.model import Scene, Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.extras import EXTRAS
@@ -103,8 +103,8 @@ class Planted:
     def shrunk(self, scene: Scene, oracle: Oracle | None = None) -> Shrunk:
         """What is left of a scene, certified."""
         oracle = oracle or self.oracle()
-        way = shrink(scene, oracle, self.space)
-        return certify(way, oracle, self.space, Reference(None, STAGES))
+        way = Shrinker(self.space, oracle, [scene]).shrink()
+        return Certifier(oracle, self.space, Reference(None, STAGES)).certify(way)
 
     def finding(self, seed: int) -> Scene:
         """A random scene in which it fails."""

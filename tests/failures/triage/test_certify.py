@@ -11,7 +11,7 @@ from tests.doubles import failed, manifest, passed
 from tests.failures.triage.planted import DARK, SPACE, STAGES, TILTED, Planted
 from tests.failures.triage.runners import PlantedRunner
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import Shrunk, certify_one
+from vlafuzz.failures.triage.certify import Certifier, Shrunk
 from vlafuzz.failures.triage.contrast import shown
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.pipeline import PER_CAUSE, certify_causes, triage
@@ -95,7 +95,7 @@ def test_operators_that_each_matter_are_not_reset_together_as_well():
         return [FAILED if DARK(scene) and TILTED(scene) else PASSED for scene in scenes]
 
     oracle = Oracle(roll, STAGES, None, budget=100)
-    shrunk = certify_one(dark_and_tilted, oracle, SPACE, Reference(None, STAGES))
+    shrunk = Certifier(oracle, SPACE, Reference(None, STAGES)).test(dark_and_tilted)
     assert (shrunk.minimal, set(shrunk.operators)) == (True, {"light", "camera-orientation"})
     assert not any(scene.light == nominal.light and scene.camera == nominal.camera for scene in rolled)
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings, strategies as st
 
 from tests.failures.triage.planted import CONDITIONS, DARK, SPACE, STAGES, TILTED, Planted, fair
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import certify
-from vlafuzz.failures.triage.shrink import Reference, shrink
+from vlafuzz.failures.triage.certify import Certifier
+from vlafuzz.failures.triage.shrink import Reference, Shrinker
 from vlafuzz.model import Verdict
 from vlafuzz.store.records import Judged
 from vlafuzz.worlds.manipulation.space import GROUPS
@@ -65,7 +65,8 @@ def test_with_a_reference_elsewhere_what_is_left_differs_from_it_in_what_it_take
     if judge.judged(reference).verdict is not Verdict.PASSED:
         return
     oracle = judge.oracle()
-    shrunk = certify(shrink(finding, oracle, SPACE, reference), oracle, SPACE, Reference(reference, STAGES))
+    way = Shrinker(SPACE, oracle, [finding], reference).shrink()
+    shrunk = Certifier(oracle, SPACE, Reference(reference, STAGES)).certify(way)
     assert judge.fails(shrunk.scene)
     assert set(shrunk.operators) <= set(case[0])
     for name, counterpart in shrunk.counterparts.items():
@@ -116,7 +117,7 @@ def test_what_is_not_fair_or_crashes_counts_as_not_failing(verdict):
     judge.judged = lambda scene: Judged(verdict, None, int(verdict is Verdict.ERROR))
     finding = Planted([DARK]).finding(0)
     oracle = judge.oracle()
-    assert shrink(finding, oracle, SPACE) == [finding]
+    assert Shrinker(SPACE, oracle, [finding]).shrink() == [finding]
     assert oracle.spent == (len(judge.asked) if verdict is Verdict.ERROR else 0)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from vlafuzz.failures.triage.contrast import HOPELESS, likely
 from vlafuzz.failures.triage.oracle import Answer, Oracle
 from vlafuzz.failures.triage.path import Path, deviating, directed, free_genes, start_values
-from vlafuzz.failures.triage.shrink import Reference, drop_confounders, shrink
+from vlafuzz.failures.triage.shrink import Reference, Shrinker
 from vlafuzz.model import Rate, Scene, Space
 from vlafuzz.model.space import CONFOUNDERS
 from vlafuzz.store.records import Triaged
@@ -69,48 +69,36 @@ class Shrunk:
         return "; ".join(f"without {name} the scene {outcome}" for name, outcome in self.unresolved.items())
 
 
-def certify(way: Sequence[Scene], oracle: Oracle, space: Space, reference: Reference) -> Shrunk:
-    """The simplest scene on the way from a finding that holds when it is tested anew.
-
-    A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the way that
-    holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes the scene's place.
-
-    Args:
-        way: from the finding to the simplest failing scene, as ``shrink`` returns it.
-    """
-    certifier = _Certifier(oracle, space, reference)
-    shrunk = certifier.simplest(certifier.firm(way))
-    if not shrunk.minimal and oracle.room:
-        certifier = replace(certifier, patience=certifier.patience * LONGER)
-        shrunk = certifier.simplest(certifier.test(shrunk.scene))
-    return shrunk
-
-
-def certify_one(
-    scene: Scene, oracle: Oracle, space: Space, reference: Reference, *, subject: Sequence[str] = ()
-) -> Shrunk:
-    """The evidence for one scene, or for that with fewer operators which is firm, too.
-
-    Args:
-        subject: the space's, if what the scene is about may be why it fails: it is reset then, too.
-    """
-    certifier = _Certifier(oracle, space, reference, tuple(subject))
-    return certifier.simplest(certifier.test(scene))
-
-
 @dataclass(frozen=True)
-class _Certifier:
+class Certifier:
     """Tests scenes.
 
     Attributes:
+        subject: the space's, if what the scene is about may be why it fails: it is reset then, too.
         patience: rollouts that certify a scene at most, times the lead of an answer.
     """
 
     oracle: Oracle
     space: Space
     reference: Reference
-    subject: tuple[str, ...] = ()
+    subject: Sequence[str] = ()
     patience: int = PATIENCE
+
+    def certify(self, way: Sequence[Scene]) -> Shrunk:
+        """The simplest scene on the way from a finding that holds when it is tested anew.
+
+        A scene that is not firm was shrunk too far, on the strength of lucky rollouts: then the last one on the way
+        that holds is shrunk again, with more rollouts for every step. A counterpart that is firm itself takes the
+        scene's place.
+
+        Args:
+            way: from the finding to the simplest failing scene, as ``Shrinker.shrink`` returns it.
+        """
+        shrunk = self.simplest(self.firm(way))
+        if not shrunk.minimal and self.oracle.room:
+            patient = replace(self, patience=self.patience * LONGER)
+            shrunk = patient.simplest(patient.test(shrunk.scene))
+        return shrunk
 
     def firm(self, way: Sequence[Scene]) -> Shrunk:
         """The evidence for the last scene of the way, shrunk anew where that is not firm.
@@ -124,7 +112,7 @@ class _Certifier:
             start = next((scene for scene in self.backwards(way) if self.oracle.holds(scene, sure)), None)
             if start is None:
                 break
-            way = shrink(start, self.oracle, self.space, self.reference.scene, sure=sure, values=False)
+            way = Shrinker(self.space, self.oracle, [start], self.reference.scene, sure, values=False).shrink()
             tried.append(self.test(way[-1]))
         return max(tried, key=lambda one: (one.firm, one.rate.share))
 
@@ -199,9 +187,7 @@ def certified(triaged: Iterable[Triaged | None]) -> list[Triaged]:
     return list(first.values())
 
 
-def by_known_cause(
-    scene: Scene, known: Sequence[Triaged], oracle: Oracle, space: Space, reference: Reference
-) -> Shrunk | None:
+def by_known_cause(scene: Scene, known: Sequence[Triaged], certifier: Certifier) -> Shrunk | None:
     """The evidence that a failing scene has a known cause.
 
     That is the scene with the values alone that the cause is about, as far from the reference as they were found: it
@@ -213,14 +199,16 @@ def by_known_cause(
     Returns:
         None where the scene deviates as no known cause does, or that does not explain the failure.
     """
+    oracle, space, reference = certifier.oracle, certifier.space, certifier.reference
     alike = (_alike(scene, one, space, reference) for one in known if space.subject not in one.operators)
     tried = list(dict.fromkeys(filter(None, alike)))
     failing = [one for one, fails in zip(tried, oracle.fails(tried), strict=True) if fails]
     if not failing:
         return None
     simplest = min(failing, key=lambda one: len(deviating(space, one, reference.scene)))
-    simplest = drop_confounders(simplest, oracle, space, reference.scene)
-    shrunk = certify_one(simplest, oracle, space, reference)
+    shrinker = Shrinker(space, oracle, [simplest], reference.scene)
+    shrinker.drop_confounders()
+    shrunk = certifier.simplest(certifier.test(shrinker.best))
     return shrunk if shrunk.minimal else None
 
 

@@ -87,47 +87,23 @@ def _nearest(scene: Scene, space: Space, passing: Iterable[Scene]) -> Sequence[S
     return sorted(distances, key=lambda other: (distances[other], other.digest))
 
 
-def shrink(
-    scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None, *, sure: int = SURE, values: bool = True
-) -> list[Scene]:
-    """Reset in a failing scene what can be reset to a reference while it still fails.
+@dataclass
+class Shrinker:
+    """Resets in a failing scene what can be reset while it still fails; the targets' types are kept.
 
-    The targets' types are kept. The answers on the way are cheap ones: the last scene is yet to be certified.
+    The answers on the way are cheap ones: the last scene is yet to be certified.
 
-    Args:
-        reference: a scene of the same targets; None for the nominal one.
+    Attributes:
+        way: failing scenes, from the finding to the last and simplest one, the ``best`` so far.
+        reference: a scene of the same targets to which it is reset; None for the nominal one.
         sure: rollouts that have to fail in a scene to go on from it, see ``Oracle.holds``.
         values: reset single values, too, not operators and confounders alone.
-
-    Returns:
-        The failing scenes on the way, from the finding to the last and simplest one.
     """
-    shrinker = _Shrinker(space, oracle, reference, [scene], sure, values)
-    shrinker.run()
-    return shrinker.way
 
-
-def drop_values(scene: Scene, oracle: Oracle, space: Space) -> Scene:
-    """The failing scene without the confounders and single values that do not matter; its operators stay."""
-    shrinker = _Shrinker(space, oracle, None, [scene])
-    shrinker.drop_confounders()
-    shrinker.drop_values()
-    return shrinker.best
-
-
-def drop_confounders(scene: Scene, oracle: Oracle, space: Space, reference: Scene | None = None) -> Scene:
-    """The failing scene without the confounders that do not matter."""
-    shrinker = _Shrinker(space, oracle, reference, [scene])
-    shrinker.drop_confounders()
-    return shrinker.best
-
-
-@dataclass
-class _Shrinker:
     space: Space
     oracle: Oracle
-    reference: Scene | None
     way: list[Scene]
+    reference: Scene | None = None
     sure: int = SURE
     values: bool = True
 
@@ -135,7 +111,8 @@ class _Shrinker:
     def best(self) -> Scene:
         return self.way[-1]
 
-    def run(self) -> None:
+    def shrink(self) -> list[Scene]:
+        """Reset all operators, confounders and values that do not matter; returns the way."""
         while self._drop_operators() and self._is_blocked():
             pass  # an object that was in the way of a fair scene may be gone
         if self._is_blocked() and CONFOUNDERS in self._left():
@@ -147,9 +124,10 @@ class _Shrinker:
             if self.values:
                 self.drop_values()
             if not self._drop_operators() and not (self.values and self._make_way()):
-                return
+                return self.way
 
     def drop_confounders(self) -> None:
+        """Take away the confounders that do not matter."""
         self._drop(range(len(self.space.things(self.best))), self._without_confounders)
 
     def _drop_operators(self) -> bool:

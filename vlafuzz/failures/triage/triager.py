@@ -8,10 +8,10 @@ from enum import Enum
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SceneError
 from vlafuzz.failures.triage.attribute import attribute
-from vlafuzz.failures.triage.certify import Shrunk, by_known_cause, certify, certify_one
+from vlafuzz.failures.triage.certify import Certifier, Shrunk, by_known_cause
 from vlafuzz.failures.triage.oracle import LEAD, MOST, MOST_TO_CERTIFY, UNFAIR, Answer, Oracle
 from vlafuzz.failures.triage.path import deviating, directed, free_genes, outward
-from vlafuzz.failures.triage.shrink import Reference, drop_confounders, drop_values, find_reference, shrink
+from vlafuzz.failures.triage.shrink import Reference, Shrinker, find_reference
 from vlafuzz.failures.triage.witness import Search, prove
 from vlafuzz.model import Rate, Scene, Verdict
 from vlafuzz.model.phrasing import signature
@@ -120,11 +120,14 @@ class Triager:
             return oracle.spent, None
         farther_out = firm != alone
         free = free_genes(space, firm, [operator for name in names for operator in space.group(name)])
+        shrinker = Shrinker(space, oracle, [firm])
         if CONFOUNDERS in names or len(free) > len(names):
+            shrinker.drop_confounders()
             # A confounder has many values: of a policy that fails by chance, cheap answers drop one that matters.
-            drop = drop_confounders if CONFOUNDERS in names and oracle.lead > 1 else drop_values
-            firm = drop(firm, oracle, space)
-        shrunk = certify_one(firm, oracle, space, Reference(None, oracle.stages), subject=subject)
+            if CONFOUNDERS not in names or oracle.lead == 1:
+                shrinker.drop_values()
+        certifier = Certifier(oracle, space, Reference(None, oracle.stages), subject)
+        shrunk = certifier.simplest(certifier.test(shrinker.best))
         rate = oracle.rate(alone) if farther_out else shrunk.rate
         if shrunk.hopeless:  # to shrink the whole failure would take 80 to 90 rollouts more, mostly in vain
             triaged = replace(self._repeated(finding, rate), detail=shrunk.problem)
@@ -208,11 +211,12 @@ class Triager:
         reference = find_reference(triaged.scene, oracle, space, [one for one, failed in self.trials if not failed])
         if reference is None:
             return replace(triaged, bucket="flaky", detail="even the nominal scene of the same objects fails")
-        shrunk = by_known_cause(triaged.scene, self.known, oracle, space, reference)
+        certifier = Certifier(oracle, space, reference)
+        shrunk = by_known_cause(triaged.scene, self.known, certifier)
         if shrunk is None:
-            way = shrink(triaged.scene, oracle, space, reference.scene)
+            way = Shrinker(space, oracle, [triaged.scene], reference.scene).shrink()
             oracle.budget = confirmed + round(most * TO_CERTIFY)
-            shrunk = certify(way, oracle, space, reference)
+            shrunk = certifier.certify(way)
         else:
             triaged = replace(triaged, detail="known operators suffice, with the values that were found")
         oracle.budget = confirmed + most
