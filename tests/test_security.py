@@ -39,6 +39,7 @@ class Bomb:
 BOMB = pickle.dumps(np.array([Bomb()], dtype=object))
 OBJECTS = {b"nd": True, b"type": "|O", b"kind": b"O", b"shape": [1], b"data": BOMB}
 ARRAY = {"__ndarray__": True, "data": BOMB, "dtype": "|O", "shape": [1]}
+REPLY = {"type": "action", "payload": {"actions": ARRAY}, "seq": 1, "timestamp": 0.0}
 
 
 @pytest.mark.parametrize(
@@ -52,14 +53,8 @@ ARRAY = {"__ndarray__": True, "data": BOMB, "dtype": "|O", "shape": [1]}
                            b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }  \n" + BOMB}),
         ),
         (msgpack_wire.unpack_openpi, msgpack.packb({key.encode(): value for key, value in ARRAY.items()})),
-        (
-            msgpack_wire.unpack_vla_eval,
-            msgpack.packb({"type": "action", "payload": {"actions": ARRAY}, "seq": 1, "timestamp": 0.0}),
-        ),
-        (
-            openvla.decode,
-            json.dumps({"__numpy__": base64.b64encode(BOMB).decode(), "dtype": "|O", "shape": [1]}),
-        ),
+        (msgpack_wire.unpack_vla_eval, msgpack.packb(REPLY)),
+        (openvla.decode, json.dumps({"__numpy__": base64.b64encode(BOMB).decode(), "dtype": "|O", "shape": [1]})),
     ],
     ids=["groot", "groot, otherwise", "groot, npy", "openpi", "vla-eval", "act"],
 )  # fmt: skip

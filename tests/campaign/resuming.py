@@ -14,6 +14,7 @@ from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.executor import LocalExecutor
 from vlafuzz.search.base import Proposal
 from vlafuzz.search.scoring import Score
+from vlafuzz.store.records import Trial
 from vlafuzz.store.store import Store
 
 SPACE = TinySpace()
@@ -76,20 +77,14 @@ def cut(path: Path, after: int, executor=LocalExecutor, **parts) -> None:
 
 def contents(path: Path, run: int = 1) -> tuple[object, ...]:
     """All that a run left, but for times."""
+
+    def told(one: Trial) -> tuple[object, ...]:
+        genome = one.genome.tobytes() if one.genome is not None else None
+        ended = one.outcome.verdict, one.outcome.progress, len(one.outcome.rollouts)
+        return one.proposal, one.scene, *ended, genome, one.cell, one.duplicate
+
     with Store.open(path) as store:
-        trials = [
-            (
-                each.proposal,
-                each.scene,
-                each.outcome.verdict,
-                each.outcome.progress,
-                len(each.outcome.rollouts),
-                each.genome.tobytes() if each.genome is not None else None,
-                each.cell,
-                each.duplicate,
-            )
-            for each in store.trials(run)
-        ]
+        trials = list(map(told, store.trials(run)))
         (status,) = [each.status for each in store.runs() if each.id == run]
         return trials, store.findings(run), status
 

@@ -55,17 +55,11 @@ class Cut(Raising, Faulty):
 
 def run(path: Path, executor=None, *, space=VALUES, strategy=None, watch=lambda _: None, about={}, **more):  # noqa: B006
     """The causes of a run of 100 rollouts, and its last tally; ``more``: see ``Campaign``."""
-    tallies = []
+    tallies, about = [], replace(manifest(strategy="causes", budget=100, batch=4), **about)
+    more |= {"space": space, "strategy": strategy or strategy_factory("causes")(space, 0, 100)}
+    more |= {"executor": executor or LocalExecutor(Faulty())}
     with Store.open(path, "write") as store:
-        Campaign(
-            manifest=replace(manifest(strategy="causes", budget=100, batch=4), **about),
-            space=space,
-            strategy=strategy or strategy_factory("causes")(space, 0, 100),
-            executor=executor or LocalExecutor(Faulty()),
-            store=store,
-            **more,
-            watch=lambda tally: tallies.append(tally) or watch(tally),
-        ).run()
+        Campaign(manifest=about, store=store, watch=lambda tally: tallies.append(tally) or watch(tally), **more).run()
         return store.causes(1), tallies[-1]
 
 

@@ -139,19 +139,17 @@ with ending_in_order():
 def test_a_reader_that_is_gone_is_neither_success_nor_findings(command: list[str]):
     read, write = os.pipe()
     os.close(read)
-    done = subprocess.run(
-        [sys.executable, "-m", "vlafuzz", *command], stdout=write, stderr=subprocess.PIPE, text=True, timeout=60
-    )
+    words = [sys.executable, "-m", "vlafuzz", *command]
+    done = subprocess.run(words, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
     os.close(write)
     assert (done.returncode, done.stderr) == (141, "")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_a_full_stdout_is_one_sentence():
+    words = [sys.executable, "-m", "vlafuzz", "list", "policies"]
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "vlafuzz", "list", "policies"], stdout=full, stderr=subprocess.PIPE, text=True
-        )
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 2
     assert done.stderr == "error: stdout: cannot be written: no space left on device\n"
 

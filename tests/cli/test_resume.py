@@ -103,9 +103,8 @@ def test_only_what_is_left_is_foreseen(monkeypatch):
 
 
 def test_operators_come_from_the_store_though_their_file_is_gone(monkeypatch, folder: Path):
-    (folder / "mine.yaml").write_text(
-        "extends: paper\noperators:\n  light:\n    intensity: {low: 0.5, high: 2.0, step: 0.05, nominal: 1}\n"
-    )
+    light = "{intensity: {low: 0.5, high: 2.0, step: 0.05, nominal: 1}}"
+    (folder / "mine.yaml").write_text(f"extends: paper\noperators: {{light: {light}}}\n")
     flags = ("--budget", "20", "--strategy", "random", "--operators", "mine.yaml", "--task", "put-in")
     run(*flags, "--store", "whole.db")
     cut(monkeypatch, *flags, "--store", "a.db")
@@ -228,8 +227,6 @@ def test_the_severity_at_which_one_half_fails_is_found_first(capsys):
     told = re.search(r"severity ([\d.]+): about one half fails there", shown.err)
     assert told
     with Store.open(Path("a.db")) as store:
-        assert [(found.manifest.strategy, found.manifest.budget) for found in store.runs()] == [
-            ("severity", 20),
-            ("random", 60),
-        ]
+        budgets = [(found.manifest.strategy, found.manifest.budget) for found in store.runs()]
+        assert budgets == [("severity", 20), ("random", 60)]
         assert json.loads(store.runs()[1].manifest.operators).get("severity", 1.0) == float(told[1])

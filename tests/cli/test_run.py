@@ -259,9 +259,8 @@ def configured(capsys, *flags: str) -> dict:
 
 
 def test_a_file_says_how_to_run_and_the_command_line_wins(folder: Path, capsys):
-    (folder / "run.yaml").write_text(
-        "policy: frozen\nstrategy: random\nbudget: 2\nstop-early: true\nvary: [light, target-position]\n"
-    )
+    flags = "policy: frozen\nstrategy: random\nbudget: 2\nstop-early: true\nvary: [light, target-position]\n"
+    (folder / "run.yaml").write_text(flags)
     done = configured(capsys, "--store", "a.db")
     assert (done["policy"], done["strategy"], done["rollouts"]) == ("frozen", "random", 2)
     assert configured(capsys, "--budget", "1", "--store", "b.db")["rollouts"] == 1

@@ -24,8 +24,6 @@ SHOWN = [
 ]
 STATE = np.array([0, 0, 0.17, np.pi, 0, 0, 1], dtype=np.float32)
 POLICIES = (*world_of("pick-up").policies, *CONTROLS)
-
-
 REMOTE = "random behind vla-eval"
 SERVED = "random behind our own server"
 

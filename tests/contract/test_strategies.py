@@ -18,9 +18,7 @@ from vlafuzz.worlds.tabletop.fairness import check_static
 from vlafuzz.worlds.values import Parameter
 
 SPACE = Reacher().space("reach", "own")  # values: none of this depends on the world
-MAKERS: dict[str, Callable[[int], Strategy]] = {
-    name: lambda seed, factory=factory: factory(SPACE, seed, 120) for name, factory in STRATEGIES.items()
-}
+MAKERS = {name: lambda seed, make=make: make(SPACE, seed, 120) for name, make in STRATEGIES.items()}
 MAKERS["pool"] = lambda seed: InOrder(500)
 strategies = pytest.mark.parametrize("name", MAKERS)
 shipped = pytest.mark.parametrize("name", STRATEGIES)

@@ -6,13 +6,8 @@ from tests.cli.typed import told, typed
 from vlafuzz.doctor.suites import of_words
 from vlafuzz.worlds.base import Prompt
 
-SOUP = Prompt(
-    task="s/0",
-    words="pick up the alphabet soup",
-    things=("alphabet soup", "basket"),
-    wanted=("alphabet soup",),
-    goal="soup",
-)
+WORDS, THINGS = "pick up the alphabet soup", ("alphabet soup", "basket")
+SOUP = Prompt(task="s/0", words=WORDS, things=THINGS, wanted=("alphabet soup",), goal="soup")
 
 
 def prompt(words: str, **changed) -> Prompt:
@@ -39,9 +34,8 @@ def test_words_that_mislead_are_a_sentence(other: Prompt, check: str, says: str)
 
 
 def test_tasks_with_words_of_their_own_and_one_goal_for_all_are_said_at_once():
-    assert [one.found for one in of_words([SOUP, prompt("take the soup")])] == [
-        "all 2 tasks have the same goal, in other words"
-    ]
+    found = [one.found for one in of_words([SOUP, prompt("take the soup")])]
+    assert found == ["all 2 tasks have the same goal, in other words"]
 
 
 def test_lint_tries_whether_a_task_is_solved_by_doing_nothing(capsys):

@@ -165,9 +165,8 @@ class Ahead:
 
     def act(self, observations):
         up = [float(seen.images["front"][0, 0, 0] > 0) for seen in observations]
-        return [
-            ActionChunk(np.array([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]])) for height in up
-        ]
+        moves = ([[0.1, 0, height, 0, 0, 0.3, 1.0], [0.2, 0, height, 0, 0, 0, -1]] for height in up)
+        return [ActionChunk(np.array(move)) for move in moves]
 
 
 @pytest.mark.parametrize(

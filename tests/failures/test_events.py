@@ -94,9 +94,8 @@ def test_a_run_counts_failures_before_events_and_tells_its_strategy_of_no_event_
 
 
 def test_reports_say_how_many_failures_came_before_their_events(store):
-    begun(
-        store, ended(SLID, EARLY), ended(replace(SLID, target_slide=Slide("approach", 0.03)), LATE, 1), about=MANIFEST
-    )
+    less = replace(SLID, target_slide=Slide("approach", 0.03))
+    begun(store, ended(SLID, EARLY), ended(less, LATE, 1), about=MANIFEST)
     says = "1 failure before any event had begun, which no event explains"
     assert says in view_of_store(store).notes
     assert [row.before_event for row in StoredResults(store.path).findings()] == [True, False]

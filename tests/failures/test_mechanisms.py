@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.doubles import failed, passed
+from tests.doubles import ended, failed, passed
 from tests.failures.triage.planted import SPACE
 from vlafuzz.failures.mechanisms import Merged, likelihood, mechanisms
 from vlafuzz.model import Scene
@@ -41,16 +41,8 @@ def run(fails: Fails, shown: Sequence[Scene], *, draws: int = 60, seed: int = 0)
     rng = np.random.default_rng(seed)
     scenes = [SPACE.sample(rng) for _ in range(draws)]
     scenes += [beside(scene, number) for scene in shown for number in range(4)]
-    return [
-        Trial(
-            proposal=number,
-            scene=scene,
-            outcome=failed() if fails(scene) else passed(),
-            severity=0.0,
-            genome=SPACE.nearest(scene),
-        )
-        for number, scene in enumerate(scenes)
-    ]
+    trials = (ended(scene, failed() if fails(scene) else passed(), number) for number, scene in enumerate(scenes))
+    return [replace(trial, genome=SPACE.nearest(trial.scene)) for trial in trials]
 
 
 def causes(**scenes: Scene) -> list[Cause]:
@@ -126,9 +118,8 @@ def test_every_member_lies_beyond_the_threshold_and_not_without_one_of_its_opera
         sign = 1 if one.mechanism.above else -1
         for member in one.members:
             scene = SPACE.decode(listed[member].genome)
-            values = [
-                SPACE.measured(SPACE.reset(scene, SPACE.groups[each]))[one.mechanism.quantity] for each in operators
-            ]
+            others = [SPACE.measured(SPACE.reset(scene, SPACE.groups[each])) for each in operators]
+            values = [measured[one.mechanism.quantity] for measured in others]
             assert sign * SPACE.measured(scene)[one.mechanism.quantity] >= sign * one.mechanism.threshold
             assert min(sign * value for value in values) < sign * one.mechanism.threshold
 

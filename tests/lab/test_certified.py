@@ -33,16 +33,8 @@ def store(tmp_path: Path):
 
 
 def made(number: int, bucket: str, signature: str | None = None, rollouts: int = 50) -> Triaged:
-    return Triaged(
-        scene=SCENES[number],
-        policy_key="key",
-        bucket=bucket,  # type: ignore[arg-type]
-        repeats=1,
-        failures=1,
-        deviating=(),
-        signature=signature,
-        policy_rollouts=rollouts,
-    )
+    counts = {"repeats": 1, "failures": 1, "deviating": (), "policy_rollouts": rollouts}
+    return Triaged(scene=SCENES[number], policy_key="key", bucket=bucket, signature=signature, **counts)
 
 
 FINDINGS = [Finding(scene, "key", run=1, cell="") for scene in SCENES]

@@ -18,17 +18,8 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 
 NUMBER = st.floats(-1e6, 1e6)
 TEXTS = st.text(st.characters(exclude_categories=("Cc", "Cf", "Cs", "Zl", "Zp")))
-PLACEMENTS = st.builds(
-    Placement,
-    object=TEXTS,
-    rest=TEXTS,
-    x=NUMBER,
-    y=NUMBER,
-    yaw=NUMBER,
-    quaternion=st.none() | st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
-    scale=NUMBER,
-    listed=st.none() | st.integers(0, 9),
-)
+QUATERNIONS, LISTED = st.none() | st.tuples(*[NUMBER] * 4), st.none() | st.integers(0, 9)
+PLACEMENTS = st.builds(Placement, TEXTS, TEXTS, *[NUMBER] * 3, quaternion=QUATERNIONS, scale=NUMBER, listed=LISTED)
 SCENES = st.builds(
     Scene,
     task=TEXTS,

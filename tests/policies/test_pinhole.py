@@ -11,8 +11,6 @@ from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole, _named
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
 
 SCENE = nominal("pick-up")
-
-
 SPOON = {"targets": (Placement("spoon", "lying", -0.05, 0.0),), "instruction": "pick up spoon"}
 
 

@@ -173,9 +173,8 @@ def test_a_corpus_shows_its_cases_with_their_pictures():
     assert made.rows[0]["fails at"] == "grasp (2)"
     (head,) = shown.heads
     assert head.sentence.startswith("Fails when ")
-    assert [card.of.replay for card in shown.cards] == [
-        f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases
-    ]
+    commands = [f"vlafuzz replay dark/scenes.jsonl {case.scene.digest[:12]} --policy idle" for case in cases]
+    assert [card.of.replay for card in shown.cards] == commands
     assert shown.cards[0].of.picture == PNG
 
 

@@ -56,16 +56,9 @@ def trials(store: Path, workers: int, policy: str, executor: str | None = None) 
     summary = config.start(config.plan(config.RunConfig(**flags, store=store, workers=workers)), lambda tally: None)
     assert summary.rollouts == 6
     with Store.open(store) as opened:
-        return sorted(
-            (
-                trial.proposal,
-                trial.scene.digest,
-                trial.outcome.verdict,
-                trial.outcome.progress,
-                *(rollout.states_hash for rollout in trial.outcome.rollouts),
-            )
-            for trial in opened.trials(summary.run)
-        )
+        made = [(trial.proposal, trial.scene.digest, trial.outcome) for trial in opened.trials(summary.run)]
+    hashes = [[rollout.states_hash for rollout in outcome.rollouts] for *_, outcome in made]
+    return sorted((*who, end.verdict, end.progress, *of) for (*who, end), of in zip(made, hashes, strict=True))
 
 
 @pytest.fixture(scope="module")

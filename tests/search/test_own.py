@@ -18,15 +18,10 @@ from vlafuzz.store.store import Store
 
 
 def test_a_strategy_of_ones_own_fuzzes(tmp_path: Path):
-    strategy = strategy_factory("python:tests.doubles:make_random_again")(space(), 0, 60)
+    name, executor = "python:tests.doubles:make_random_again", LocalExecutor(toy(share=0.1))
+    parts = {"space": space(), "strategy": strategy_factory(name)(space(), 0, 60), "executor": executor}
     with Store.open(tmp_path / "own.db", "write") as store:
-        summary = Campaign(
-            manifest=manifest(strategy="python:tests.doubles:make_random_again", budget=60),
-            space=space(),
-            strategy=strategy,
-            executor=LocalExecutor(toy(share=0.1)),
-            store=store,
-        ).run()
+        summary = Campaign(manifest=manifest(strategy=name, budget=60), store=store, **parts).run()
     assert (summary.rollouts, summary.proposals) == (60, 60)
     assert summary.findings > 0
 

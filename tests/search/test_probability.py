@@ -21,12 +21,8 @@ def guided(rng: np.random.Generator, *, inside: float, elsewhere: float = 0.05, 
     draws, rates = list[Draw](), Rates()
     while rollouts:
         explained = bool(rng.random() < SHARE)
-        draw = Draw(
-            scene=len(draws),
-            chance=rates.chance(explained=explained),
-            prediction=rates.predict(explained),
-            mean_prediction=rates.predict(SHARE),
-        )
+        predicted = {"prediction": rates.predict(explained), "mean_prediction": rates.predict(SHARE)}
+        draw = Draw(scene=len(draws), chance=rates.chance(explained=explained), **predicted)
         if rng.random() < draw.chance:
             failed, rollouts = bool(rng.random() < (inside if explained else elsewhere)), rollouts - 1
             rates.learn(explained=explained, failed=failed)
@@ -35,21 +31,10 @@ def guided(rng: np.random.Generator, *, inside: float, elsewhere: float = 0.05, 
     return draws
 
 
-@st.composite
-def searches(draw: st.DrawFn) -> list[Draw]:
-    """Any outcomes, predictions and chances, also such as no search would have."""
-    fraction = st.floats(0, 1)
-    return [
-        Draw(
-            scene=draw(st.integers(0, 5)),
-            chance=draw(st.floats(0.05, 1)),
-            failed=draw(st.sampled_from([None, False, True])),
-            prediction=draw(fraction),
-            mean_prediction=draw(fraction),
-            error=draw(st.floats(0, 0.1)),
-        )
-        for _ in range(draw(st.integers(1, 20)))
-    ]
+# Any outcomes, predictions and chances, also such as no search would have.
+OUTCOMES = {"scene": st.integers(0, 5), "chance": st.floats(0.05, 1), "failed": st.sampled_from([None, False, True])}
+PREDICTIONS = {"prediction": st.floats(0, 1), "mean_prediction": st.floats(0, 1), "error": st.floats(0, 0.1)}
+SEARCHES = st.lists(st.builds(Draw, **OUTCOMES, **PREDICTIONS), min_size=1, max_size=20)
 
 
 def test_nothing_is_known_without_draws():
@@ -103,7 +88,7 @@ def test_a_scene_that_is_drawn_again_and_again_tells_its_outcome_once():
 
 
 @settings(max_examples=50, deadline=None)
-@given(searches(), st.booleans())
+@given(SEARCHES, st.booleans())
 def test_the_interval_is_within_0_and_1_and_holds_the_estimate(draws: list[Draw], over: bool):
     value, low, high = failure_probability(draws, over=over)
     assert 0 <= low <= value <= high <= 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -108,13 +108,7 @@ class Toy:
 
 
 def _rollout(scene: Scene, progress: float, steps: int, reached: tuple[str, ...], *, success: bool) -> Rollout:
-    return Rollout(
-        success_once=success,
-        success_at_end=success,
-        reached=reached,
-        progress=progress,
-        trace=np.append(np.linspace(0, min(progress, 0.99), steps - 1), progress).astype(np.float32),
-        actions=np.zeros((steps, 7), dtype=np.float32),
-        states_hash=scene.digest,
-        seconds=0.0,
-    )
+    trace = np.append(np.linspace(0, min(progress, 0.99), steps - 1), progress).astype(np.float32)
+    made: dict[str, Any] = {"actions": np.zeros((steps, 7), dtype=np.float32), "states_hash": scene.digest}
+    made |= {"success_once": success, "success_at_end": success, "reached": reached, "seconds": 0.0}
+    return Rollout(progress=progress, trace=trace, **made)

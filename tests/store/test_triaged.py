@@ -22,26 +22,12 @@ KEY = manifest().key()
 WITNESS = Witness(np.random.default_rng(0).normal(size=(9, 7)).astype(np.float32), "a" * 32, 1, "seeing")
 DIM = (("light.intensity", 0.5),)
 THRESHOLD = Threshold("light", DIM, 0.25, low=DIM, high=DIM, direction="dark", ranges=((DIM, DIM), (DIM, ())))
-MINIMAL = Triaged(
-    scene=trial(0, failed()).scene,
-    policy_key=KEY,
-    bucket="minimal",
-    repeats=1,
-    failures=1,
-    deviating=("confounders", "light"),
-    shrunk=scene(light=0.5),
-    lost_stage="grasp",
-    operators=("light",),
-    causes=Causes(("light",), ("light",), (THRESHOLD,)),
-    counterparts={"light": scene()},
-    signature="pick-up|grasp|light:dark",
-    recovery=6,
-    witness=WITNESS,
-    shrink_rollouts=17,
-    policy_rollouts=18,
-    expert_rollouts=2,
-    seconds=1.5,
-)
+FOUND_AS = {"scene": trial(0, failed()).scene, "policy_key": KEY, "repeats": 1, "failures": 1}
+CAUSE = {"operators": ("light",), "causes": Causes(("light",), ("light",), (THRESHOLD,)), "lost_stage": "grasp"}
+CAUSE |= {"counterparts": {"light": scene()}, "signature": "pick-up|grasp|light:dark", "recovery": 6}
+SPENT = {"shrink_rollouts": 17, "policy_rollouts": 18, "expert_rollouts": 2, "seconds": 1.5}
+LEFT = {"bucket": "minimal", "deviating": ("confounders", "light"), "shrunk": scene(light=0.5), "witness": WITNESS}
+MINIMAL = Triaged(**FOUND_AS, **LEFT, **CAUSE, **SPENT)
 FLAKY = Triaged(
     scene=MINIMAL.scene, policy_key=KEY, bucket="flaky", repeats=5, failures=1, deviating=("light",), detail="1 of 5"
 )

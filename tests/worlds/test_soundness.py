@@ -104,9 +104,8 @@ def test_a_world_whose_resets_differ_is_not_run_unless_it_is_asked_for(tmp_path:
         assert "is not run: resets: two new environments begin differently" in said
         assert not (tmp_path / "a.db").exists()
     assert "resets" not in first_run(tmp_path, capsys, f"{MODULE}:GlobalGenerator", "--unchecked")
-    assert "note: python:tests.worlds.carts:OtherNominal: nominal:" in first_run(
-        tmp_path, capsys, f"{MODULE}:OtherNominal"
-    )
+    said = first_run(tmp_path, capsys, f"{MODULE}:OtherNominal")
+    assert "note: python:tests.worlds.carts:OtherNominal: nominal:" in said
 
 
 def test_a_world_that_the_doctor_has_checked_is_not_new(tmp_path: Path, capsys, monkeypatch):

@@ -19,24 +19,12 @@ def case(number: int = 0, *, thumbnail: bytes | None = PNG, run: int = 0, refere
     threshold = Threshold("light", dim, 0.5, low=dim, high=dim, direction="dark", ranges=((dim, ()),))
     causes = Causes(("light",), ("light",), (threshold,))
     actions = np.random.default_rng(number).normal(size=(12, 7)).astype(np.float32)
-    return Case(
-        scene=failing,
-        lost_stage="grasp",
-        signature="pick-up|grasp|light:dark",
-        operators=("light",),
-        causes=causes,
-        counterparts={"light": scene(x=-0.04 + 0.001 * number)},
-        nominal=scene(),
-        nominal_passes=True,
-        reference=reference,
-        witness=Witness(actions, "5" * 32, 0, "seeing" if number % 2 else "expert"),
-        found="f" * 32,
-        run=run,
-        repeats=1,
-        failures=1,
-        rollouts=20 + number,
-        thumbnail=thumbnail,
-    )
+    witness = Witness(actions, "5" * 32, 0, "seeing" if number % 2 else "expert")
+    cause = {"lost_stage": "grasp", "signature": "pick-up|grasp|light:dark", "operators": ("light",), "causes": causes}
+    passing = {"counterparts": {"light": scene(x=-0.04 + 0.001 * number)}, "nominal": scene(), "nominal_passes": True}
+    counts = {"run": run, "repeats": 1, "failures": 1, "rollouts": 20 + number}
+    shown = {"reference": reference, "witness": witness, "found": "f" * 32, "thumbnail": thumbnail}
+    return Case(scene=failing, **cause, **passing, **counts, **shown)
 
 
 def control(number: int) -> Control:
@@ -46,16 +34,8 @@ def control(number: int) -> Control:
 
 
 def make_corpus(*cases: Case, runs: int = 1, controls: int = 0) -> Corpus:
-    evidence = Evidence(
-        left_out={"it no longer fails": 1}, search_rollouts=120, triage_rollouts=240, expert_rollouts=36
-    )
-    return Corpus(
-        name="dark",
-        runs=[manifest(seed=number) for number in range(runs)],
-        cases=cases or (case(),),
-        controls=tuple(map(control, range(controls))),
-        evidence=evidence,
-        renderer="llvmpipe",
-        versions={"numpy": "2"},
-        created="2026-01-01T00:00:00+00:00",
-    )
+    spent = {"search_rollouts": 120, "triage_rollouts": 240, "expert_rollouts": 36}
+    evidence = Evidence(left_out={"it no longer fails": 1}, **spent)
+    made = {"renderer": "llvmpipe", "versions": {"numpy": "2"}, "created": "2026-01-01T00:00:00+00:00"}
+    of_runs, drawn = [manifest(seed=number) for number in range(runs)], tuple(map(control, range(controls)))
+    return Corpus(name="dark", runs=of_runs, cases=cases or (case(),), controls=drawn, evidence=evidence, **made)

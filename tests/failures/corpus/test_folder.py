@@ -84,9 +84,8 @@ def test_schema_1_with_other_names_for_policy_and_scene_file_is_read(folder: Pat
     (read,) = read_corpus(folder).runs
     assert (read.policy, read.scene_file) == ("idle", pool)
     change(folder, runs=[run | {"budget": "many"} for run in runs])
-    assert complaint(folder).endswith(
-        "runs.0.budget: input should be a valid integer, unable to parse string as an integer, got 'many'"
-    )
+    says = "runs.0.budget: input should be a valid integer, unable to parse string as an integer, got 'many'"
+    assert complaint(folder).endswith(says)
 
 
 def test_schema_2_which_had_neither_controls_nor_rates_is_read(folder: Path) -> None:

@@ -1,6 +1,6 @@
 """A desk without a simulator: a planted policy, an expert that solves all but some scenes, and stores of findings."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from unittest import mock
@@ -25,12 +25,7 @@ class PlantedRunner:
 
     space, stages, changed, elsewhere = SPACE, STAGES, (), ""
 
-    def __init__(
-        self,
-        conditions: Sequence[Condition],
-        rate: float | None = None,
-        solvable: Callable[[Scene], bool] = lambda scene: True,
-    ) -> None:
+    def __init__(self, conditions: Sequence[Condition], rate: float | None = None, solvable=lambda scene: True) -> None:
         self._planted, self._rate, self._solvable = Planted(conditions), rate, solvable
         self._rng = np.random.default_rng(0)
         self.deterministic = rate is None

@@ -135,10 +135,8 @@ class Edgy(PlantedRunner):
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         outcomes = super().evaluate(scenes, numbers)
-        lucky = [
-            scene != SLIGHT and scene.camera.yaw < 4 and number % 5 in (0, 2, 4)
-            for scene, number in zip(scenes, numbers, strict=True)
-        ]
+        shown = zip(scenes, numbers, strict=True)
+        lucky = [scene != SLIGHT and scene.camera.yaw < 4 and number % 5 in (0, 2, 4) for scene, number in shown]
         return [passed() if luck else outcome for luck, outcome in zip(lucky, outcomes, strict=True)]
 
 

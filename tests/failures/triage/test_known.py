@@ -109,7 +109,5 @@ def test_a_stochastic_policy_is_certified_likewise(tmp_path):
     found = results(tmp_path, scenes([DARK], FIRST + 4), PlantedRunner([DARK], rate=0.97))
     later = [each for each in found[FIRST:] if each.bucket == "minimal"]
     assert len(later) >= 3
-    assert all(
-        each.operators == ("light",) and each.certified.failures > each.counterpart_rates["light"].failures
-        for each in later
-    )
+    assert {each.operators for each in later} == {("light",)}
+    assert all(each.certified.failures > each.counterpart_rates["light"].failures for each in later)

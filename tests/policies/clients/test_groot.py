@@ -65,9 +65,8 @@ class TestFrames:
     @pytest.mark.parametrize("under", [b"\xa7as_json", b"\xa7as_dict"])
     def test_a_models_keys(self, mark, under):
         plain = b"\x82\xaddelta_indices\x91\x00\xadmodality_keys\x91\xa5image"
-        assert unpack(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain) == {
-            "video": {"delta_indices": [0], "modality_keys": ["image"]}
-        }
+        read = unpack(b"\x81\xa5video\x82" + mark + b"\xc3" + under + plain)
+        assert read == {"video": {"delta_indices": [0], "modality_keys": ["image"]}}
 
     def test_an_array_by_columns(self):
         columns = np.asfortranarray(np.arange(6, dtype=np.int16).reshape(2, 3))

@@ -24,9 +24,8 @@ def rolled(env: LiberoEnv, number: int) -> list[list[float]]:
 
 def test_states_observations_and_pictures_are_those_of_libero_bit_by_bit(bowls):
     with quiet():
-        theirs = load("libero.libero.envs").OffScreenRenderEnv(
-            bddl_file_name=str(bowls.task.bddl), camera_heights=64, camera_widths=64
-        )
+        size = {"camera_heights": 64, "camera_widths": 64}
+        theirs = load("libero.libero.envs").OffScreenRenderEnv(bddl_file_name=str(bowls.task.bddl), **size)
     theirs.seed(0)
     theirs.reset()
     seen = [theirs.set_init_state(bowls.states[3])]

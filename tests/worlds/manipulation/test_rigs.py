@@ -12,15 +12,9 @@ from vlafuzz.worlds.manipulation.rigs import PANDA, RIGS, rig
 
 NOT_MOVED = Camera()
 NOMINAL = camera_pose(PANDA.view)
-CAMERAS = st.builds(
-    Camera,
-    distance=st.floats(0, 0.05),
-    azimuth=st.floats(-180, 180),
-    elevation=st.floats(-90, 90),
-    roll=st.floats(-5, 5),
-    pitch=st.floats(-5, 5),
-    yaw=st.floats(-5, 5),
-)
+TURN = st.floats(-5, 5)
+OFFSET = st.floats(0, 0.05), st.floats(-180, 180), st.floats(-90, 90)  # distance, azimuth, elevation
+CAMERAS = st.builds(Camera, *OFFSET, roll=TURN, pitch=TURN, yaw=TURN)
 SPOTS = st.tuples(st.floats(*PANDA.workspace.x), st.floats(*PANDA.workspace.y), st.floats(0, 0.2))
 CENTRE = np.array([[-0.04, 0.0, 0.02]])
 AHEAD, LEFT, UP = np.eye(3) * 0.1  # of the robot

@@ -23,17 +23,10 @@ def state(*positions, held=None, touching=None, speed=0.0, spin=0.0, turned=None
         rotations[index] = rotation.as_matrix()
     now = np.array(positions, dtype=np.float64)
     turn = Rotation.from_euler("y", spin * STEP).as_matrix()
-    return State(
-        positions=now,
-        rotations=rotations,
-        earlier=(now - [speed * STEP, 0, 0], rotations @ turn),
-        seconds=STEP,
-        tcp=np.array(tcp),
-        tcp_rotation=np.eye(3),
-        opening=0.04,
-        held=held,
-        contacts=frozenset({(i, TABLE) for i in range(len(positions))} if touching is None else touching),
-    )
+    earlier = now - [speed * STEP, 0, 0], rotations @ turn
+    contacts = frozenset({(i, TABLE) for i in range(len(positions))} if touching is None else touching)
+    hand = {"tcp": np.array(tcp), "tcp_rotation": np.eye(3), "opening": 0.04, "held": held}
+    return State(positions=now, rotations=rotations, earlier=earlier, seconds=STEP, contacts=contacts, **hand)
 
 
 def watch(monitor: StateMonitor, *states: State) -> StateMonitor:

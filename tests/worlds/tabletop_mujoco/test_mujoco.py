@@ -92,11 +92,8 @@ def test_events_happen_here_too():
     made.begin(replace(fallen, targets=(put("coke_can", -0.05, 0.1),)))
     upright = [made.advance(STILL).rotations[0][2, 2] for _ in range(10)]
     assert (upright[0], upright[-1]) == (pytest.approx(1.0, abs=1e-3), pytest.approx(0.0, abs=0.05))
-    made.begin(
-        scene := replace(
-            pick_up(put("coke_can", -0.05, 0.1), put("apple", 0.0, -0.2)), newcomer=Newcomer("start", "first")
-        )
-    )
+    usual = pick_up(put("coke_can", -0.05, 0.1), put("apple", 0.0, -0.2))
+    made.begin(scene := replace(usual, newcomer=Newcomer("start", "first")))
     made.check(scene)
     states = [made.advance(STILL) for _ in range(10)]
     assert [1 in state.there for state in states] == [False] * 5 + [True] * 5

@@ -35,6 +35,10 @@ def test_fair(fair: Scene) -> None:
     assert check_semantic(fair, CATALOGUE) is None
 
 
+TURNED = replace(at("apple"), quaternion=(1.0, 1.0, 0.0, 0.0))
+LARGE = replace(at("spoon", scale=4.0), rest="", quaternion=(1.0, 0.0, 0.0, 0.0))
+PLATES, SAUCER = (at("apple"), at("plate")), at("plate", scale=0.2)
+BOTTLE, BASKET = at("blue_plastic_bottle", "lying"), at("basket")
 UNFAIR = {
     "unknown task 'dance'": scene("dance", at("apple")),
     "unknown robot 'r2'": replace(scene("pick-up", at("apple")), robot="r2"),
@@ -44,12 +48,10 @@ UNFAIR = {
     "unknown object 'duck'": scene("pick-up", Placement("duck", "flat", 0, 0)),
     "apple: unknown rest pose 'lying', it has resting": scene("pick-up", at("apple", "lying")),
     "apple: a scale of 0 is not positive": scene("pick-up", at("apple", scale=0.0)),
-    "apple: the quaternion (1.0, 1.0, 0.0, 0.0) is not of length 1": scene(
-        "pick-up", replace(at("apple"), quaternion=(1.0, 1.0, 0.0, 0.0))
-    ),
+    "apple: the quaternion (1.0, 1.0, 0.0, 0.0) is not of length 1": scene("pick-up", TURNED),
     "'apple' and 'apple' cannot be told apart by name": scene("pick-up", at("apple"), confounders=(at("apple"),)),
     "'plate' and 'large plate' cannot be told apart by name": scene(
-        "put-on", at("apple"), at("plate"), confounders=(at("large_plate"),)
+        "put-on", *PLATES, confounders=(at("large_plate"),)
     ),
     "plate is not graspable": scene("pick-up", at("plate")),
     "sponge, flat, is 0.140 m wide: the gripper takes up to 0.074 m": scene("pick-up", at("sponge", scale=2.0)),
@@ -58,15 +60,9 @@ UNFAIR = {
     "nothing can be put into plate": scene("put-in", at("spoon"), at("plate")),
     "orange, resting, rolls off table cloth": scene("put-on", at("orange"), at("table_cloth")),
     "coke can, lying, rolls off table cloth": scene("put-on", at("coke_can", "lying"), at("table_cloth")),
-    "sponge, 0.122 x 0.070 m, is too large for plate, 0.032 m across": scene(
-        "put-on", at("sponge"), at("plate", scale=0.2)
-    ),
-    "blue plastic bottle, lying, does not fit into basket, 0.17 x 0.136 m inside": scene(
-        "put-in", at("blue_plastic_bottle", "lying"), at("basket")
-    ),
-    "spoon does not fit into basket, 0.17 x 0.136 m inside": scene(
-        "put-in", replace(at("spoon", scale=4.0), rest="", quaternion=(1.0, 0.0, 0.0, 0.0)), at("basket")
-    ),
+    "sponge, 0.122 x 0.070 m, is too large for plate, 0.032 m across": scene("put-on", at("sponge"), SAUCER),
+    "blue plastic bottle, lying, does not fit into basket, 0.17 x 0.136 m inside": scene("put-in", BOTTLE, BASKET),
+    "spoon does not fit into basket, 0.17 x 0.136 m inside": scene("put-in", LARGE, BASKET),
 }
 
 
