@@ -1,16 +1,21 @@
-"""The page in a browser: it loads, filters and plays."""
+"""The pages in a browser: they load, filter and play."""
 
 import shutil
 import subprocess
 import tarfile
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from tests.report.stores import MadeUpFilms, store, view
-from vlafuzz.report.films import beside, filmed
+from tests.failures.corpus.sides import Planned
+from tests.report.stores import MANIFEST, MadeUpFilms, store, view
+from vlafuzz.failures.corpus.diff import diff, known
+from vlafuzz.lab.comparison import Counted, compare_runs, view_of_comparison
+from vlafuzz.report.differences import view_of_difference
+from vlafuzz.report.films import beside, filmed, of_both
 from vlafuzz.report.page import render
 
 sync = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: it comes with .[dev]")
@@ -19,11 +24,25 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get i
 
 
 @pytest.fixture(scope="module")
-def address(tmp_path_factory: pytest.TempPathFactory) -> str:
-    folder = tmp_path_factory.mktemp("page")
-    shown = filmed(view(store(folder / "a.db", triaged=3)), partial(beside, MadeUpFilms()), 50, lambda *_: None)
-    (folder / "page.html").write_text(render(shown), encoding="utf-8")
-    return (folder / "page.html").as_uri()
+def addresses(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """The pages of ``report``, ``diff`` and ``compare``."""
+    folder = tmp_path_factory.mktemp("pages")
+    source, films = store(folder / "a.db", triaged=3), MadeUpFilms()
+    shown, of_one = view(source), partial(beside, films)
+    found, both = known(source), (Planned(lambda *_: False, name="idle"), Planned(lambda *_: True, name="other"))
+    difference = diff(found, replace(found, causes={}, probes=[]), both, both)
+    judged = {"rollouts": 12, "triage_rollouts": 60, "triaged": 3, "causes": 1, "failures": 4, "probability": None}
+    names = {name: [card.of.signature for card in shown.causes[:most]] for most, name in enumerate(("random", "nsga2"))}
+    runs = [Counted(run=1, strategy=name, seed=0, signatures=found, **judged) for name, found in names.items()]
+    comparison = compare_runs(runs, list(names), MANIFEST, store="a.db", limit=200)
+    views = {
+        "report": (shown, of_one),
+        "diff": (view_of_difference(shown, shown, difference), partial(of_both, ("idle", "other"), (films, films))),
+        "compare": (view_of_comparison(comparison, shown), of_one),
+    }
+    for name, (one, shots_of) in views.items():
+        (folder / f"{name}.html").write_text(render(filmed(one, shots_of, 50, lambda *_: None)), encoding="utf-8")
+    return {name: (folder / f"{name}.html").as_uri() for name in views}
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +65,9 @@ def axe(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture
-def page(browser: "sync.Browser", address: str) -> Iterator["sync.Page"]:
-    """The open page; asserts in the end that it logged and requested nothing."""
+def page(browser: "sync.Browser", addresses: dict[str, str], request) -> Iterator["sync.Page"]:
+    """The open page, by default a report; asserts in the end that it logged and requested nothing."""
+    address = addresses[getattr(request, "param", "report")]
     page = browser.new_page(viewport={"width": 1400, "height": 1000})
     events: list[str] = []
     page.on("console", lambda message: events.append(message.text))
@@ -89,7 +109,7 @@ def test_filters_narrow_the_gallery_live_in_the_address_and_reset(page: "sync.Pa
     assert "#" not in page.url
 
 
-def test_an_address_brings_its_filters(page: "sync.Page", address: str):
+def test_an_address_brings_its_filters(page: "sync.Page"):
     page.evaluate("location.hash = 'light.intensity=0.9..1.1'")
     eventually(page, "document.querySelectorAll('.gallery .card:not([hidden])').length === 2")
     assert page.get_by_label("Highest light intensity").input_value() == "1.1"
@@ -178,6 +198,7 @@ def test_method_is_folded_up_until_it_is_asked_for(page: "sync.Page"):
     page.get_by_text("stages reached").wait_for(state="visible")
 
 
+@pytest.mark.parametrize("page", ["report", "diff", "compare"], indirect=True)
 @pytest.mark.parametrize("width", [420, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme):
@@ -196,6 +217,7 @@ def test_the_sentence_and_the_first_films_are_on_the_first_screen(page: "sync.Pa
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("page", ["report", "diff", "compare"], indirect=True)
 @pytest.mark.parametrize("width", [420, 1400])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_axe_finds_no_violation_with_everything_unfolded(page: "sync.Page", axe: str, width: int, scheme):
