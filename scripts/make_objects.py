@@ -21,9 +21,10 @@ from objects.shapes import convex_parts, write_visual
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import operators_dir
 from vlafuzz.errors import CatalogueError
+from vlafuzz.worlds.manipulation.rotations import rotation
 from vlafuzz.worlds.tabletop.objects.catalogue import INDEX, write_model
 from vlafuzz.worlds.tabletop.objects.model import Container, ObjectModel, StablePose
-from vlafuzz.worlds.tabletop.objects.solids import UP, Solid, lying, normals, rotation, solid, stable_pose, write_parts
+from vlafuzz.worlds.tabletop.objects.solids import UP, Solid, lying, normals, solid, stable_pose, write_parts
 
 BUILDER = 6
 ENTRIES = Path(__file__).parent / "objects" / "builtin.yaml"

@@ -15,10 +15,10 @@ from vlafuzz.common.assets import operators_dir
 from vlafuzz.model import Backdrop, Placement
 from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, GAMMA, PAINTS, WALL, Colour, lamps_of, shade, shown
 from vlafuzz.worlds.manipulation.rigs import PANDA, Lights
+from vlafuzz.worlds.manipulation.rotations import quaternion, rotation_matrix
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.fairness.visible import textured
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
-from vlafuzz.worlds.tabletop.objects.solids import quaternion
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.room import DAMPING, FRICTION, ROLLING_DAMPING, WRIST_CAMERA
 
 STEP = 0.002  # seconds of a physics step, MuJoCo's own; PhysX has 0.01 with 15 iterations in each

@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array
 from vlafuzz.model import InitialPose, Placement, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.manipulation.rotations import quaternion
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.model import ObjectModel
-from vlafuzz.worlds.tabletop.objects.solids import quaternion
 from vlafuzz.worlds.tabletop.room import GRASP_COSINE, GRASP_FORCE
 from vlafuzz.worlds.tabletop.tasks import ARM, HAND, TABLE, State
 from vlafuzz.worlds.tabletop_mujoco.build import FINGERS, FORCE, RESISTANCE, STEP, STIFFNESS, TCP, compiled

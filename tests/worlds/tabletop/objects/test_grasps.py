@@ -8,8 +8,9 @@ import sapien
 from sapien import physx
 
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, pick_up, put
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
-from vlafuzz.worlds.tabletop.objects.model import Grasp, rotation_matrix
+from vlafuzz.worlds.tabletop.objects.model import Grasp
 from vlafuzz.worlds.tabletop.sim.world import add_object, settled
 
 

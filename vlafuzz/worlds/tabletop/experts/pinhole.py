@@ -12,10 +12,11 @@ from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outline
 from vlafuzz.worlds.base import Acting, Scripted
 from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose, rotation_matrix
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel, StablePose
 
 # Share of the offset between the hand's true and apparent position that is corrected. Set once, so that
 # random pick-up scenes at the default ranges fail 20 to 40 % of the time.

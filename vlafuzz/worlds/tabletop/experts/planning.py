@@ -8,8 +8,9 @@ import numpy as np
 
 from vlafuzz.common.arrays import Array
 from vlafuzz.worlds.manipulation.rigs import Hand, Rig
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
 UPRIGHT = np.cos(np.radians(8.0))  # the grasps of a stable pose remain valid up to this tilt
 MARGIN = 0.006  # metres around fingers and hand

@@ -9,8 +9,9 @@ import numpy as np
 from vlafuzz.common.arrays import Array
 from vlafuzz.model import Placement
 from vlafuzz.model.scene import Quaternion
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 from vlafuzz.worlds.tabletop.objects.hulls import outline
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from trimesh.visual.material import PBRMaterial
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.reading import MOST_PIXELS, decoded, read_bytes
 from vlafuzz.errors import CatalogueError
+from vlafuzz.worlds.manipulation.rotations import quaternion
 from vlafuzz.worlds.tabletop.objects import solids
 from vlafuzz.worlds.tabletop.objects.hulls import corners, triangles
 from vlafuzz.worlds.tabletop.objects.model import ROUGH, Container, Fit, ObjectModel, Role, StablePose
@@ -67,7 +68,7 @@ def build_measured(name: str, spec: PackObject, folder: Path) -> ObjectModel:
     is_place = supports or cavity is not None or mass > HEAVIEST
     poses = _stable_poses(name, body, graspable=not is_place)
     role: Role = "place" if is_place else "graspable" if poses[0].grasps else "obstacle"
-    fit = Fit(spec.scale, solids.quaternion(turn), -centre)
+    fit = Fit(spec.scale, quaternion(turn), -centre)
     visual, colour = _looks(spec, body, fit, folder)
     return ObjectModel(
         name=name,

@@ -1,6 +1,6 @@
 """ObjectModel, the interface of a built object: convex parts, mesh files, stable poses and grasps."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PlainSerializer, PlainValidator
 
 from vlafuzz.errors import CatalogueError, suggestion
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 
 
 def _read_only(values: object) -> NDArray[np.float64]:
@@ -25,16 +26,6 @@ ROUGH = 0.7  # roughness where a pack does not say it
 SRGB = 2.2  # exponent from sRGB to linear, as SAPIEN has it
 # An obstacle neither fits the gripper nor holds anything; a marker is a plane that stands for a place.
 Role = Literal["graspable", "place", "obstacle", "marker"]
-
-
-def rotation_matrix(quaternion: Iterable[float]) -> list[list[float]]:
-    """The 3 × 3 rotation matrix of a unit quaternion w, x, y, z; in inner loops faster than SciPy."""
-    w, x, y, z = quaternion
-    return [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vlafuzz.common.arrays import Array
+from vlafuzz.worlds.manipulation.rotations import quaternion, rotation
 from vlafuzz.worlds.tabletop.objects.grasps import find_grasps
 from vlafuzz.worlds.tabletop.objects.hulls import corners, mass_properties, outline, triangles
 from vlafuzz.worlds.tabletop.objects.model import Grasp, StablePose
@@ -79,27 +80,6 @@ def normals(hull: Array) -> Array:
     faces = hull[triangles(hull)]
     normals = np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
-
-
-def rotation(start: Array, end: Array) -> Array:
-    """The smallest rotation ``(3, 3)`` from one unit vector to another; about x or z if they are opposite."""
-    cosine = float(start @ end)
-    if cosine < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0]) if abs(start[0]) < 0.5 else np.diag([-1.0, -1.0, 1.0])
-    axis = np.cross(start, end)
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
-
-
-def quaternion(turn: Array) -> Array:
-    """``(4,)`` w, x, y, z of a rotation ``(3, 3)``, rounded to 9 digits."""
-    # Not by SciPy, whose last digit differs for some poses: built objects must not depend on its version
-    w = np.sqrt(max(0.0, 1 + np.trace(turn))) / 2
-    if w < 1e-6:
-        axis = np.sqrt(np.maximum(0.0, (np.diag(turn) + 1) / 2))  # half a turn: about x, y or z
-        return np.array([0.0, *axis])
-    lower = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.asarray(np.round([w, *(lower / (4 * w))], 9) + 0.0)
 
 
 def stable_pose(name: str, turn: Array, body: Solid, *, rolls: bool, graspable: bool) -> StablePose:

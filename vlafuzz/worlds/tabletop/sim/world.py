@@ -20,10 +20,11 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array
 from vlafuzz.model import InitialPose, Placement, Rejection, Scene
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
+from vlafuzz.worlds.manipulation.rotations import rotation_matrix
 from vlafuzz.worlds.tabletop.fairness.checks import SECONDS, unsettled
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel, rotation_matrix
+from vlafuzz.worlds.tabletop.objects.model import ObjectModel
 from vlafuzz.worlds.tabletop.room import DAMPING, GRASP_COSINE, GRASP_FORCE, ROLLING_DAMPING
 from vlafuzz.worlds.tabletop.sim.rendering import add_entity, add_table, render_system, use_shaders
 from vlafuzz.worlds.tabletop.sim.robots import MetricArm
