@@ -61,7 +61,7 @@ class TinySpace:
     def severity(self, scene: Scene) -> float:
         return sum(self.severities(scene).values())
 
-    groups = GROUPS
+    groups, quantities = GROUPS, {}
 
     def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
         return "+".join(sorted(name for name, value in severities.items() if value > 0.5)) or "base"

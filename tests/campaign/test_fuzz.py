@@ -11,7 +11,7 @@ from vlafuzz.campaign.tally import Summary
 from vlafuzz.errors import PolicyError, PrerequisiteError, UsageError
 from vlafuzz.model import Outcome, Verdict
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.search.proposals import InOrder, Pool, Random
+from vlafuzz.search.proposals import InOrder, Random
 from vlafuzz.store.store import Store
 
 
@@ -91,7 +91,7 @@ def test_the_same_failing_scene_is_one_finding_of_both_runs(store: Store):
 
 def test_the_summary_counts_scenes_by_what_came_of_them(store: Store):
     pool = [scene(0.0625), scene(0.125), scene(1.0), scene(x=0.08)]
-    summary = run(store, space=Pool(pool, SPACE), strategy=InOrder(4))
+    summary = run(store, scenes=pool, strategy=InOrder(4))
     assert summary.invalid == {"geometry": 1}
     assert summary.first_failure == scene(0.0625).digest
     assert summary.findings == 2
@@ -109,7 +109,7 @@ def test_it_stops_when_no_scene_is_fair_and_says_which_check_rejects_them(store:
 def test_it_goes_on_as_long_as_now_and_then_a_scene_is_fair(store: Store):
     unfair = [scene(2.0**light, 0.08, 0.05 * y) for light in range(-4, 5) for y in range(-2, 3)]
     pool = [*unfair[:40], scene(), *unfair[40:], *(scene(x=0.12, y=0.05 * y) for y in range(-4, 5))]
-    summary = run(store, space=Pool(pool, SPACE), strategy=InOrder(len(pool)), budget=100)
+    summary = run(store, scenes=pool, strategy=InOrder(len(pool)), budget=100)
     assert (summary.stopped, summary.proposals) == (None, len(pool))
 
 
@@ -136,7 +136,7 @@ FAIR = [scene(2.0**light, y=0.05 * y) for light in range(-4, 2) for y in range(-
 
 
 def test_a_policy_that_is_gone_ends_the_run_and_its_scenes_are_errors(store: Store):
-    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR)), "batch": len(FAIR)}
+    parts = {"scenes": FAIR, "strategy": InOrder(len(FAIR)), "batch": len(FAIR)}
     with pytest.raises(PolicyError, match=r"^8 scenes in a row had no answer: policy: connect: refused$"):
         run(store, executor=LocalExecutor(Gone(after=5)), **parts)
     (gone,) = store.runs()
@@ -152,7 +152,7 @@ def test_unfair_scenes_do_not_say_that_the_policy_is_still_there(store: Store):
 
 @pytest.mark.parametrize("batch", [1, 3, 5, 8, 30])
 def test_a_policy_that_comes_back_is_judged_by_all_scenes(tmp_path: Path, batch: int):
-    parts = {"space": Pool(FAIR, SPACE), "budget": 1000, "batch": batch, "patience": None}
+    parts = {"scenes": FAIR, "budget": 1000, "batch": batch, "patience": None}
     with Store.open(tmp_path / "b.db", "write") as store:
         with pytest.raises(PolicyError):
             run(store, executor=LocalExecutor(Gone(after=5)), strategy=InOrder(len(FAIR)), **parts)
@@ -184,13 +184,13 @@ def test_errors_in_mid_run_leave_a_run_that_comes_to_what_it_would_have_come_to(
 
 
 def test_a_policy_that_answers_now_and_then_is_not_gone(store: Store):
-    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR))}
+    parts = {"scenes": FAIR, "strategy": InOrder(len(FAIR))}
     summary = run(store, executor=LocalExecutor(Gone(every=8)), **parts)
     assert (summary.rollouts, summary.verdicts["error"]) == (3, 27)
 
 
 def test_scenes_that_break_the_simulator_do_not_end_a_file_of_scenes(store: Store):
-    parts = {"space": Pool(FAIR, SPACE), "strategy": InOrder(len(FAIR)), "patience": None}
+    parts = {"scenes": FAIR, "strategy": InOrder(len(FAIR)), "patience": None}
     summary = run(store, executor=LocalExecutor(Raising(ConnectionError("refused"), after=5)), **parts)
     assert (summary.rollouts, summary.verdicts["error"]) == (5, 25)
 

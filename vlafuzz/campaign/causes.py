@@ -14,7 +14,6 @@ from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model import Scene, Space, Verdict
 from vlafuzz.search.base import Cause, Genome, Strategy, said_by
 from vlafuzz.search.probability import Probability
-from vlafuzz.search.scoring import Measure
 from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
@@ -25,7 +24,7 @@ HARDLY = 0.1  # severity up to which other operators may be off: strategies vary
 Failure = tuple[Scene, Genome]
 
 
-def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> Attribution:
+def attribution(strategy: Strategy, space: Space, store: Store, run: int) -> Attribution:
     """What a strategy has found out in a run; causes by their share of random scenes, else by failures.
 
     A cause's failures are some of all failures, so no bound of its share is above that of the probability.
@@ -43,7 +42,7 @@ def attribution(strategy: Strategy, space: Measure, store: Store, run: int) -> A
         FoundCause(_shown_by(cause, failures, space), cause.operators, cause.failures, _within(cause.share, overall))
         for cause in listed
     ]
-    merged = mechanisms(space, listed, trials, drawn) if isinstance(space, Space) else []
+    merged = mechanisms(space, listed, trials, drawn)
     left = set(range(len(plain))) - {member for one in merged for member in one.members}
     found = [plain[index] for index in sorted(left)] + [_as_one(plain, one, overall) for one in merged]
     found.sort(key=lambda cause: (-cause.share.value if cause.share else 0.0, -cause.failures))
@@ -65,7 +64,7 @@ def _within(share: Probability | None, overall: Probability | None) -> Probabili
 
 
 def keeping_causes(
-    watch: Callable[[Tally], None], strategy: Strategy, space: Measure, store: Store
+    watch: Callable[[Tally], None], strategy: Strategy, space: Space, store: Store
 ) -> Callable[[Tally], None]:
     """A watch that also keeps the causes so far now and then, for those who follow the run."""
     due = time.monotonic() + EVERY
@@ -81,7 +80,7 @@ def keeping_causes(
     return follow
 
 
-def _shown_by(cause: Cause, failures: Sequence[Failure], space: Measure) -> Scene | None:
+def _shown_by(cause: Cause, failures: Sequence[Failure], space: Space) -> Scene | None:
     """The failure nearest to a cause's own scene, of those with its operators alone."""
     members = [space.groups.get(operator, (operator,)) for operator in cause.operators]
     own = {name for group in members for name in group}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vlafuzz.campaign.causes import causes_like
-from vlafuzz.campaign.fuzz import PATIENCE, Campaign, Proposed
+from vlafuzz.campaign.fuzz import PATIENCE, Campaign
 from vlafuzz.campaign.options import OF_WORLDS, RunConfig as RunConfig, severity_of_flag
 from vlafuzz.campaign.tally import Summary, Tally
 from vlafuzz.common.deadline import Deadline
@@ -30,7 +30,7 @@ from vlafuzz.rollouts.registry import Place, default_workers, executor_at, place
 from vlafuzz.rollouts.setup import here, make_evaluator
 from vlafuzz.search.base import POOL, Strategy, batch_of
 from vlafuzz.search.causes.strategy import Causes
-from vlafuzz.search.proposals import InOrder, Pool
+from vlafuzz.search.proposals import InOrder
 from vlafuzz.search.registry import strategy_factory
 from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
@@ -56,7 +56,8 @@ class Plan:
     """
 
     manifest: Manifest
-    space: Proposed
+    space: Space
+    scenes: Sequence[Scene]
     strategy: Strategy
     anew: Callable[[], Strategy]
     policy: Policy
@@ -105,7 +106,8 @@ def plan(config: RunConfig, policy: Policy | None = None, space: Space | None = 
     config = replace(config, policy=named.policy, strategy=named.strategy, budget=budget, batch=batch, label=label)
     return Plan(
         manifest=_manifest(config, space, policy, scenes, workers=place.kind != "local"),
-        space=Pool(scenes, space) if scenes else space,
+        space=space,
+        scenes=scenes,
         strategy=strategy,
         anew=anew,
         policy=policy,
@@ -234,7 +236,8 @@ def start(plan: Plan, watch: Callable[[Tally], None], deadline: Deadline | None 
 
 def fuzz(plan: Plan, store: Store, executor: Executor, watch: Callable[[Tally], None], **options: Any) -> Summary:
     """Run a plan in an open store with an existing executor; ``options``: see ``Campaign``."""
-    planned = {name: getattr(plan, name) for name in ("manifest", "space", "strategy", "patience", "resume", "more")}
+    names = ("manifest", "space", "scenes", "strategy", "patience", "resume", "more")
+    planned = {name: getattr(plan, name) for name in names}
     return Campaign(**planned, executor=executor, store=store, watch=watch, **options).run()
 
 

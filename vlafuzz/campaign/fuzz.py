@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, islice
-from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from vlafuzz.failures.events import came_about
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
-from vlafuzz.search.scoring import Measure, cell, score
+from vlafuzz.search.scoring import cell, score
 from vlafuzz.store.records import Manifest, Status, Trial
 from vlafuzz.store.store import Store
 
@@ -26,12 +25,6 @@ PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row that end in an error, after which nothing else is expected
 AHEAD = 4  # batches of later proposals among which there may be scenes for a worker that would wait
 AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
-
-
-class Proposed(Measure, Protocol):
-    """The scenes that a strategy proposes, by their genomes."""
-
-    def decode(self, genome: Genome) -> Scene: ...
 
 
 class Past:
@@ -112,6 +105,7 @@ class Campaign:
     last errors are tried again on resuming.
 
     Args:
+        scenes: of a file, which the strategy proposes by their indices; by default those of the space.
         patience: proposals in a row without a rollout after which the run stops; None for never.
         resume: a run that ended early; a new strategy is told its trials again.
         more: rollouts beyond the budget, for a strategy that can ``conclude``; of a run that is resumed, those stored.
@@ -124,10 +118,11 @@ class Campaign:
     """
 
     manifest: Manifest
-    space: Proposed
+    space: Space
     strategy: Strategy
     executor: Executor
     store: Store
+    scenes: Sequence[Scene] = ()
     patience: int | None = PATIENCE
     resume: int | None = None
     more: int = 0
@@ -202,7 +197,7 @@ class Campaign:
             return None
         if self._ahead is None:
             number = min(AHEAD * self.manifest.batch, self._affordable())
-            self._ahead = deque(map(self.space.decode, self.strategy.ahead(number)))
+            self._ahead = deque(map(self._decode, self.strategy.ahead(number)))
         while self._ahead:
             scene = self._ahead.popleft()
             if scene.digest not in self.early and self._known(scene) is None:
@@ -240,7 +235,7 @@ class Campaign:
 
     def _admit(self, proposals: Sequence[Proposal]) -> None:
         """Answer proposals from the store, or from those that are awaited; evaluate the others."""
-        scenes = [self.space.decode(proposal.genome) for proposal in proposals]
+        scenes = [self._decode(proposal.genome) for proposal in proposals]
         past = self.past.take(proposals, scenes)
         for trial in past.values():
             self.tally.count(trial)
@@ -259,6 +254,9 @@ class Campaign:
                 if asked.outcome is None:
                     self._begin(asked)
             by_scene.setdefault(scene.digest, asked)
+
+    def _decode(self, genome: Genome) -> Scene:
+        return self.scenes[int(genome[0])] if self.scenes else self.space.decode(genome)
 
     def _known(self, scene: Scene) -> Outcome | None:
         return self.store.known(scene, self.manifest.key(), self.tally.run if self.alone else None)
@@ -301,7 +299,7 @@ class Campaign:
     def _tried(self, asked: _Asked) -> Proposal:
         """The proposal without the events that had not begun, as they explain no failure."""
         scene = came_about(asked.scene, asked.result)
-        if scene is asked.scene or not isinstance(self.space, Space):
+        if scene is asked.scene or self.scenes:
             return asked.proposal
         return replace(asked.proposal, genome=self.space.nearest(scene))
 

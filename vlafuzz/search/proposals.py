@@ -6,9 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.model import Scene
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.scoring import Measure, Score
+from vlafuzz.search.scoring import Score
 
 REDRAWS = 20  # draws of known scenes before one is proposed again: tiny spaces run out
 UNLIMITED = 64  # outstanding proposals of a strategy that learns nothing: it could do with any number
@@ -111,22 +110,8 @@ class Random(OneByOne):
         return self._space.encode(self._space.sample(rng))
 
 
-class Pool:
-    """Scenes from a file: a genome is a scene's index, not in [0, 1]."""
-
-    dim = 1
-
-    def __init__(self, scenes: Sequence[Scene], measure: Measure) -> None:
-        self.scenes = tuple(scenes)
-        self.severity, self.severities = measure.severity, measure.severities
-        self.groups, self.site = measure.groups, measure.site
-
-    def decode(self, genome: Genome) -> Scene:
-        return self.scenes[int(genome[0])]
-
-
 class InOrder:
-    """Proposes the scenes of a pool in order, each once."""
+    """Proposes so many scenes of a file in order, each once: a genome is a scene's index, not in [0, 1]."""
 
     outstanding = UNLIMITED
 

@@ -1,32 +1,12 @@
 """Scores of outcomes for strategies, and the cells of failures."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from vlafuzz.model import Outcome, Rollout, Scene, Verdict
-
-
-class Measure(Protocol):
-    """Measures how far scenes are from nominal.
-
-    ``groups``: operators that are reset together, see ``Space``.
-    """
-
-    @property
-    def groups(self) -> Mapping[str, Sequence[str]]: ...
-
-    def severity(self, scene: Scene) -> float:
-        """The severity of a scene, 0 at nominal."""
-
-    def severities(self, scene: Scene) -> Mapping[str, float]:
-        """The severity of every operator, in [0, 1]."""
-
-    def site(self, scene: Scene, severities: Mapping[str, float]) -> str:
-        """The part of a failure's cell that is known before a rollout."""
+from vlafuzz.model import Outcome, Rollout, Scene, Space, Verdict
 
 
 @dataclass(frozen=True)
@@ -65,7 +45,7 @@ class Score:
         return math.inf if self.progress is None else self.progress + self.slack
 
 
-def score(scene: Scene, outcome: Outcome, space: Measure) -> Score:
+def score(scene: Scene, outcome: Outcome, space: Space) -> Score:
     """How a scene ended, as strategies are told."""
     severities = space.severities(scene)
     known = outcome.judged and math.isfinite(outcome.progress)
@@ -85,7 +65,7 @@ def _slack(rollout: Rollout) -> float:
     return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
 
 
-def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], space: Measure) -> str:
+def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], space: Space) -> str:
     """A coarse, readable location of a failure: ``grasp|camera-position+light|x0y3``.
 
     Consists of the lost stage and the scene's ``site``. Failures in one cell often have the same cause.

@@ -113,7 +113,7 @@ class Causes:
             test, asked = self._out.pop(proposal.id)
             self._rolled_out += score.rolled_out
             levels = self._units.levels(proposal.genome)
-            if test is not None and proposal.genome is not asked:  # another scene of a pool: see Selection
+            if test is not None and proposal.genome is not asked:  # without the events that had not begun
                 self._miss(test)
                 test = None
             if test is None:
