@@ -16,7 +16,7 @@ from vlafuzz.common.watch import Watch
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.parameters import Parameters
-from vlafuzz.worlds.soundness import SIMULATORS, glance
+from vlafuzz.worlds.soundness import SIMULATORS, examine
 from vlafuzz.worlds.values import ValuesWorld, own_name
 
 LONGEST = 20.0  # seconds after which no further check begins; in Meta-World all of them took 13 on a busy machine
@@ -32,7 +32,7 @@ def looked_at(task: str, watch: Watch) -> Iterator[Check]:
     if not isinstance(world, ValuesWorld) or _place(name, world, own_name(task)).is_dir():
         return
     began, sound = time.monotonic(), True
-    for number, check in enumerate(glance(world, task), start=1):
+    for number, check in enumerate(examine(world, task, brief=True), start=1):
         watch.progress("checks of the world", number, None)
         if check.verdict != "ok":
             sound = sound and check.verdict != "refuse"

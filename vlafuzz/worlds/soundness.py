@@ -3,7 +3,7 @@
 import math
 import random
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ from vlafuzz.worlds.parameters import Parameter, Value
 from vlafuzz.worlds.values import ValuesWorld
 
 STEPS = 40  # of a rollout with random actions, at most
-SIMULATORS = 8  # that ``glance`` makes
+SIMULATORS = 8  # that the brief checks make
 PLACES = 9  # values of a range that are tried, evenly spaced
 SEED = 7
 BEFORE_ALL = ("world", "resets", "steps", "repeats")  # checks without which the others mean nothing
@@ -60,27 +60,19 @@ class Trace:
         return first
 
 
-def examine(world: World, task: str, reference: str = "") -> Iterator[Check]:
-    """All checks of a world of values in one task, up to the first after which the others would mean nothing.
+def examine(world: World, task: str, reference: str = "", *, brief: bool = False) -> Iterator[Check]:
+    """Check a world of values in one task, up to the first finding after which others would mean nothing.
 
-    ``reference``: ``python:module:factory`` of the world, for a process of its own; empty to do without.
+    Args:
+        reference: ``python:module:factory`` of the world, for a process of its own; empty to do without.
+        brief: only the checks in nominal scenes, which take seconds and ``SIMULATORS`` simulators.
     """
     if not isinstance(world, ValuesWorld):
         raise UsageError("this world comes with vlafuzz, whose tests check it", hint="name one of your own")
-    exam = _Exam(world, task)
-    others = (lambda: in_another_process(exam, reference), exam.values, exam.effects, exam.nominal)
-    yield from _done((exam.resets, exam.steps, exam.repeats, *others, exam.start, exam.expert, exam.pictures))
-
-
-def glance(world: ValuesWorld[Any], task: str) -> Iterator[Check]:
-    """Run the checks of ``examine`` that take seconds: those in nominal scenes, in ``SIMULATORS`` simulators."""
-    exam = _Exam(world, task)
-    others = (exam.nominal, exam.nominal_start, exam.expert, exam.pictures)
-    yield from _done((exam.resets, exam.steps, exam.repeats, *others))
-
-
-def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
-    for check in checks:
+    exam = _Exam(world, task, reference, brief=brief)
+    first = (exam.resets, exam.steps, exam.repeats, *([exam.processes] if reference else []))
+    others = () if brief else (exam.values, exam.effects)
+    for check in (*first, *others, exam.nominal, exam.start, exam.expert, exam.pictures):
         try:
             finding = check()
         except VlafuzzError as error:
@@ -95,8 +87,8 @@ def _done(checks: Sequence[Callable[[], Check]]) -> Iterator[Check]:
 
 
 class _Exam:
-    def __init__(self, world: ValuesWorld[Any], task: str) -> None:
-        self.world, self.task = world, task
+    def __init__(self, world: ValuesWorld[Any], task: str, reference: str = "", *, brief: bool = False) -> None:
+        self.world, self.task, self.reference, self.brief = world, task, reference, brief
         self.nominal_values: dict[str, Value] = {one.name: one.told(one.number(None)) for one in world.parameters}
         self._tried: dict[str, list[tuple[Value, Trace]]] = {}
 
@@ -142,6 +134,15 @@ class _Exam:
             follows = "the reset keeps something: reset it, or say fresh = True for a new environment each time"
             return Check("repeats", f"after {why} the nominal scene is another one", "refuse", follows)
         return Check("repeats", "a reset forgets the rollouts and values before it")
+
+    def processes(self) -> Check:
+        with ProcessPoolExecutor(1, get_context("spawn")) as pool:
+            there = pool.submit(_there, self.reference, self.task).result()
+        step = self._new().differs(there)
+        if step is None:
+            return Check("processes", "another process has the same rollout")
+        found = f"another process has another rollout, after step {step}"
+        return Check("processes", found, "refuse", "no time, process id or hash() of texts in what is drawn")
 
     def values(self) -> Check:
         told = 0
@@ -200,15 +201,10 @@ class _Exam:
         follows = "correct nominal or its unit, or say has_own_start = False if that is meant"
         return Check("nominal", found, "warn", follows)
 
-    def nominal_start(self) -> Check:
+    def start(self) -> Check:
         if self.pair[0].solved:
             return Check("start", "the nominal scene is solved before the first step", "refuse", "mend success(now)")
-        return Check("start", "the nominal scene is not solved before the first step")
-
-    def start(self) -> Check:
-        if (nominal := self.nominal_start()).verdict == "refuse":
-            return nominal
-        for one in self.world.parameters:
+        for one in () if self.brief else self.world.parameters:
             solved = [value for value, trace in self._levels(one) if trace.solved]
             if solved:
                 found = f"{_named(one)}: the scene is solved before the first step at {_said(one, solved[0])}"
@@ -337,18 +333,6 @@ class _Exam:
             np.random.seed(SEED)  # noqa: NPY002 - the very generator that a world must not use
             traces.append(self._new())
         return GLOBAL if traces[0].differs(traces[1]) is None else otherwise
-
-
-def in_another_process(exam: _Exam, reference: str) -> Check:
-    if not reference:
-        return Check("processes", "not compared: the world has no name")
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        there = pool.submit(_there, reference, exam.task).result()
-    step = exam._new().differs(there)
-    if step is None:
-        return Check("processes", "another process has the same rollout")
-    found = f"another process has another rollout, after step {step}"
-    return Check("processes", found, "refuse", "no time, process id or hash() of texts in what is drawn")
 
 
 def _there(reference: str, task: str) -> Trace:
