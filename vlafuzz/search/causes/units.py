@@ -27,10 +27,9 @@ FAR, NEAR = 0.3, 0.45  # and if the nearest is farther, and at least as near
 class Unit:
     """Genes that are reset together: all of the confounders', of the camera's place, else a single one."""
 
-    name: str
     operator: str
-    indices: tuple[int, ...]
     kind: str
+    indices: tuple[int, ...]
 
 
 class Units:
@@ -39,13 +38,10 @@ class Units:
     def __init__(self, genes: Sequence[Gene], reference: Levels) -> None:
         self.genes, self.reference = tuple(genes), reference
         self._sizes = np.array([gene.grid.size for gene in genes])
-        named: dict[str, list[int]] = {}
+        members: dict[tuple[str, str, str], list[int]] = {}
         for index, gene in enumerate(genes):
-            named.setdefault(_unit(gene), []).append(index)
-        self.units = tuple(
-            Unit(name, _operator(genes[indices[0]]), tuple(indices), _kind(genes[indices[0]]))
-            for name, indices in named.items()
-        )
+            members.setdefault(_unit(gene), []).append(index)
+        self.units = tuple(Unit(operator, kind, tuple(indices)) for (_, operator, kind), indices in members.items())
         at = {gene.path: index for index, gene in enumerate(genes)}
         self._count = at.get(CONFOUNDERS)  # None where their number does not vary
         self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
@@ -195,21 +191,13 @@ class Units:
         return chances
 
 
-def _unit(gene: Gene) -> str:
+def _unit(gene: Gene) -> tuple[str, str, str]:
+    """The name, operator and kind of the unit that a gene is part of."""
     if gene.operator.startswith("confounder-"):
-        return CONFOUNDERS
-    return "camera-position" if gene.operator == "camera-position" else gene.path
-
-
-def _operator(gene: Gene) -> str:
-    return CONFOUNDERS if gene.operator.startswith("confounder-") else gene.operator
+        return CONFOUNDERS, CONFOUNDERS, CONFOUNDERS
+    name = gene.operator if gene.operator == "camera-position" else gene.path
+    return name, gene.operator, "category" if gene.kind == "category" else "number"
 
 
 def _is_around(path: str, axis: str) -> bool:
     return path.startswith("confounders.") and path.endswith(f".{axis}")
-
-
-def _kind(gene: Gene) -> str:
-    if gene.operator.startswith("confounder-"):
-        return CONFOUNDERS
-    return "category" if gene.kind == "category" else "number"
