@@ -298,7 +298,7 @@ def repeat_row(run: int, made: str, scene: str, number: int, judged: Judged) -> 
     return key | {"verdict": judged.verdict.name.lower(), "lost": judged.lost, "rollouts": judged.rollouts}
 
 
-def to_repeat(row: sqlite3.Row) -> Judged:
+def to_repeat(row: sqlite3.Row) -> tuple[tuple[str, int], Judged]:
     """The inverse of ``repeat_row``."""
     check_counts(row)
-    return Judged(Verdict[row["verdict"].upper()], row["lost"], row["rollouts"])
+    return (row["scene"], row["number"]), Judged(Verdict[row["verdict"].upper()], row["lost"], row["rollouts"])

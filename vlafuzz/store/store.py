@@ -2,11 +2,11 @@
 
 import json
 import sqlite3
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, Self, TypeVar
 
 from vlafuzz.errors import StoreError
 from vlafuzz.model import Outcome, Rollout, Scene, Verdict
@@ -14,6 +14,7 @@ from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
 from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Repeats, Run, Status, Triaged, Trial
 
+T = TypeVar("T")
 _SHOWN = 5  # digests, when a prefix fits several
 
 
@@ -144,8 +145,7 @@ class Store:
 
     def runs(self) -> list[Run]:
         """All runs, the oldest first."""
-        with intact(self.path):
-            return [rows.to_run(row) for row in self._select("SELECT * FROM run ORDER BY id")]
+        return self._all(rows.to_run, "SELECT * FROM run ORDER BY id")
 
     def trials(self, run: int) -> Iterator[Trial]:
         """The trials of a run, in the order of its proposals."""
@@ -162,8 +162,7 @@ class Store:
             "SELECT scene.*, max(verdict = 'failed') AS failed FROM scene JOIN trial ON trial.scene = scene.digest"
             " WHERE run = ? AND verdict IN ('passed', 'failed') GROUP BY digest ORDER BY digest"
         )
-        with intact(self.path):
-            return [(rows.to_scene(row), bool(row["failed"])) for row in self._select(query, run)]
+        return self._all(lambda row: (rows.to_scene(row), bool(row["failed"])), query, run)
 
     def extent(self, run: int) -> tuple[int, int]:
         """Number of trials of a run, and the largest id of a proposal among them, -1 without any."""
@@ -201,9 +200,7 @@ class Store:
             f"SELECT trial.*, json, iif(duplicate, coalesce(({own}), ({other})), id) AS origin FROM trial"
             " JOIN scene ON digest = scene WHERE run = ? AND proposal >= ? AND proposal < ? ORDER BY id"
         )
-        selected = self._select(query, run, first, first + size)
-        with intact(self.path):
-            return [rows.to_trial(row, self._rollouts(row["origin"])) for row in selected]
+        return self._all(lambda row: rows.to_trial(row, self._rollouts(row["origin"])), query, run, first, first + size)
 
     def findings(self, run: int | None = None) -> list[Finding]:
         """All findings, or those that failed in one run whichever run saw them first; in the order of proposals.
@@ -211,24 +208,20 @@ class Store:
         That is not the order of completion, which differs with several workers: triage uses what it has learnt from
         the findings before.
         """
-        query = (
-            "SELECT finding.*, json FROM finding"
-            " JOIN scene ON digest = finding.scene JOIN trial ON trial.id = finding.trial"
-        )
-        if run is None:
-            selected = self._select(f"{query} ORDER BY finding.run, proposal")
-        else:
+        own = () if run is None else (run,)
+        if run is not None:
             self._require(run)
-            seen = (
-                "EXISTS (SELECT 1 FROM trial AS seen JOIN run ON run.id = seen.run WHERE run.id = ?"
-                " AND seen.verdict = 'failed' AND seen.scene = finding.scene"
-                " AND run.policy_key = finding.policy_key)"
-            )
-            selected = self._select(f"{query} WHERE {seen} ORDER BY finding.run, proposal", run)
-        with intact(self.path):
-            return [
-                Finding(rows.to_scene(row, "scene"), row["policy_key"], row["run"], row["cell"]) for row in selected
-            ]
+        seen = (
+            "WHERE EXISTS (SELECT 1 FROM trial AS seen JOIN run ON run.id = seen.run WHERE run.id = ?"
+            " AND seen.verdict = 'failed' AND seen.scene = finding.scene AND run.policy_key = finding.policy_key)"
+        )
+        query = (
+            "SELECT finding.*, json FROM finding JOIN scene ON digest = finding.scene"
+            f" JOIN trial ON trial.id = finding.trial {seen * len(own)} ORDER BY finding.run, proposal"
+        )
+        return self._all(
+            lambda row: Finding(rows.to_scene(row, "scene"), row["policy_key"], row["run"], row["cell"]), query, *own
+        )
 
     def causes(self, run: int) -> Attribution | None:
         """The causes that a run has found; None if its strategy does not look for causes."""
@@ -241,15 +234,11 @@ class Store:
 
     def triaged(self) -> list[Triaged]:
         """All triaged findings, in the order in which they were triaged."""
-        selected = self._select("SELECT * FROM triage ORDER BY rowid")
-        with intact(self.path):
-            return [rows.to_triaged(row, self._scene) for row in selected]
+        return self._all(lambda row: rows.to_triaged(row, self._scene), "SELECT * FROM triage ORDER BY rowid")
 
     def repeats(self, run: int, made: str) -> Repeats:
         """What ``keep_repeats`` stored of a run."""
-        with intact(self.path):
-            selected = self._select("SELECT * FROM repeat WHERE run = ? AND made = ?", run, made)
-            return {(row["scene"], row["number"]): rows.to_repeat(row) for row in selected}
+        return dict(self._all(rows.to_repeat, "SELECT * FROM repeat WHERE run = ? AND made = ?", run, made))
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).
@@ -265,10 +254,10 @@ class Store:
             f"{' AND run.id = ?' * len(own)}"
             " AND NOT duplicate AND verdict != 'error' ORDER BY trial.id DESC LIMIT 1"
         )
-        for row in self._select(query, scene.digest, policy_key, *own):
-            with intact(self.path):
-                return rows.to_outcome(row, self._rollouts(row["id"]))
-        return None
+        known = self._all(
+            lambda row: rows.to_outcome(row, self._rollouts(row["id"])), query, scene.digest, policy_key, *own
+        )
+        return next(iter(known), None)
 
     def scene(self, prefix: str) -> Scene:
         """The scene whose digest begins with a prefix; a StoreError if none does, or several do."""
@@ -297,6 +286,11 @@ class Store:
         marks = ", ".join(f":{name}" for name in row)
         done = self._connection.execute(f"INSERT {conflict} INTO {table} ({names}) VALUES ({marks})", row)
         return int(done.lastrowid or 0)
+
+    def _all(self, made: Callable[[sqlite3.Row], T], query: str, *values: str | int) -> list[T]:
+        """What the rows of a query hold."""
+        with intact(self.path):
+            return [made(row) for row in self._select(query, *values)]
 
     def _select(self, query: str, *values: str | int) -> list[sqlite3.Row]:
         with explained(self.path):
