@@ -23,7 +23,6 @@ from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
-from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.recording import to_png
 
 Numbers = NDArray[np.float32]
@@ -76,17 +75,23 @@ class ExpertRunner:
         self._run = replace(run, repeats=1, stop_early=True)
         self.interface: Interface = interface_of(run.policy, run.spec)
         self._demonstrator = world_of(run.task).demonstrator(self.interface)
-        self._solving: SceneEvaluator | None = None
-        self._playing: dict[bool, tuple[SceneEvaluator, _Player]] = {}  # by whether there are pictures
+        self._player = _Player(self.interface)
+        self._solving = make_evaluator(self._run, self._demonstrator)
+        self._playing = make_evaluator(self._run, self._player, checked=False)
 
-    def solve(self, scene: Scene, first: int = 0) -> Actions | str:
-        """The expert's solution, ``(steps, n)`` as the policy writes it, or why there is none; ``first``: attempt.
+    def show(self, scene: Scene, first: int = 0, finding: str = "") -> Packed | str:
+        """Show the expert's solution as the policy would see it, or say why there is none.
 
-        It acts without latency, as it corrects itself at every step; a replay then has the scene's.
+        The expert acts without latency, as it corrects itself at every step; a replay then has the scene's.
+
+        Args:
+            first: attempt of the expert.
+            finding: see ``Packed``.
+
+        Raises:
+            PrerequisiteError: rendering does not work here.
         """
-        if self._solving is None:
-            self._solving = make_evaluator(self._run, self._demonstrator)
-        prompt = replace(scene, latency=Latency())
+        prompt, why = replace(scene, latency=Latency()), UNSOLVED
         tries = self._demonstrator.tries
         for attempt in ((first + number) % tries for number in range(tries)):
             self._demonstrator.attempt = attempt
@@ -94,22 +99,17 @@ class ExpertRunner:
             if not outcome.judged:
                 return UNFAIR if outcome.verdict is Verdict.INVALID else BROKEN
             if outcome.verdict is Verdict.PASSED:
-                actions = np.stack(self._demonstrator.written)
-                if prompt == scene or self._played(scene, actions, pictures=False) is not None:
-                    return actions
-        return UNSOLVED
+                if shown := self.record(scene, np.stack(self._demonstrator.written), finding):
+                    return shown
+                why = UNPLAYED
+        return why
 
     def record(self, scene: Scene, actions: Actions, finding: str = "") -> Packed | None:
-        """Record what the policy would see and do; None if the actions do not solve the scene.
-
-        Args:
-            finding: see ``Packed``.
-
-        Raises:
-            PrerequisiteError: rendering does not work here.
-        """
-        steps = self._played(scene, actions, pictures=True)
-        if steps is None:
+        """Replay actions, and record what the policy would see and do; None if they do not solve the scene."""
+        self._player.actions, self._playing.seed = actions, int(scene.digest[:6], 16)
+        (outcome,) = evaluate_safely(self._playing, [scene])
+        steps = self._player.steps
+        if outcome.verdict is not Verdict.PASSED or len(steps) > len(actions) + scene.latency.delay:
             return None
         names = self.interface.pictures.items()
         images = {name: np.stack([seen.images[camera] for seen, _ in steps]) for camera, name in names}
@@ -117,21 +117,8 @@ class ExpertRunner:
         return Packed.of(scene, images, states, np.stack([written for _, written in steps]), finding)
 
     def close(self) -> None:
-        for evaluator in (self._solving, *(evaluator for evaluator, _ in self._playing.values())):
-            if evaluator is not None:
-                evaluator.close()
-        self._solving, self._playing = None, {}
-
-    def _played(self, scene: Scene, actions: Actions, *, pictures: bool) -> list[tuple[Observation, Written]] | None:
-        """Replay actions; the observations with the actions that follow them, up to success, or None without it."""
-        if pictures not in self._playing:
-            player = _Player(self.interface, pictures=pictures)
-            self._playing[pictures] = make_evaluator(self._run, player, checked=False), player
-        evaluator, player = self._playing[pictures]
-        player.actions, evaluator.seed = actions, int(scene.digest[:6], 16)
-        (outcome,) = evaluate_safely(evaluator, [scene])
-        in_time = len(player.steps) <= len(actions) + scene.latency.delay
-        return player.steps if outcome.verdict is Verdict.PASSED and in_time else None
+        self._solving.close()
+        self._playing.close()
 
 
 class _Player(Player):
@@ -141,10 +128,9 @@ class _Player(Player):
         steps: observations with the actions that followed.
     """
 
-    def __init__(self, interface: Interface, *, pictures: bool) -> None:
+    def __init__(self, interface: Interface) -> None:
         super().__init__(interface.spec)
-        cameras = interface.spec.cameras if pictures else ()
-        self.spec = replace(interface.spec, cameras=cameras, state=True, silhouettes=False, calibrated=False)
+        self.spec = replace(interface.spec, state=True, silhouettes=False, calibrated=False)
         self.steps: list[tuple[Observation, Written]] = []
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
@@ -221,7 +207,4 @@ class _Teacher:
         key = f"{item.run.task}:{item.run.key(seeded=False)}"
         if key not in self._runners:
             self._runners[key] = ExpertRunner(item.run)
-        actions = self._runners[key].solve(item.scene, item.attempt)
-        if isinstance(actions, str):
-            return actions
-        return self._runners[key].record(item.scene, actions, item.finding) or UNPLAYED
+        return self._runners[key].show(item.scene, item.attempt, item.finding)
