@@ -21,13 +21,13 @@ WALK = np.hstack([RNG.normal(0, 0.02, (20, 6)), np.ones((20, 1))])
 
 def test_what_nobody_declares_is_a_guess_that_the_user_can_settle():
     guessed = {"server": "Pi0", "rotation": "default", "gripper": "default", "state": "none"}
-    check = verdicts.on_spec(replace(SEEING, provenance=guessed))
+    check = verdicts.on_spec(replace(SEEING, provenance=guessed), hz=5)
     assert check.verdict == "warn"
     assert check.follows == "guessed: say rotation=… and gripper=… in the policy's name"
 
 
 def test_a_whole_spec_is_fine():
-    assert verdicts.on_spec(SEEING) == ("spec", "sees front, proprioception, 5 Hz", "ok", "")
+    assert verdicts.on_spec(SEEING, hz=25) == ("spec", "sees front, proprioception, 25 Hz", "ok", "")
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_whole_spec_is_fine():
     ],
 )
 def test_actions_are_to_differ_within_the_range_of_an_arm(executed: np.ndarray, verdict: str, says: str):
-    check = verdicts.on_actions(SEEING, executed)
+    check = verdicts.on_actions(SEEING, 5, executed)
     assert (check.verdict, check.follows.partition(":")[0]) == (verdict, says)
 
 
@@ -81,8 +81,8 @@ def test_last_digits_that_depend_on_the_company_are_a_warning_and_an_exchange_is
 
 
 def test_an_answer_may_take_as_long_as_its_actions_last():
-    assert verdicts.on_speed(SEEING, [9.0, 0.3, 0.3], steps=2).verdict == "ok"
-    slow = verdicts.on_speed(SEEING, [9.0, 0.5, 0.5], steps=2)
+    assert verdicts.on_speed(5, [9.0, 0.3, 0.3], steps=2).verdict == "ok"
+    slow = verdicts.on_speed(5, [9.0, 0.5, 0.5], steps=2)
     assert (slow.verdict, slow.found) == ("warn", "an answer takes 0.5 s, and lasts for 0.4 s at 5 Hz")
 
 

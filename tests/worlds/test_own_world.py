@@ -103,3 +103,4 @@ def test_a_policy_that_sees_is_not_called_blind_or_deaf_where_only_values_vary(c
     checks = told(capsys, f"doctor --world {WORLD} --policy {MODULE}:watching --n 1 --json", code=3)
     rows = {row["check"]: row["verdict"] for row in checks}
     assert (rows["sight"], rows["hearing"]) == ("ok", "ok")
+    assert {row["check"]: row["found"] for row in checks}["speed"].endswith("at 10 Hz")  # the world's, not the policy's

@@ -57,6 +57,7 @@ class Exam:
         self._watch, self._done, self._most = watch, 0, 0
         self._deadline = deadline or Deadline()
         self._policy, self._spec = policy, policy.spec
+        self._hz = world_of(manifest.task).robot(manifest.robot).control_hz or policy.spec.action.hz
         self._corrected = Corrected(policy)
         self._recorder = Recorder(self._corrected)
         once = replace(manifest, repeats=1, stop_early=True)
@@ -116,9 +117,9 @@ class Exam:
 
     def _probed(self, *, quick: bool) -> Iterator[Check]:
         spec, recorder = self._spec, self._recorder
-        yield verdicts.on_spec(spec)
+        yield verdicts.on_spec(spec, self._hz)
         yield self._observe()
-        yield verdicts.on_actions(spec, np.concatenate([moment.executed for moment in recorder.moments]))
+        yield verdicts.on_actions(spec, self._hz, np.concatenate([moment.executed for moment in recorder.moments]))
         interview = Interview(self._policy, recorder.moments)
         yield verdicts.on_determinism(spec, interview.answers)
         yield verdicts.on_sight({name: interview.change(probe) for name, probe in sights(spec).items()})
@@ -130,7 +131,7 @@ class Exam:
             yield verdicts.on_sense("proprioception", interview.change(moved) if posed else None)
             together = interview.together() if spec.max_batch > 1 else None
             yield verdicts.on_batch(spec, interview.answers, together)
-            yield verdicts.on_speed(spec, recorder.seconds, len(recorder.moments[0].executed))
+            yield verdicts.on_speed(self._hz, recorder.seconds, len(recorder.moments[0].executed))
 
     def _guarded(self, checks: Iterator[Check]) -> Iterator[Check]:
         """The checks up to a refusal; when the policy breaks during a probe, that becomes a check, too."""

@@ -51,7 +51,8 @@ def judged(check: str, found: str, fault: str | None = None, **words: object) ->
     return Check(check, found, rating, f"{fault}: {advice.format(**words)}")
 
 
-def on_spec(spec: PolicySpec) -> Check:
+def on_spec(spec: PolicySpec, hz: int) -> Check:
+    """What the policy asks for, and that it gets: ``hz`` is the world's control rate."""
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         detail = f"neither server nor options declare {' and '.join(guessed)}"
         return judged("spec", detail, "guessed", options=" and ".join(f"{name}=…" for name in guessed))
@@ -60,7 +61,7 @@ def on_spec(spec: PolicySpec) -> Check:
     if not views:
         return judged("spec", "it asks for no pictures", "it sees no picture")
     return Check(
-        "spec", ", ".join([f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{spec.action.hz} Hz"])
+        "spec", ", ".join([f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{hz} Hz"])
     )
 
 
@@ -75,7 +76,7 @@ def on_break(broken: Break, *, first: bool) -> Check:
     return Check("rollouts", found, "refuse", hint or "it broke off: its own log says why")
 
 
-def on_actions(spec: PolicySpec, executed: Array) -> Check:
+def on_actions(spec: PolicySpec, hz: int, executed: Array) -> Check:
     """Whether executed actions ``(n, width)`` of several scenes vary, are not clipped, and are in range."""
     if np.ptp(executed, axis=0).max() < SAME:
         numbers = ", ".join(f"{number:.3g}" for number in executed[0])
@@ -87,7 +88,7 @@ def on_actions(spec: PolicySpec, executed: Array) -> Check:
     if clipped >= CUT and 2 * clipped > moving.shape[1]:
         detail = f"{clipped} of {moving.shape[1]} numbers are nearly always at an end of their range"
         return judged("actions", detail, "saturated")
-    return _on_range(spec, executed) if of_hand else Check("actions", f"{len(executed)} of them")
+    return _on_range(spec, hz, executed) if of_hand else Check("actions", f"{len(executed)} of them")
 
 
 def _is_clipped(numbers: Array) -> bool:
@@ -95,14 +96,14 @@ def _is_clipped(numbers: Array) -> bool:
     return bool(np.mean(sizes >= 0.999 * sizes.max()) >= AT_END)
 
 
-def _on_range(spec: PolicySpec, executed: Array) -> Check:
+def _on_range(spec: PolicySpec, hz: int, executed: Array) -> Check:
     action = spec.action
     shifts = np.linalg.norm(executed[:, :3], axis=1) * abs(action.position_scale)
     turns = np.linalg.norm(executed[:, 3:6], axis=1) * abs(action.rotation_scale)
     detail = f"{len(executed)} of them, at most {shifts.max():.2g} m and {turns.max():.2g} rad a step"
     for scale, sizes in (("position_scale", shifts), ("rotation_scale", turns)):
-        if np.mean(sizes * action.hz > FASTEST[scale]) > OFTEN:
-            problem = f"no arm is as fast at {action.hz} Hz"
+        if np.mean(sizes * hz > FASTEST[scale]) > OFTEN:
+            problem = f"no arm is as fast at {hz} Hz"
             return judged("actions", detail, "out of range", problem=problem, scale=scale)
     if max(shifts.max(), turns.max()) < STILL:
         return judged("actions", detail, "out of range", problem="it hardly moves", scale="position_scale")
@@ -156,10 +157,10 @@ def on_batch(spec: PolicySpec, answers: Answers, together: Sequence[Array] | Non
     return judged("batch", detail, "the last digits depend on the rest of the batch" if change.size and exact else None)
 
 
-def on_speed(spec: PolicySpec, seconds: Sequence[float], steps: int) -> Check:
+def on_speed(hz: int, seconds: Sequence[float], steps: int) -> Check:
     """Whether an answer takes longer than its ``steps`` executed actions last on a robot."""
-    took, lasts = median(seconds[1:] or seconds), steps / spec.action.hz
-    detail = f"an answer takes {took:.2g} s, and lasts for {lasts:.2g} s at {spec.action.hz} Hz"
+    took, lasts = median(seconds[1:] or seconds), steps / hz
+    detail = f"an answer takes {took:.2g} s, and lasts for {lasts:.2g} s at {hz} Hz"
     return judged("speed", detail, "slow" if took > lasts else None)
 
 
