@@ -60,9 +60,7 @@ def on_spec(spec: PolicySpec, hz: int) -> Check:
     views += ["outlines"] * spec.silhouettes + ["the simulator's state"] * spec.privileged
     if not views:
         return judged("spec", "it asks for no pictures", "it sees no picture")
-    return Check(
-        "spec", ", ".join([f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{hz} Hz"])
-    )
+    return Check("spec", ", ".join([f"sees {', '.join(views)}", *["proprioception"] * spec.state, f"{hz} Hz"]))
 
 
 def on_break(broken: Break, *, first: bool) -> Check:
