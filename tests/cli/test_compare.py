@@ -12,11 +12,15 @@ import pytest
 from tests.cli.typed import complaint
 from tests.doubles import ClosedForm, Gone, Raising
 from tests.failures.triage.runners import PlantedRunner, interrupted
+from tests.report.stores import MANIFEST, MadeUpFilms
 from vlafuzz.campaign import config
 from vlafuzz.cli import main
-from vlafuzz.model import Outcome, Scene
+from vlafuzz.model import Actions, Outcome, Scene
 from vlafuzz.rollouts import scene_runner as runner
 from vlafuzz.store.store import Store
+from vlafuzz.worlds.evaluator import Film
+from vlafuzz.worlds.tabletop import renderer
+from vlafuzz.worlds.tabletop.renderer import Renderer
 
 IDLE = ("--policy", "python:tests.doubles:make_idle")
 _SMALL = "--strategies random,nsga2 --budget 12 --repeats 2 --seed 3 --triage-rollouts 0"
@@ -28,11 +32,17 @@ def dark(scene: Scene) -> bool:
     return scene.light.intensity < 0.5
 
 
+class Filmed(PlantedRunner):
+    def film(self, scene: Scene, actions: Actions | None = None) -> Film:
+        return MadeUpFilms()(MANIFEST, scene, actions)
+
+
 def without_simulator(tmp_path: Path, monkeypatch) -> Path:
     """In the dark the policy fails."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(config, "make_evaluator", lambda manifest, _: ClosedForm(manifest.repeats))
-    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: PlantedRunner([dark]))
+    monkeypatch.setattr(runner, "SimulatorSceneRunner", lambda *_, **__: Filmed([dark]))
+    monkeypatch.setattr(renderer, "probe_once", lambda: Renderer("made up", None, None))
     return tmp_path
 
 
@@ -132,6 +142,7 @@ def test_the_page_has_a_card_for_each_cause_with_the_runs_that_certified_it(tria
         for count in standing["causes"].values():
             assert f"<dt>runs of {standing['strategy']} certify it</dt><dd>{count} of " in page
     assert page.count("<article") == len({name for each in triaged.document["standings"] for name in each["causes"]})
+    assert [page.count(f'<figure class="{kind}">') for kind in ("passes", "fails", "solves")] == [1, 1, 1]
 
 
 def test_the_failure_probability_is_told_by_random_scenes_and_by_causes(capsys):
@@ -175,6 +186,7 @@ def test_failures_that_cannot_be_judged_are_told_and_left_for_the_next_time(monk
         (("--strategies", ","), "--strategies: expected names, got ','"),
         (("--repeats", "0"), "--repeats: expected at least 1, got 0"),
         (("--triage-rollouts", "-1"), "--triage-rollouts: expected at least 0, got -1"),
+        (("--out", "."), ".: is a folder"),
         (("--seed", "9223372036854775807"), "--seed: too large for 2 repeats"),
     ],
 )
@@ -207,7 +219,8 @@ def test_a_larger_limit_goes_on_with_what_was_triaged(monkeypatch, capsys):
     assert [row.seconds for row in both[: len(first)]] == [row.seconds for row in first]
     assert len(both) > len(first) > 0
     monkeypatch.setattr(runner, "SimulatorSceneRunner", None)
-    assert all(run["triage_rollouts"] <= 50 for run in told_by(capsys, "--triage-rollouts", "50")["runs"])
+    again = told_by(capsys, "--triage-rollouts", "50", "--no-videos")
+    assert all(run["triage_rollouts"] <= 50 for run in again["runs"])
 
 
 def test_triage_goes_on_after_an_interruption(capsys):

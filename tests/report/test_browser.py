@@ -206,6 +206,9 @@ def test_nothing_is_wider_than_the_window(page: "sync.Page", width: int, scheme)
     page.set_viewport_size({"width": width, "height": 900})
     page.evaluate("document.querySelectorAll('details').forEach((one) => (one.open = true))")
     assert page.evaluate("document.documentElement.scrollWidth") == width
+    left = "(one) => one.getBoundingClientRect().left"
+    reach = f"all('.plot').flatMap((plot) => all('text', plot).map((text) => ({left})(text) - ({left})(plot)))"
+    assert min(page.evaluate(reach)) >= 0  # no label lies on the plot beside it
 
 
 @pytest.mark.parametrize(("width", "last"), [(1400, "solves"), (420, "fails")])

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
-from vlafuzz.cli.flags import ConfigFlag, JsonFlag, configured, listed, option, typed, with_run_options
+from vlafuzz.cli.flags import ConfigFlag, JsonFlag, VideosFlag, configured, listed, option, typed, with_run_options
 from vlafuzz.cli.output import interruptible, print_json, print_lines, print_rows
 from vlafuzz.errors import UsageError, check_number
 
@@ -33,6 +33,7 @@ def command(
         ),
     ] = None,
     out: Annotated[Path | None, option("Write a page with each cause to this HTML file.")] = None,
+    videos: VideosFlag = True,
     json: JsonFlag = False,
     config: ConfigFlag = None,
     **given: Any,
@@ -45,13 +46,16 @@ def command(
     --triage-rollouts it does what is missing.
     """
     from vlafuzz.campaign.config import BUDGET, MOST, RunConfig, default_store
-    from vlafuzz.cli.report import write
+    from vlafuzz.cli.report import with_own_films, write
     from vlafuzz.lab.compare import compare
     from vlafuzz.lab.comparison import rows, sentences, view_of_comparison
+    from vlafuzz.report.page import check_place
     from vlafuzz.report.sources import view_of
     from vlafuzz.worlds import default_policy, default_task
 
     names = _names(strategies)
+    if out:  # what is wrong with it is said before hours go by
+        check_place(out)
     limit = max(given["budget"] or BUDGET, _ONE) if triage_rollouts is None else triage_rollouts
     check_number("--repeats", repeats, 1)
     check_number("--triage-rollouts", limit, 0)
@@ -71,7 +75,8 @@ def command(
         print_rows(rows(compared), title=compared.title)
         print_lines(*sentences(compared))
     if out:
-        write(out, view_of_comparison(compared, view_of(store)))
+        view = view_of_comparison(compared, view_of(store))
+        write(out, with_own_films(view, store) if videos else view)
 
 
 def _names(strategies: str) -> list[str]:

@@ -151,7 +151,7 @@ def _write_difference(a: Path, b: Path, result: Difference, views: Sequence[View
 
     first, second = views
     view = view_of_difference(first, second, result)
-    if videos and view.cards:
+    if videos:
         in_b = {run.key(): b for run in second.runs}
         films = [RunFilms(a, policy, in_b) for policy in result.asked]
         view = with_films(view, films, partial(of_both, (result.first, result.second), films), FILMED)

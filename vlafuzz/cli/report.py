@@ -124,16 +124,12 @@ def _lines(one: DescribedFailure, *, mixed: bool) -> list[str]:
 def _write(source: Path, out: Path, limit: int | None, *, videos: bool) -> None:
     if limit is not None and not videos:
         raise UsageError(f"--limit {limit}: with --no-videos there are none", hint="leave one of the two out")
-    from vlafuzz.report.films import RunFilms, beside
     from vlafuzz.report.page import check_place
     from vlafuzz.report.sources import view_of
 
     view = view_of(source)
     check_place(out)  # before minutes go by
-    if videos and view.cards:
-        films = RunFilms(source)
-        view = with_films(view, [films], partial(beside, films), limit or FILMED)
-    write(out, view)
+    write(out, with_own_films(view, source, limit or FILMED) if videos else view)
 
 
 def write(out: Path, view: View) -> None:
@@ -145,11 +141,21 @@ def write(out: Path, view: View) -> None:
     Bar.note(f"written: {out} ({size(len(page.encode()))})")
 
 
+def with_own_films(view: View, source: Path, limit: int = FILMED) -> View:
+    """The view of a store or corpus with films of its cards, beside what passes and what solves them."""
+    from vlafuzz.report.films import RunFilms, beside
+
+    films = RunFilms(source)
+    return with_films(view, [films], partial(beside, films), limit)
+
+
 def with_films(view: View, films: Sequence[RunFilms], shots_of: ShotsOf, limit: int) -> View:
     """The view with shots of these films, or with a note why there are none."""
     from vlafuzz.report.films import filmed
     from vlafuzz.worlds import no_pictures
 
+    if not view.cards:
+        return view
     problems = [no_pictures(task) for task in dict.fromkeys(run.task for run in view.runs)]
     if problems and all(problems):
         reason = problems[0]

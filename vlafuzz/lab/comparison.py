@@ -268,5 +268,5 @@ def view_of_comparison(compared: Comparison, view: View) -> View:
         causes=causes,
         failures=(),
         tables=(Table("Strategies", rows(compared), f"{says} {'; '.join(tests)}"), view.tables[-1]),
-        todo=(("Films of these causes, and all failures:", report),),
+        todo=(("All causes and failures:", report),),
     )

@@ -195,7 +195,7 @@ function parallel(plot, axes, width) {
         strokeWidth: 1,
       }),
       Plot.text(axes, { x: 0, y: (_, row) => row, dx: -8, dy: -6, textAnchor: "end", text: ({ name }) => cut(name, 0.055 * width), className: "name" }),
-      Plot.text(axes, { x: 0, y: (_, row) => row, dx: -8, dy: 7, textAnchor: "end", text: (axis) => limits(axis).join(" to ") }),
+      Plot.text(axes, { x: 0, y: (_, row) => row, dx: -8, dy: 7, textAnchor: "end", text: (axis) => limits(axis).map((end) => cut(end, 0.026 * width)).join(" to ") }),
     ],
   });
   const [x, y] = ["x", "y"].map((name) => picture.scale(name));
