@@ -64,7 +64,7 @@ def test_a_page_is_written_with_films_of_all_findings(capsys):
     printed = typed(capsys, ["report", "a.db", "--out", "page.html"])
     assert printed.out == ""
     assert printed.err.startswith("written: page.html (")
-    assert videos(Path("page.html")) == 6 * 2 + 2
+    assert videos(Path("page.html")) == 5 * 2 + 1
     assert [row.closed for row in FilmDesk.made] == [True, True]
 
 

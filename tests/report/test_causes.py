@@ -177,6 +177,19 @@ def test_a_report_begins_with_the_causes(store: Store):
     assert "light (dark): fails from intensity" in page
 
 
+def test_failures_that_a_certified_cause_explains_are_counted_on_its_card(store: Store):
+    usual, unexplained = Planted([DARK]).finding(9), only("wording", 3)
+    store.add(1, ended(unexplained, proposal=9))
+    certified(store, TILTED, DARK)
+    shown = view_of_store(store)
+    tilted, dark = shown.causes
+    assert (tilted.more, dark.more) == ([only("camera-orientation", 2).digest], [usual.digest])
+    assert [card.of.scene for card in shown.failures] == [unexplained]
+    page = render(shown)
+    assert page.count("· 1 failure more") == 2
+    assert page.count(f'[1,1,"{dark.id}",') == 2  # the dot of the other scene opens the card, too
+
+
 def test_a_card_of_a_cause_has_its_numbers_and_range(store: Store):
     certified(store, TILTED, DARK)
     store.close()

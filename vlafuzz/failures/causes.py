@@ -132,6 +132,7 @@ class CauseList:
         rollouts: of the policy, to triage their scenes; not part of the run's budget.
         certify: the command that certifies those that are not triaged, with how long it takes.
         nominal: how often the policy fails in nominal scenes, to follow that there is no cause.
+        ranges: of the causes, in their order; None of those that are not certified, and of mechanisms.
     """
 
     run: int
@@ -145,6 +146,7 @@ class CauseList:
     certify: str = ""
     nominal: str = ""
     failed: int | None = None
+    ranges: tuple[Range | None, ...] = ()
 
     @property
     def title(self) -> str:
@@ -256,14 +258,16 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     failing = [scene for scene, failed in scenes if failed]
     counts, unexplained = _explained(space, merged, ranges, failing)
     shared = _shared(space, merged, ranges, scenes, kept.probability)
-    causes = (replace(cause, failures=counts.get(key, cause.failures)) for key, cause in shared.items())
-    listed = tuple(sorted(causes, key=_rank))
+    numbered = ((replace(cause, failures=counts.get(key, cause.failures)), key) for key, cause in shared.items())
+    in_order = sorted(numbered, key=lambda pair: _rank(pair[0]))
+    listed = tuple(cause for cause, _ in in_order)
     return CauseList(
         run=run.id,
         of=title_of([run.manifest]),
         causes=listed,
         unexplained=unexplained if counts else kept.unexplained,
         failed=len(failing) if counts else None,
+        ranges=tuple(ranges.get(key) for _, key in in_order),
         probability=kept.probability,
         found=len(kept.causes),
         certified=sum(cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes),

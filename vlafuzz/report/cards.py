@@ -69,8 +69,12 @@ def card_of(
     plot: Plot | None,
     cause: ListedCause | None = None,
     failures: str = "",
+    more: Sequence[DescribedFailure] = (),
 ) -> Card:
-    """The card of a failure, or of a cause with the failure that shows it, and all those of its run, in words."""
+    """The card of a failure, or of a cause with the failure that shows it, and ``more`` that it explains.
+
+    ``failures``: all those of its run, in words.
+    """
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity
@@ -79,6 +83,7 @@ def card_of(
         id=name,
         title=f"{title[:1].upper()}{title[1:]}",
         of=of,
+        more=[digest for one in more for digest in one.found],
         badge=_badge(of, cause),
         mark=of.bucket if of else "none",
         numbers=list(_numbers(of, cause, failures)) if cause else (),

@@ -46,7 +46,7 @@ def film_id(film: Film) -> str:
 def _plot_data(plot: Plot, view: View) -> dict[str, Any]:
     """What ``page.js`` draws: axes with their curves, scenes, and the cards among them."""
     shown = [(card, card.of) for card in view.cards if card.plot is plot and card.of]
-    cards = {digest: card.id for card, of in shown for digest in (of.scene.digest, *of.found)}
+    cards = {digest: card.id for card, of in shown for digest in (of.scene.digest, *of.found, *card.more)}
     bands = [(band, card.title) for card, _ in shown for band in card.bands]
     axes = []
     for axis in plot.axes:

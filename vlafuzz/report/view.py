@@ -37,6 +37,7 @@ class Card:
 
     Attributes:
         of: the failure; None for a cause that no stored failure shows.
+        more: digests of further failures that its cause explains, which have no card.
         badge: how well it is shown, and what that means; ``mark``: its kind, for its colour.
         step: what to do next, and the command.
         neighbours: scenes in which the policy should pass, the likeliest first, with their names.
@@ -46,6 +47,7 @@ class Card:
     id: str
     title: str
     of: DescribedFailure | None
+    more: Sequence[str] = ()
     badge: tuple[str, str]
     mark: str = "none"
     numbers: Sequence[tuple[str, str]] = ()
