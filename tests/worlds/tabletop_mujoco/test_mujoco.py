@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cli.typed import typed
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, STILL, nominal, pick_up, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWD, EVENTFUL, STILL, nominal, pick_up, put
 from vlafuzz.model import Camera, Conditions, Scene
 from vlafuzz.model.scene import GripSlip, Newcomer, TargetTopple
 from vlafuzz.policies.base import CameraRequest, EpisodeStart
@@ -19,7 +19,7 @@ from vlafuzz.worlds.tabletop.tasks import TASKS
 
 NAME = "tabletop-mujoco"
 pytestmark = pytest.mark.skipif(util.find_spec("mujoco") is None, reason="MuJoCo is not installed")
-HASH = "from tests.worlds.tabletop_mujoco import test_mujoco as t; print(t.hash_of(t.CROWD))"
+HASH = "from tests.worlds.tabletop_mujoco import test_mujoco as t; print(*map(t.hash_of, (t.CROWD, t.EVENTFUL)))"
 
 
 def room(task: str = "pick-up", *cameras: CameraRequest):
@@ -56,9 +56,9 @@ def test_the_scenes_of_its_space_have_its_name_and_those_of_the_tabletop_otherwi
 
 
 def test_equal_scenes_have_equal_states_bit_by_bit_in_this_process_and_another():
-    first, again = hash_of(CROWD), hash_of(CROWD)
+    first, again = ([hash_of(scene) for scene in (CROWD, EVENTFUL)] for _ in range(2))
     other = subprocess.run([sys.executable, "-c", HASH], capture_output=True, text=True, check=True).stdout
-    assert first == again == other.strip()
+    assert first == again == other.split()
 
 
 def test_things_weigh_what_they_weigh_on_the_tabletop_and_stay_where_they_are():

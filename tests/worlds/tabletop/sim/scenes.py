@@ -2,12 +2,14 @@
 
 from collections.abc import Iterable
 from contextlib import closing
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.model import Camera, Conditions, Light, Outcome, Placement, Scene
+from vlafuzz.model.scene import Newcomer, Slide
 from vlafuzz.policies.base import CameraRequest, Policy
 from vlafuzz.worlds.recording import Recording
 from vlafuzz.worlds.tabletop.objects import load_catalogue
@@ -39,6 +41,8 @@ def pick_up(target: Placement, *confounders: Placement, light: float = 1.0, came
 
 
 # Six objects around and under the hand at rest: tall, low and rolling ones, and one that the fingers hit.
+CROWDED = replace(nominal(), confounders=(put("green_cube", 0.05, 0.2),))
+EVENTFUL = replace(CROWDED, newcomer=Newcomer("approach", "first"), target_slide=Slide("approach", 0.05, 120.0))
 CROWD = pick_up(
     put("coke_can", 0.0, 0.0, 20.0),
     put("orange", -0.05, 0.12),

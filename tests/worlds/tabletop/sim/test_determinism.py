@@ -8,17 +8,27 @@ import sys
 import numpy as np
 import pytest
 
-from tests.worlds.tabletop.sim.scenes import CROWD, STILL, make_env, nominal, play, pushes, random_scene, states_hash
+from tests.worlds.tabletop.sim.scenes import (
+    CROWD,
+    EVENTFUL,
+    STILL,
+    make_env,
+    nominal,
+    play,
+    pushes,
+    random_scene,
+    states_hash,
+)
 from vlafuzz.policies.base import CameraRequest
 
-# No Vulkan driver is found in it; an expert's rollout and a trajectory in contact, each as its hash.
+# No Vulkan driver is found in it; an expert's rollouts, one with events, and a trajectory in contact, each as its hash.
 CHILD = """
 import json
-from tests.worlds.tabletop.sim.scenes import evaluate, make_env, nominal, states_hash
+from tests.worlds.tabletop.sim.scenes import EVENTFUL, evaluate, make_env, nominal, states_hash
 from vlafuzz.worlds.tabletop.experts.expert import Expert
-(outcome,) = evaluate(Expert(), nominal())
-hashes = [rollout.states_hash for rollout in outcome.rollouts]
-print(json.dumps([states_hash(make_env()), outcome.verdict.name, *hashes]))
+outcomes = evaluate(Expert(), nominal(), EVENTFUL)
+hashes = [rollout.states_hash for outcome in outcomes for rollout in outcome.rollouts]
+print(json.dumps([states_hash(make_env()), *(outcome.verdict.name for outcome in outcomes), *hashes]))
 """
 
 
@@ -60,8 +70,8 @@ def test_another_process_without_vulkan_repeats_it_and_the_experts_rollout(fresh
     command, environment = [sys.executable, "-c", CHILD], os.environ | nowhere
     child = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert child.returncode == 0, child.stderr
-    (rollout,) = expert_on("pick-up").evaluate([nominal()])[0].rollouts
-    assert json.loads(child.stdout.splitlines()[-1]) == [fresh, "PASSED", rollout.states_hash]
+    hashes = [one.rollouts[0].states_hash for one in expert_on("pick-up").evaluate([nominal(), EVENTFUL])]
+    assert json.loads(child.stdout.splitlines()[-1]) == [fresh, "PASSED", "PASSED", *hashes]
 
 
 @pytest.mark.render

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.meddling import NOMINAL, Meddled
-from tests.worlds.tabletop.sim.scenes import CATALOGUE, STILL, evaluate, nominal, put
+from tests.worlds.tabletop.sim.scenes import CATALOGUE, CROWDED, STILL, evaluate, nominal, put
 from vlafuzz.model import Scene, Verdict
 from vlafuzz.model.scene import (
     EVENTS,
@@ -98,7 +98,6 @@ def test_a_target_that_topples_lies_where_it_stood(env):
     assert afterwards(scene).targets[0].rest == "lying"
 
 
-CROWDED = replace(nominal(), confounders=(put("green_cube", 0.05, 0.2),))
 CHANGED = InstructionChange("grasp", "first")
 
 
