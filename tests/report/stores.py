@@ -63,4 +63,14 @@ class MadeUpFilms:
         failed = fails and self._passing < 0
         stages = () if failed else (("grasp", 4), ("lift", 6), ("success", 9))
         lost = "grasp" if failed else ""
-        return Film(self._video, self._still, failed, frames=15, moment=3 if failed else 9, stages=stages, lost=lost)
+        return Film(
+            self._video,
+            self._still,
+            failed,
+            frames=15,
+            moment=3 if failed else 9,
+            stages=stages,
+            lost=lost,
+            size=(64, 64),
+            path=((9, 9), (30 + 9 * failed, 40)),
+        )

@@ -72,6 +72,13 @@ def test_each_card_has_films_in_step_three_where_a_solution_is_known(page: Page)
     assert len(page.data("films")) == 1  # however many cards show it
 
 
+def test_the_hand_s_paths_of_policy_and_reference_lie_over_the_failure_where_a_solution_is_known(page: Page):
+    drawn = [(one["class"], one["points"].split()) for one in page.all("polyline")]
+    over = [one for one in drawn if one[1][0] == "9,9"]
+    assert over == [("fails", ["9,9", "39,40"]), ("solves", ["9,9", "30,40"])] * 2
+    assert page.text.count("path of the hand:") == 2
+
+
 def test_every_card_has_a_title_that_says_the_cause_and_an_anchor_that_links_point_to(page: Page):
     ids = [card["id"] for card in page.all("article")]
     assert ids == ["cause-1", "cause-2", "failure-1", "failure-2"]

@@ -124,6 +124,11 @@ def test_a_film_shows_the_scene_the_failure_and_what_the_witness_does(tmp_path: 
     assert np.abs(solution[0] - solution[-1]).mean() > 3
     assert np.abs(failure[0] - solution[0]).mean() < 2  # the very same scene
     assert len(failure) > len(solution)
+    ways = [np.array(film.path) / film.size for film in films]
+    assert [len(way) for way in ways] == [film.frames for film in films]
+    assert np.ptp(ways[1], axis=0).max() < 0.02  # of a picture
+    assert np.ptp(ways[0], axis=0).max() > 0.05
+    assert all(((way > 0) & (way < 1)).all() for way in ways)
 
 
 def frames_of(film: Film, folder: Path) -> np.ndarray:

@@ -177,6 +177,8 @@ class SimulatorSceneRunner:
             stages=stages,
             lost=outcome.lost_stage or "" if len(self.stages) > 1 else "",
             greys=recording.greys(),
+            size=(frames[0].shape[1], frames[0].shape[0]),
+            path=tuple(recording.path),
         )
 
     def close(self) -> None:

@@ -91,6 +91,10 @@ class Episode(ABC):
     def picture(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, without noise."""
 
+    def hand(self) -> Array | None:
+        """``(2,)``: where the hand is in a film's first picture, to the right and down in [0, 1]; None if unknown."""
+        return None
+
     def advance(self, action: Array) -> None:
         """Execute a metric action for one control step."""
         before = self.monitor.success_once

@@ -36,6 +36,7 @@ class Film:
         stages: that were reached, each with its frame.
         lost: the stage that was not reached, of a failure; empty in a task whose only stage is success.
         greys: see ``Recording.greys``.
+        size: width and height of a frame in pixels; ``path``: of the hand over the first one, empty if unknown.
     """
 
     video: bytes
@@ -48,6 +49,8 @@ class Film:
     stages: tuple[tuple[str, int], ...] = ()
     lost: str = ""
     greys: tuple[float, ...] = ()
+    size: tuple[int, int] = (1, 1)
+    path: tuple[tuple[int, int], ...] = ()
 
     @property
     def blank(self) -> str:

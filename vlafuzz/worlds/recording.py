@@ -30,9 +30,10 @@ class Recording:
         self._hz, self._stride = hz, 1
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
+        self.path: list[tuple[int, int]] = []  # of the hand, in pixels of the frames
 
     def clear(self) -> None:
-        self.frames, self.observations = [], []
+        self.frames, self.observations, self.path = [], [], []
 
     def note(self, episode: Episode) -> None:
         """Keep a frame of the present state, if it is time for one."""
@@ -40,6 +41,9 @@ class Recording:
         if self.camera is None or len(episode.actions) % self._stride:
             return
         self.frames.append(episode.picture(self.camera.name).copy())
+        if (hand := episode.hand()) is not None:
+            height, width, _ = self.frames[-1].shape
+            self.path.append((round(hand[0] * width), round(hand[1] * height)))
 
     def stuck(self, trace: NDArray[np.float32]) -> int:
         """The frame after which a rollout makes no progress any more; ``trace``: its progress after each step."""

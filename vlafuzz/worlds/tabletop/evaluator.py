@@ -16,7 +16,7 @@ from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.events import afterwards, without
 from vlafuzz.worlds.manipulation.arms import hand_boxes
-from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, paint
+from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, camera_pose, paint
 from vlafuzz.worlds.manipulation.looks import COLOUR
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
 from vlafuzz.worlds.manipulation.rigs import rig
@@ -56,6 +56,10 @@ class TabletopEpisode(Episode):
 
     def picture(self, camera: str) -> Picture:
         return self._env.picture(camera)
+
+    def hand(self) -> Array:
+        (place,), _ = camera_pose(self._env.rig.view, self.scene.camera).project(self._state.tcp[None])
+        return np.asarray(place)
 
     def _execute(self, action: Array) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)
