@@ -129,7 +129,7 @@ def simulate(options: argparse.Namespace) -> list[dict[str, Any]]:
         evaluator = make_evaluator(first.manifest, first.policy)
         with closing(LocalExecutor(evaluator)) as executor:
             scene = space_of(options).sample(np.random.default_rng(options.seed))
-            list(executor.run([(0, [scene])]))  # its start takes seconds
+            list(executor.run([(0, scene)]))  # its start takes seconds
             with Store.open(first.store, "write") as store:
                 for name in options.strategies:
                     prepared = plan(options, name, options.rollouts, folder)

@@ -51,7 +51,7 @@ class Bench:
         prepared, began = self._plan("random", count, 0), time.perf_counter()
         executor = self._stack.enter_context(closing(config.make_executor(prepared)))
         scenes = [prepared.space.decode(proposal.genome) for proposal in prepared.strategy.ask(count)]
-        for _ in executor.run((number, [scene]) for number, scene in enumerate(scenes)):
+        for _ in executor.run(enumerate(scenes)):
             pass
         self._executors[count], self.starts[count] = executor, time.perf_counter() - began
 

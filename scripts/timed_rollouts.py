@@ -12,9 +12,9 @@ from vlafuzz.rollouts.executor import Executor
 def timed_rollouts(executor: Executor, scenes: Sequence[Scene]) -> tuple[float, list[Rollout]]:
     """Seconds, and the rollouts in the order of the scenes; a RuntimeError when one broke."""
     began = time.perf_counter()
-    results = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
+    results = dict(executor.run(enumerate(scenes)))
     seconds = time.perf_counter() - began
-    outcomes = [results[number][0] for number in range(len(scenes))]
+    outcomes = [results[number] for number in range(len(scenes))]
     if broken := [outcome.detail for outcome in outcomes if outcome.verdict is Verdict.ERROR]:
         raise RuntimeError(broken[0])
     return seconds, [rollout for outcome in outcomes for rollout in outcome.rollouts]

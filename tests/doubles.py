@@ -12,7 +12,7 @@ import numpy as np
 
 from vlafuzz.model import Light, Outcome, Placement, Rollout, Scene, Verdict
 from vlafuzz.policies.base import ActionChunk, EpisodeStart, Observation, PolicySpec
-from vlafuzz.rollouts.executor import Batches
+from vlafuzz.rollouts.executor import Tagged
 from vlafuzz.search.base import Genome, Proposal, Source, Strategy
 from vlafuzz.search.proposals import Random
 from vlafuzz.search.scoring import Score
@@ -150,16 +150,16 @@ class Gone(ClosedForm):
 
 
 class Backwards:
-    """An executor that takes all batches that there are, and finishes the last one first."""
+    """An executor that takes all scenes that there are, and finishes the last one first."""
 
     def __init__(self, evaluator: ClosedForm) -> None:
         self._evaluator = evaluator
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        todo = iter(batches)
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
+        todo = iter(scenes)
         while pulled := list(takewhile(bool, todo)):
-            for tag, scenes in reversed([batch for batch in pulled if batch]):
-                yield tag, self._evaluator.evaluate(scenes)
+            for tag, scene in reversed([one for one in pulled if one]):
+                yield tag, self._evaluator.evaluate([scene])[0]
 
     def close(self) -> None:
         self._evaluator.close()
@@ -181,17 +181,17 @@ class Several:
     def waited(self) -> float:
         return self._idle / self._workers / self.evaluated
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        todo, busy, rng = iter(batches), [], np.random.default_rng(0)
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
+        todo, busy, rng = iter(scenes), [], np.random.default_rng(0)
         while True:
-            while len(busy) < self._workers and (batch := next(todo, None)):
-                busy.append(batch)
+            while len(busy) < self._workers and (one := next(todo, None)):
+                busy.append(one)
             if not busy:
                 return
             self._idle += self._workers - len(busy)
-            tag, scenes = busy.pop(rng.integers(len(busy)))
-            self.evaluated += len(scenes)
-            yield tag, self._evaluator.evaluate(scenes)
+            tag, scene = busy.pop(rng.integers(len(busy)))
+            self.evaluated += 1
+            yield tag, self._evaluator.evaluate([scene])[0]
 
     def close(self) -> None:
         self._evaluator.close()

@@ -33,7 +33,7 @@ class SimulatedWorld(World):
         """One rollout, whatever its number: policies and simulator are deterministic."""
         evaluator, policy = _evaluator(self.policy, self.task)
         policy.world = self
-        return evaluate_safely(evaluator, [scene])[0]
+        return evaluate_safely(evaluator, scene)
 
     def fails_anyway(self, scene: Scene) -> bool:
         """Whether the policy fails in a scene without any planted fault."""

@@ -1,12 +1,12 @@
 """What every executor keeps, wherever it evaluates."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from functools import partial
 
 import pytest
 
-from tests.doubles import Always, ClosedForm, Idle, Raising, passed, scene
+from tests.doubles import Always, ClosedForm, Idle, Raising, scene
 from tests.rollouts.test_processes import same
 from vlafuzz.errors import PolicyError, PrerequisiteError
 from vlafuzz.model import Outcome, Scene, Verdict
@@ -14,13 +14,6 @@ from vlafuzz.rollouts.executor import Executor, LocalExecutor
 from vlafuzz.rollouts.lockstep import LockstepExecutor
 from vlafuzz.rollouts.processes import ProcessExecutor
 from vlafuzz.worlds.evaluator import Evaluator
-
-
-class Losing(ClosedForm):
-    """Gives one outcome, however many scenes there are."""
-
-    def evaluate(self, scenes: Sequence[Scene]) -> list[Outcome]:
-        return [passed()]
 
 
 def on_ray(evaluator: Evaluator) -> Executor:
@@ -38,9 +31,8 @@ MAKERS: dict[str, Callable[[Evaluator], Executor]] = {
 DARK, BRIGHT, FAR = scene(light=0.25), scene(light=4.0), scene(x=0.1)
 
 
-def run(executor: Executor, *batches) -> dict[int, list[Verdict]]:
-    results = executor.run(enumerate(batches))
-    return {tag: [outcome.verdict for outcome in outcomes] for tag, outcomes in results}
+def run(executor: Executor, *scenes: Scene) -> dict[int, Verdict]:
+    return {tag: outcome.verdict for tag, outcome in executor.run(enumerate(scenes))}
 
 
 @pytest.fixture(params=["local", "lockstep", "processes", "ray"], scope="module")
@@ -62,62 +54,56 @@ here = pytest.mark.parametrize("kind", ["local", "lockstep", "processes"], indir
 
 
 class TestExecutor:
-    def test_each_batch_has_its_outcomes_in_order(self, make):
-        got = run(make(ClosedForm()), [DARK, BRIGHT], [FAR], [])
-        assert got == {0: [Verdict.FAILED, Verdict.PASSED], 1: [Verdict.INVALID], 2: []}
+    def test_each_scene_has_its_outcome(self, make):
+        got = run(make(ClosedForm()), DARK, BRIGHT, FAR)
+        assert got == {0: Verdict.FAILED, 1: Verdict.PASSED, 2: Verdict.INVALID}
 
     @here
-    def test_where_there_is_no_batch_yet_it_asks_again_after_an_outcome(self, make):
+    def test_where_there_is_no_scene_yet_it_asks_again_after_an_outcome(self, make):
         done: list[int] = []
 
-        def batches() -> Iterator[tuple[int, list[Scene]] | None]:
+        def scenes() -> Iterator[tuple[int, Scene] | None]:
             for tag, light in enumerate([DARK, BRIGHT, FAR]):
                 while len(done) < tag:
                     yield None
-                yield tag, [light]
+                yield tag, light
 
-        for tag, outcomes in make(ClosedForm()).run(batches()):
+        for tag, _ in make(ClosedForm()).run(scenes()):
             done.append(tag)
-            assert len(outcomes) == 1
         assert done == [0, 1, 2]
 
     def test_an_evaluator_that_raises_is_an_error_and_the_rest_goes_on(self, make):
         evaluator = Raising(PolicyError("no answer within 10 s"), after=1)
-        results = dict(make(evaluator).run(enumerate([[DARK], [DARK, BRIGHT], [FAR]])))
-        assert [outcome.verdict for outcome in results[0]] == [Verdict.FAILED]
-        assert [outcome.detail for outcome in results[1]] == ["PolicyError: no answer within 10 s"] * 2
-        assert [outcome.verdict for outcome in results[2]] == [Verdict.ERROR]
-
-    @pytest.mark.parametrize("kind", ["local", "processes"], indirect=True)  # others take scenes one by one
-    def test_an_evaluator_that_loses_a_scene_is_an_error(self, make):
-        ((_, outcomes),) = make(Losing()).run([(0, [DARK, BRIGHT])])
-        assert [outcome.detail for outcome in outcomes] == ["the evaluator gave 1 outcomes for 2 scenes"] * 2
+        results = dict(make(evaluator).run(enumerate([DARK, BRIGHT, FAR])))
+        assert results[0].verdict is Verdict.FAILED
+        assert results[1].detail == "PolicyError: no answer within 10 s"
+        assert results[2].verdict is Verdict.ERROR
 
     @here
     def test_progress_that_is_not_a_number_is_an_error(self, make):
         broken = Outcome(verdict=Verdict.FAILED, progress=float("nan"))
-        assert run(make(Always(broken)), [DARK]) == {0: [Verdict.ERROR]}
+        assert run(make(Always(broken)), DARK) == {0: Verdict.ERROR}
 
     @here
     def test_it_can_be_run_again(self, make):
         executor = make(ClosedForm())
-        assert [run(executor, [DARK]), run(executor, [BRIGHT])] == [{0: [Verdict.FAILED]}, {0: [Verdict.PASSED]}]
+        assert [run(executor, DARK), run(executor, BRIGHT)] == [{0: Verdict.FAILED}, {0: Verdict.PASSED}]
 
     @pytest.mark.parametrize("error", [KeyboardInterrupt(), PrerequisiteError("no renderer", "install one")])
     def test_an_interruption_and_a_missing_installation_pass(self, make, error):
         with pytest.raises(type(error)):
-            run(make(Raising(error)), [DARK])
+            run(make(Raising(error)), DARK)
 
 
-def test_the_local_executor_pulls_a_batch_when_the_one_before_is_taken():
+def test_the_local_executor_pulls_a_scene_when_the_one_before_is_taken():
     pulled = []
 
-    def batches():
+    def scenes():
         for tag in range(3):
             pulled.append(tag)
-            yield tag, [DARK]
+            yield tag, DARK
 
-    results = LocalExecutor(ClosedForm()).run(batches())
+    results = LocalExecutor(ClosedForm()).run(scenes())
     next(results)
     assert pulled == [0]
     next(results)

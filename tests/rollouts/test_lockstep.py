@@ -14,7 +14,7 @@ from vlafuzz.model import Conditions, Outcome, Scene, Verdict
 from vlafuzz.policies.base import EpisodeStart, Observation, Policy
 from vlafuzz.policies.harness import Harness
 from vlafuzz.rollouts.executor import LocalExecutor
-from vlafuzz.rollouts.lockstep import LockstepExecutor
+from vlafuzz.rollouts.lockstep import LockstepExecutor, Seeded
 from vlafuzz.rollouts.registry import Place, executor_at
 from vlafuzz.worlds.evaluator import Evaluation
 from vlafuzz.worlds.tabletop.experts.pinhole import Pinhole
@@ -59,10 +59,9 @@ def executor(counter: Counter) -> LockstepExecutor:
     return LockstepExecutor(Asking, counter, lanes=3)
 
 
-def progress(executor: LockstepExecutor, *scenes: Scene) -> list[float]:
-    """Of each scene, which is a batch of its own."""
-    results = dict(executor.run((tag, [scene]) for tag, scene in enumerate(scenes)))
-    return [results[tag][0].progress for tag in range(len(scenes))]
+def progress(executor: LockstepExecutor, *scenes: Seeded) -> list[float]:
+    results = dict(executor.run(enumerate(scenes)))
+    return [results[tag].progress for tag in range(len(scenes))]
 
 
 def test_lanes_share_the_calls_of_the_policy_and_are_refilled_at_once(executor, counter):
@@ -75,33 +74,31 @@ def test_rollouts_of_the_same_name_do_not_meet_and_each_of_them_is_ended(executo
     assert len(set(counter.finished)) == 3
 
 
-def test_scenes_of_one_batch_are_spread_over_the_lanes_each_with_its_seed(executor, counter):
-    ((tag, outcomes),) = executor.run([(7, [(LONG, 1), (SHORT, 2), (SHORT, 3), (SHORT, 4)])])
-    assert (tag, [outcome.progress for outcome in outcomes]) == (7, pytest.approx([0.41, 0.22, 0.23, 0.24]))
-    assert counter.batches == [3, 3, 2, 2]
+def test_a_scene_may_have_its_own_seed(executor):
+    assert progress(executor, (LONG, 1), (SHORT, 2), SHORT) == pytest.approx([0.41, 0.22, 0.2])
 
 
 def test_an_answer_that_fails_is_an_error_of_its_scene_only(executor):
-    results = dict(executor.run(enumerate([[SHORT], [JUMP], [LONG]])))
-    assert "cannot jump" in results[1][0].detail
-    assert [results[tag][0].progress for tag in (0, 2)] == pytest.approx([0.2, 0.4])
+    results = dict(executor.run(enumerate([SHORT, JUMP, LONG])))
+    assert "cannot jump" in results[1].detail
+    assert [results[tag].progress for tag in (0, 2)] == pytest.approx([0.2, 0.4])
 
 
 def test_a_lane_that_pauses_holds_no_other_lane_up(executor, counter):
-    done = [tag for tag, _ in executor.run(enumerate([[LATE], [LONG]]))]
+    done = [tag for tag, _ in executor.run(enumerate([LATE, LONG]))]
     assert done == [1, 0]
     assert counter.batches[:4] == [1] * 4
 
 
-def test_batches_are_pulled_when_there_is_a_lane_for_them(executor):
+def test_scenes_are_pulled_when_there_is_a_lane_for_them(executor):
     pulled = []
 
-    def batches() -> Iterator[tuple[int, list[Scene]]]:
-        for tag, of_it in enumerate([LONG, LONG, SHORT, SHORT, SHORT]):
+    def scenes() -> Iterator[tuple[int, Scene]]:
+        for tag, one in enumerate([LONG, LONG, SHORT, SHORT, SHORT]):
             pulled.append(tag)
-            yield tag, [of_it]
+            yield tag, one
 
-    results = executor.run(batches())
+    results = executor.run(scenes())
     assert (next(results)[0], pulled) == (2, [0, 1, 2])
     assert (next(results)[0], pulled[-1]) in {(0, 3), (1, 3), (3, 3)}
 
@@ -112,7 +109,7 @@ def test_a_source_that_has_nothing_while_nothing_runs_is_a_bug(executor):
 
 
 def test_a_run_that_is_left_early_leaves_nothing_behind(executor):
-    results = executor.run(enumerate([[SHORT], [LONG], [LONG]]))
+    results = executor.run(enumerate([SHORT, LONG, LONG]))
     next(results)
     results.close()
     assert progress(executor, SHORT, LONG) == pytest.approx([0.2, 0.4])
@@ -150,9 +147,9 @@ def alone() -> list[tuple[object, ...]]:
 def together() -> list[tuple[object, ...]]:
     """The same scenes, three at a time."""
     executor = LockstepExecutor(make, Pinhole(), lanes=3)
-    results = dict(executor.run((tag, [scene]) for tag, scene in enumerate(sampled(5))))
+    results = dict(executor.run(enumerate(sampled(5))))
     executor.close()
-    return [row(results[tag][0]) for tag in range(5)]
+    return [row(results[tag]) for tag in range(5)]
 
 
 def test_scenes_go_through_the_same_states_as_alone(alone):

@@ -87,11 +87,11 @@ def executor() -> Iterator[Callable[..., ProcessExecutor]]:
 def of_bright(executor: WorkerPool) -> Outcome:
     """The outcome of a bright scene; the other scenes must have their usual outcomes."""
     scenes = [*OTHERS[:3], BRIGHT, *OTHERS[3:]]
-    got = dict(executor.run((number, [scene]) for number, scene in enumerate(scenes)))
+    got = dict(executor.run(enumerate(scenes)))
     assert len(got) == len(scenes)
-    (bright,) = got.pop(3)
+    bright = got.pop(3)
     expected = [outcome.verdict for outcome in ClosedForm().evaluate(OTHERS)]
-    assert [outcomes[0].verdict for _, outcomes in sorted(got.items())] == expected
+    assert [outcome.verdict for _, outcome in sorted(got.items())] == expected
     return bright
 
 
@@ -113,8 +113,8 @@ def test_a_worker_in_trouble_costs_one_more_try_and_then_only_its_scene(executor
 
 
 def test_a_simulator_that_dies_when_it_is_made_is_an_error_of_every_scene(executor):
-    got = dict(executor(broken).run([(0, [DARK]), (1, [BRIGHT])]))
-    details = {outcome.detail for outcomes in got.values() for outcome in outcomes}
+    got = dict(executor(broken).run([(0, DARK), (1, BRIGHT)]))
+    details = {outcome.detail for outcome in got.values()}
     assert details == {"worker: ended with exit code 3, 2 times"}
 
 
@@ -128,9 +128,9 @@ def test_a_server_of_forks_that_dies_gets_one_more_try_and_is_no_interruption(ex
         return context()
 
     monkeypatch.setattr(processes.forks, "context", dying)
-    results = executor(partial(same, ClosedForm()), workers=1).run([(0, [BRIGHT])])
+    results = executor(partial(same, ClosedForm()), workers=1).run([(0, BRIGHT)])
     if deaths == 1:
-        assert [outcome.verdict for _, (outcome,) in results] == [Verdict.PASSED]
+        assert [outcome.verdict for _, outcome in results] == [Verdict.PASSED]
     else:
         with pytest.raises(PrerequisiteError, match="no worker process starts: EOFError"):
             list(results)
@@ -138,25 +138,25 @@ def test_a_server_of_forks_that_dies_gets_one_more_try_and_is_no_interruption(ex
 
 def test_what_the_user_has_to_mend_first_is_raised_as_it_is(executor):
     with pytest.raises(UsageError, match="'mimi': no such policy") as caught:
-        list(executor(missing).run([(0, [DARK])]))
+        list(executor(missing).run([(0, DARK)]))
     assert caught.value.hint == "did you mean 'mini'?"
 
 
 def test_workers_have_one_thread_and_this_process_keeps_its_own(executor, monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    ((_, (outcome,)),) = executor(thread_numbers, workers=1).run([(0, [DARK])])
+    ((_, outcome),) = executor(thread_numbers, workers=1).run([(0, DARK)])
     assert (outcome.detail, os.environ["OMP_NUM_THREADS"]) == ("1", "3")
 
 
-def test_batches_are_pulled_only_when_a_worker_is_free(executor):
+def test_scenes_are_pulled_only_when_a_worker_is_free(executor):
     pulled = []
 
-    def batches() -> Iterator[tuple[int, list[Scene]]]:
+    def scenes() -> Iterator[tuple[int, Scene]]:
         for tag in range(9):
             pulled.append(tag)
-            yield tag, [DARK]
+            yield tag, DARK
 
-    results = executor(partial(same, ClosedForm()), workers=2).run(batches())
+    results = executor(partial(same, ClosedForm()), workers=2).run(scenes())
     next(results)
     assert len(pulled) <= 4
     assert len(list(results)) == 8
@@ -165,9 +165,9 @@ def test_batches_are_pulled_only_when_a_worker_is_free(executor):
 def test_the_first_scene_is_proposed_before_the_workers_start():
     happened: list[str] = []
 
-    def batches() -> Iterator[tuple[int, list[Scene]]]:
+    def scenes() -> Iterator[tuple[int, Scene]]:
         happened.append("proposed")
-        yield 0, [DARK]
+        yield 0, DARK
 
     def start() -> Worker:
         happened.append("started")
@@ -175,13 +175,13 @@ def test_the_first_scene_is_proposed_before_the_workers_start():
 
     pool = WorkerPool(start, lambda workers, seconds: None, 1, lambda: None, 0.1)
     with pytest.raises(UsageError, match="no simulator"):
-        list(pool.run(batches()))
+        list(pool.run(scenes()))
     assert happened == ["proposed", "started"]
 
 
 def test_nobody_is_left_when_it_is_closed_or_given_up(executor):
     chosen = executor(partial(same, Treacherous(hang, Path("/nowhere"), always=True)), workers=2)
-    results = chosen.run([(0, [DARK]), (1, [OTHERS[0]])])
+    results = chosen.run([(0, DARK), (1, OTHERS[0])])
     next(results)
     pids = [process.pid for process in active_children()]
     results.close()

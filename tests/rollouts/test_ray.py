@@ -61,7 +61,7 @@ class Foreign(ClosedForm):
 
 
 def test_a_machine_that_lacks_a_package_says_so(executor):
-    ((_, (outcome,)),) = executor(Foreign()).run([(0, [DARK])])
+    ((_, outcome),) = executor(Foreign()).run([(0, DARK)])
     assert outcome.detail == "worker: its actor died: ModuleNotFoundError: No module named 'mine', 2 times"
 
 
@@ -80,7 +80,7 @@ class Named(ClosedForm):
 
 def test_nobody_is_left_when_it_is_closed(executor, tmp_path):
     chosen = executor(Named(tmp_path), timeout=1.0)
-    dict(chosen.run([(0, [DARK])]))
+    dict(chosen.run([(0, DARK)]))
     chosen.close()
     assert len(list(tmp_path.iterdir())) == 2
     assert not any(Path(f"/proc/{pid.name}").exists() for pid in tmp_path.iterdir())
@@ -101,8 +101,8 @@ class Asking(ClosedForm):
 
 def test_actors_share_a_policy_too(executor):
     policy = share(f"{MODELS}:{Counter.__name__}", everywhere=True)
-    got = dict(executor(Asking(policy), workers=2, after=policy.close).run([(0, [DARK]), (1, [BRIGHT])]))
-    assert [outcome.detail for (outcome,) in got.values()] == ["asked 1 times"] * 2
+    got = dict(executor(Asking(policy), workers=2, after=policy.close).run([(0, DARK), (1, BRIGHT)]))
+    assert [outcome.detail for outcome in got.values()] == ["asked 1 times"] * 2
 
 
 def test_more_workers_than_the_cluster_has_room_for_are_refused():

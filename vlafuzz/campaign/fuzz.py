@@ -153,11 +153,11 @@ class Campaign:
         self._conclude = getattr(strategy, "conclude", None) if goes_on else None
         status: Status = "failed"
         try:
-            for number, outcomes in self.executor.run(self._scenes()):
+            for number, outcome in self.executor.run(self._scenes()):
                 if asked := self._running.pop(number):
-                    self._take(asked, outcomes[0])
+                    self._take(asked, outcome)
                 else:
-                    self._finished[number] = outcomes[0]
+                    self._finished[number] = outcome
             if self._todo:
                 raise TimeOverError
             self.past.check_empty()
@@ -173,7 +173,7 @@ class Campaign:
                 store.keep_causes(run, attribution(strategy, self.space, store, run))
         return self.tally.summary(str(store.path))
 
-    def _scenes(self) -> Iterator[tuple[int, list[Scene]] | None]:
+    def _scenes(self) -> Iterator[tuple[int, Scene] | None]:
         """Scenes as they are proposed; None when outcomes are needed before there are more."""
         while True:
             self._ask()
@@ -185,13 +185,13 @@ class Campaign:
                 asked = self._todo.popleft()
                 tag = next(self._tags)
                 self._running[tag] = asked
-                yield tag, [asked.scene]
+                yield tag, asked.scene
             elif self._awaited:
                 yield self._early()
             else:
                 return
 
-    def _early(self) -> tuple[int, list[Scene]] | None:
+    def _early(self) -> tuple[int, Scene] | None:
         """A scene that is likely to be proposed, with its tag; None if none is known."""
         if not hasattr(self.strategy, "ahead") or self.tally.stopped or self.past.left or self.deadline.passed:
             return None
@@ -203,7 +203,7 @@ class Campaign:
             if scene.digest not in self.early and self._known(scene) is None:
                 tag = self.early[scene.digest] = next(self._tags)
                 self._running[tag] = None
-                return tag, [scene]
+                return tag, scene
         return None
 
     def _ask(self) -> None:

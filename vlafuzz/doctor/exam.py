@@ -204,7 +204,7 @@ class Exam:
 
     def _roll(self, scene: Scene, correction: Correction | None = None) -> Outcome:
         self._corrected.correction = correction
-        return evaluate_safely(self._evaluator, [scene])[0]
+        return evaluate_safely(self._evaluator, scene)
 
 
 def examine(run: RunConfig, n: int, watch: Watch = SILENT, deadline: Deadline | None = None) -> Iterator[Check]:

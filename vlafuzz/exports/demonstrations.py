@@ -95,7 +95,7 @@ class ExpertRunner:
         tries = self._demonstrator.tries
         for attempt in ((first + number) % tries for number in range(tries)):
             self._demonstrator.attempt = attempt
-            (outcome,) = evaluate_safely(self._solving, [prompt])
+            outcome = evaluate_safely(self._solving, prompt)
             if not outcome.judged:
                 return UNFAIR if outcome.verdict is Verdict.INVALID else BROKEN
             if outcome.verdict is Verdict.PASSED:
@@ -107,7 +107,7 @@ class ExpertRunner:
     def record(self, scene: Scene, actions: Actions, finding: str = "") -> Packed | None:
         """Replay actions, and record what the policy would see and do; None if they do not solve the scene."""
         self._player.actions, self._playing.seed = actions, int(scene.digest[:6], 16)
-        (outcome,) = evaluate_safely(self._playing, [scene])
+        outcome = evaluate_safely(self._playing, scene)
         steps = self._player.steps
         if outcome.verdict is not Verdict.PASSED or len(steps) > len(actions) + scene.latency.delay:
             return None
@@ -175,8 +175,8 @@ class Demonstrations:
         """The demonstration in each scene, or why there is none, in order."""
         early: dict[int, Any] = {}
         following = 0
-        rolled = executor.run((number, [item]) for number, item in enumerate(items))
-        for done, (number, (result,)) in enumerate(rolled, start=1):
+        rolled = executor.run(enumerate(items))
+        for done, (number, result) in enumerate(rolled, start=1):
             if isinstance(result, UsageError):
                 raise result
             self.watch.progress("scenes tried by the expert", done, len(items))

@@ -1,7 +1,7 @@
 """Crews: scene runners for work on several things at a time, in this process, in others, or on ray."""
 
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from functools import partial
@@ -14,6 +14,7 @@ from vlafuzz.common.plugins import check_trusted, trust
 from vlafuzz.errors import SimulatorError, UsageError
 from vlafuzz.model import Actions, Outcome, Scene, Solver, Space
 from vlafuzz.policies.base import Policy
+from vlafuzz.rollouts.executor import Tagged
 from vlafuzz.rollouts.policies import is_shared
 from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.rollouts.scene_runner import SceneRunner, SimulatorSceneRunner
@@ -54,7 +55,7 @@ def crew_at(place: Place, make: Make, policy: str) -> Iterator[Crew]:
     # Its memory is not bounded: a runner has several simulators.
     options: dict[str, Any] = {"look": SOON, "memory": sys.maxsize}
     with closing(workers_at(place, partial(_Desk, make, policy), together, **options)) as executor:
-        about: Any = dict(executor.run([(0, [_about])]))[0][0]
+        about: Any = dict(executor.run([(0, _about)]))[0]
         if isinstance(about, Outcome):
             problem = f"{about.detail.removeprefix('worker: ')}: finished findings are stored"
             raise SimulatorError(f"a worker {problem}", hint="repeat the command to continue")
@@ -75,10 +76,8 @@ class _Desk:
         self._runner = make() if policy is None else make(policy=policy)
 
     def evaluate(self, items: Sequence[Item]) -> list[Any]:
-        return [
-            self._runner.evaluate([item[0]], [item[1]])[0] if isinstance(item, tuple) else item(self._runner)
-            for item in items
-        ]
+        (item,) = items
+        return self._runner.evaluate([item[0]], [item[1]]) if isinstance(item, tuple) else [item(self._runner)]
 
     def close(self) -> None:
         self._runner.close()
@@ -95,7 +94,7 @@ class SharedRunner:
 
     def __init__(
         self,
-        run: Callable[[Iterable[tuple[int, list[Any]] | None]], Any],
+        run: Callable[[Tagged], Any],
         about: tuple[Space, tuple[str, ...], bool, str | None],
         at_once: int,
         *,
@@ -114,8 +113,8 @@ class SharedRunner:
         for future in futures:
             future.add_done_callback(lambda _: self._inbox.put(None))
         try:
-            with closing(self._run(self._batches(futures))) as rolled:
-                for tag, (result,) in rolled:
+            with closing(self._run(self._items(futures))) as rolled:
+                for tag, result in rolled:
                     self._open.pop(tag).set_result(result)
                     yield from _done(numbers)
             yield from _done(numbers)
@@ -145,7 +144,7 @@ class SharedRunner:
         self._inbox.put((item, future))
         return future
 
-    def _batches(self, futures: Sequence[Future[Any]]) -> Iterator[tuple[int, list[Item]] | None]:
+    def _items(self, futures: Sequence[Future[Any]]) -> Iterator[tuple[int, Item] | None]:
         """What the threads ask for, until all of them are done."""
         tags = count()
         while not all(future.done() for future in futures):
@@ -160,7 +159,7 @@ class SharedRunner:
             if self._here is None or isinstance(item, tuple):
                 tag = next(tags)
                 self._open[tag] = future
-                yield tag, [item]
+                yield tag, item
                 continue
             try:
                 future.set_result(item(self._here))

@@ -1,57 +1,55 @@
 """Executors evaluate scenes: the protocol, and the one that works in this process."""
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Outcome
 from vlafuzz.worlds.evaluator import Evaluator
 
-Batches = Iterable[tuple[int, Sequence[Any]] | None]
-"""Tagged batches of scenes, or of what else an evaluator takes; None: to be pulled again later."""
+Tagged = Iterable[tuple[int, Any] | None]
+"""Scenes, or what else an evaluator takes, each with its tag; None: to be pulled again later."""
 
 
 class Executor(Protocol):
-    """Evaluates batches of scenes."""
+    """Evaluates scenes."""
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        """Yield the outcomes of each batch, identified by its tag, in the order of completion.
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
+        """Yield the outcome of each scene, identified by its tag, in the order of completion.
 
-        Batches are pulled when there is room for them; None in place of one means that there is none before the
-        outcomes of another have been yielded. An exception during the evaluation of a scene becomes an ERROR outcome;
-        only KeyboardInterrupt, and what the user must install or start first, is raised.
+        Scenes are pulled when there is room for them; None in place of one means that there is none before the outcome
+        of another has been yielded. An exception during the evaluation of a scene becomes an ERROR outcome; only
+        KeyboardInterrupt, and what the user must install or start first, is raised.
         """
 
     def close(self) -> None:
-        """Release simulators and policies; no more batches follow."""
+        """Release simulators and policies; no more scenes follow."""
 
 
 class LocalExecutor:
-    """Evaluates one batch after the other in this process, each pulled when the previous one is consumed."""
+    """Evaluates one scene after the other in this process, each pulled when the previous one is consumed."""
 
     def __init__(self, evaluator: Evaluator) -> None:
         self._evaluator = evaluator
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        for tag, scenes in filter(None, batches):
-            yield tag, evaluate_safely(self._evaluator, scenes)
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
+        for tag, scene in filter(None, scenes):
+            yield tag, evaluate_safely(self._evaluator, scene)
 
     def close(self) -> None:
         self._evaluator.close()
 
 
-def evaluate_safely(evaluator: Evaluator, scenes: Sequence[Any]) -> list[Outcome]:
-    """One outcome per scene, even from an evaluator that breaks its contract."""
+def evaluate_safely(evaluator: Evaluator, scene: Any) -> Outcome:
+    """The outcome of a scene, even from an evaluator that breaks its contract."""
     try:
-        outcomes = evaluator.evaluate(scenes)
+        (outcome,) = evaluator.evaluate([scene])
     except PrerequisiteError:
         raise
     except Exception as error:  # a bug in the evaluator must not end a run of hours
-        return [broken(error)] * len(scenes)
-    if len(outcomes) != len(scenes):
-        return [Outcome.error(f"the evaluator gave {len(outcomes)} outcomes for {len(scenes)} scenes")] * len(scenes)
-    return [checked(outcome) if isinstance(outcome, Outcome) else outcome for outcome in outcomes]
+        return broken(error)
+    return checked(outcome) if isinstance(outcome, Outcome) else outcome
 
 
 def broken(error: Exception) -> Outcome:

@@ -22,8 +22,8 @@ Make = Callable[[], Evaluator]  # makes a worker's evaluator, in the worker; pic
 class ProcessExecutor(WorkerPool):
     """Workers that are forked once, with one thread each, and replaced when they die.
 
-    When a worker dies, hangs or exceeds its memory, its batch is tried once more in another one; after that, the scenes
-    are ERROR. A worker that never becomes ready counts as dead.
+    When a worker dies, hangs or exceeds its memory, its scene is tried once more in another one; after that, it is
+    ERROR. A worker that never becomes ready counts as dead.
 
     Args:
         timeout: seconds per scene before its worker is killed; the first one includes the simulator's start.
@@ -67,28 +67,28 @@ class _Process:
             self._send(dict(os.environ))
         self._send(make)
         self._timeout, self._memory = timeout, memory
-        self._up, self._began, self._scenes = False, 0.0, 0
+        self._up, self._began = False, 0.0
 
     def ready(self) -> bool:
         return True
 
-    def begin(self, scenes: Sequence[Any]) -> None:
-        self._began, self._scenes = time.monotonic(), len(scenes)
-        self._send(list(scenes))
+    def begin(self, scene: Any) -> None:
+        self._began = time.monotonic()
+        self._send(scene)
 
-    def answer(self) -> list[Outcome] | None:
+    def answer(self) -> Sequence[Outcome]:
         try:
             if not self.pipe.poll():
                 self._check()
-                return None
-            message = self.pipe.recv()
+                return ()
+            message: Sequence[Outcome] | BaseException = self.pipe.recv()
         except (EOFError, OSError):
             raise Lost(cause_of_death(self._process)) from None
-        if message is None:  # the process has started: the timeout of the scenes begins
-            self._up, self._began = True, time.monotonic()
         if isinstance(message, BaseException):
             raise message
-        return message  # type: ignore[no-any-return]
+        if not message:  # the process has started: the timeout of the scene begins
+            self._up, self._began = True, time.monotonic()
+        return message
 
     def kill(self) -> None:
         self._process.kill()
@@ -101,7 +101,7 @@ class _Process:
 
     def _check(self) -> None:
         """Raise Lost when the worker exceeds its time or memory."""
-        allowed = self._timeout * max(self._scenes, 1) if self._up else TIMEOUT
+        allowed = self._timeout if self._up else TIMEOUT
         if time.monotonic() - self._began > allowed:
             raise Lost(f"no answer within {allowed:.0f} s")
         if _resident(self._process.pid) > self._memory:
@@ -113,19 +113,19 @@ def _wait(workers: Sequence[Any], seconds: float) -> None:
 
 
 def _serve(pipe: Any) -> None:
-    """A worker's main loop: scenes in, outcomes out, until the pipe is closed."""
+    """A worker's main loop: a scene in, its outcome out, until the pipe is closed."""
     forks.settle_in(pipe.recv())
     make: Make = pipe.recv()
     evaluator: Evaluator | None = None
-    pipe.send(None)
+    pipe.send(())
     while True:
         try:
-            scenes = pipe.recv()
+            scene = pipe.recv()
         except EOFError:
             return
         try:
             evaluator = evaluator or make()
-            pipe.send(evaluate_safely(evaluator, scenes))
+            pipe.send((evaluate_safely(evaluator, scene),))
         except (VlafuzzError, KeyboardInterrupt, Lost) as error:  # for the parent to raise
             pipe.send(error)
 

@@ -26,7 +26,7 @@ class RayExecutor(WorkerPool):
 
     The process works under the rules of ``ProcessExecutor``: a crash, a timeout or too much memory is noticed at once,
     on whichever machine, and the scene is tried once more. When an actor is lost, for instance with its machine, its
-    batch is tried once more by another one. UsageError when the cluster is too small, PrerequisiteError when none
+    scene is tried once more by another one. UsageError when the cluster is too small, PrerequisiteError when none
     answers.
 
     Args:
@@ -70,22 +70,21 @@ class _Actor:
     def __init__(self, make: Make, timeout: float, memory: int | None, workers: int) -> None:
         actor: Any = ray.remote(num_cpus=1)(_RemoteWorker)
         self._actor = actor.remote(make, timeout, memory, workers)
-        self._timeout = timeout
+        self._allowed = TRIES * (TIMEOUT + timeout)  # seconds, more than its process has
         self.pending: Any = self._actor.greet.remote()
 
     def ready(self) -> bool:
         return bool(ray.wait([self.pending], timeout=0)[0])
 
-    def begin(self, scenes: Sequence[Any]) -> None:
-        self.pending = self._actor.evaluate.remote(list(scenes))
-        self._allowed = TRIES * (TIMEOUT + self._timeout * max(len(scenes), 1))  # more than its process has
+    def begin(self, scene: Any) -> None:
+        self.pending = self._actor.evaluate.remote(scene)
         self._began = time.monotonic()
 
-    def answer(self) -> list[Outcome] | None:
+    def answer(self) -> Sequence[Outcome]:
         if not self.ready():
             if time.monotonic() - self._began > self._allowed:
                 raise Lost(f"no answer of its actor within {self._allowed:.0f} s")
-            return None
+            return ()
         try:
             result = ray.get(self.pending)
         except RayActorError as error:
@@ -95,7 +94,7 @@ class _Actor:
             raise Lost(f"its actor broke: {type(error).__name__}") from None
         if isinstance(result, BaseException):
             raise result
-        return result  # type: ignore[no-any-return]
+        return (result,)
 
     def kill(self) -> None:
         ray.kill(self._actor)
@@ -113,13 +112,13 @@ class _RemoteWorker:
     def greet(self) -> None:
         """Return as soon as the actor exists."""
 
-    def evaluate(self, scenes: list[Any]) -> list[Outcome] | BaseException:
-        """Outcomes, or the error to raise: ray would wrap an exception that is raised here."""
+    def evaluate(self, scene: Any) -> Outcome | BaseException:
+        """The outcome, or the error to raise: ray would wrap an exception that is raised here."""
         try:
-            ((_, outcomes),) = self._executor.run([(0, scenes)])
+            ((_, outcome),) = self._executor.run([(0, scene)])
         except (VlafuzzError, KeyboardInterrupt) as error:
             return error
-        return outcomes
+        return outcome
 
 
 def _wait(workers: Sequence[Any], seconds: float) -> None:

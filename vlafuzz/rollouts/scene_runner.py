@@ -1,6 +1,6 @@
 """Scene runners: policy, expert and simulator under the conditions of a run, for work after it."""
 
-from collections.abc import Generator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -12,7 +12,7 @@ from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Actions, Conditions, Outcome, Scene, Solver, Space, Verdict
 from vlafuzz.policies.base import Policy
 from vlafuzz.policies.controls import Player
-from vlafuzz.rollouts.executor import Batches, evaluate_safely
+from vlafuzz.rollouts.executor import Tagged, evaluate_safely
 from vlafuzz.rollouts.lockstep import LockstepExecutor, lanes_for
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import here, make_evaluator
@@ -96,7 +96,7 @@ class SimulatorSceneRunner:
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
         self._policies = self._evaluator(self._policy)
         self.lanes = lanes_for(self._policy)
-        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes, eager=True)
+        self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
         self._experts = {name: self._evaluator(solver, unseen=True) for name, solver in self._solvers.items()}
         self._players = self._evaluator(self._player, checked=False)  # the expert's rollout was
@@ -111,31 +111,27 @@ class SimulatorSceneRunner:
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
         if self.lanes > 1:
-            ((_, together),) = self.run([(0, list(zip(scenes, numbers, strict=True)))])
-            return together
+            together = dict(self.run(enumerate(zip(scenes, numbers, strict=True))))
+            return [together[index] for index in range(len(scenes))]
         outcomes: list[Outcome] = []
         for scene, number in zip(scenes, numbers, strict=True):
             self._policies.seed = self._seed + number
-            outcomes += evaluate_safely(self._policies, [scene])
+            outcomes.append(evaluate_safely(self._policies, scene))
         return outcomes
 
-    def run(self, batches: Batches) -> Generator[tuple[int, list[Outcome]], None, None]:
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
         """See ``Executor``; of scenes with the numbers of their rollouts, as many at a time as there are lanes."""
-
-        def seeded(items: Sequence[tuple[Scene, int]]) -> list[tuple[Scene, int]]:
-            return [(scene, self._seed + number) for scene, number in items]
-
-        return self._lockstep.run(batch and (batch[0], seeded(batch[1])) for batch in batches)
+        return self._lockstep.run(one and (one[0], (one[1][0], self._seed + one[1][1])) for one in scenes)
 
     def solve(self, scene: Scene, attempt: int, solver: Solver = "expert") -> Outcome:
         if solver not in self._solvers:
             return Outcome.invalid("semantic", f"there is no {solver} expert in this world")
         self._solvers[solver].attempt = attempt
-        return evaluate_safely(self._experts[solver], [scene])[0]
+        return evaluate_safely(self._experts[solver], scene)
 
     def play(self, scene: Scene, actions: Actions) -> Outcome:
         self._player.actions = actions
-        return evaluate_safely(self._players, [scene])[0]
+        return evaluate_safely(self._players, scene)
 
     def picture(self, scene: Scene) -> bytes | None:
         try:
@@ -155,7 +151,7 @@ class SimulatorSceneRunner:
         evaluator, recording = self._filmed[played]
         if actions is not None:
             self._player.actions = actions
-        outcome = evaluate_safely(evaluator, [scene])[0]
+        outcome = evaluate_safely(evaluator, scene)
         if not outcome.rollouts:
             return outcome.detail
         hz = min(self._world.robot(scene.robot).control_hz or of.spec.action.hz, FRAMES)

@@ -1,4 +1,4 @@
-"""Worker pool: workers that evaluate batches in parallel, and are replaced when they are lost."""
+"""Worker pool: workers that evaluate scenes in parallel, and are replaced when they are lost."""
 
 import time
 from collections import deque
@@ -9,12 +9,12 @@ from typing import Any, Protocol
 
 from vlafuzz.errors import PrerequisiteError
 from vlafuzz.model import Outcome
-from vlafuzz.rollouts.executor import Batches
+from vlafuzz.rollouts.executor import Tagged
 
-TRIES = 2  # attempts at a batch, by different workers, before its scenes are ERROR
+TRIES = 2  # attempts at a scene, by different workers, before it is ERROR
 TIMEOUT = 300.0  # seconds per scene
 LOOK = 0.5  # seconds between two checks of silent workers
-_END: tuple[int, Sequence[Any]] = (-1, ())  # after the last batch
+_END = (-1, None)  # after the last scene
 
 
 class Lost(BaseException):
@@ -25,43 +25,43 @@ class Lost(BaseException):
 
 
 class Worker(Protocol):
-    """Evaluates one batch at a time, in another process."""
+    """Evaluates one scene at a time, beside others."""
 
     def ready(self) -> bool:
-        """Whether it accepts a batch: a process does at once, an actor when its cluster has room."""
+        """Whether it accepts a scene: a process does at once, an actor when its cluster has room."""
 
-    def begin(self, scenes: Sequence[Any]) -> None:
-        """Start on a batch. Raises nothing: ``answer`` reports errors."""
+    def begin(self, scene: Any) -> None:
+        """Start on a scene."""
 
-    def answer(self) -> list[Outcome] | None:
-        """The outcomes of the batch, None while it is in progress; Lost, or a VlafuzzError for the user, is raised."""
+    def answer(self) -> Sequence[Outcome]:
+        """The outcome, none while the scene is in progress; Lost, or a VlafuzzError for the user, is raised."""
 
     def kill(self) -> None:
-        """End it at once."""
+        """End it at once, with what it does."""
 
 
 @dataclass(eq=False)
-class _Batch:
+class _Job:
     tag: int
-    scenes: Sequence[Any]
+    scene: Any
     tries: int = 0
 
 
 @dataclass(eq=False)
 class _Slot:
     worker: Worker
-    batch: _Batch | None = None
+    job: _Job | None = None
 
 
 class WorkerPool:
-    """An ``Executor`` with workers, which start with the first batch.
+    """An ``Executor`` with workers, which start with the first scene.
 
-    The batch of a lost worker is tried once more by another one; after that, its scenes are ERROR.
+    The scene of a lost worker is tried once more by another one; after that, it is ERROR.
 
     Args:
         wait: blocks until one of the given workers may have an answer, or for so many seconds.
         after: called at the end, when the workers are gone.
-        look: seconds after which batches are pulled again.
+        look: seconds after which scenes are pulled again.
     """
 
     def __init__(
@@ -74,19 +74,19 @@ class WorkerPool:
     ) -> None:
         self._start, self._wait, self._count, self._after, self._look = start, wait, workers, after, look
         self._slots: list[_Slot] = []
-        self._retries: deque[_Batch] = deque()
+        self._retries: deque[_Job] = deque()
 
-    def run(self, batches: Batches) -> Iterator[tuple[int, list[Outcome]]]:
-        batches = iter(batches)
-        first = list(islice(batches, 1))  # now, as the start of workers may wait for the simulator's import
-        todo, last_busy = chain(first, batches), time.monotonic()
+    def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
+        scenes = iter(scenes)
+        first = list(islice(scenes, 1))  # now, as the start of workers may wait for the simulator's import
+        todo, last_busy = chain(first, scenes), time.monotonic()
         self._retries.clear()
         try:
             while len(self._slots) < self._count:
                 self._slots.append(_Slot(self._start()))
             while True:
                 exhausted = self._hand_out(todo)
-                busy = [slot for slot in self._slots if slot.batch]
+                busy = [slot for slot in self._slots if slot.job]
                 if busy:
                     last_busy = time.monotonic()
                 elif exhausted:
@@ -97,7 +97,7 @@ class WorkerPool:
                 for slot in busy:
                     yield from self._collect(slot)
         except BaseException:
-            self._kill()  # nobody will collect the batches that are still in progress
+            self._kill()  # nobody will collect the outcomes of scenes that are still in progress
             raise
 
     def close(self) -> None:
@@ -109,33 +109,33 @@ class WorkerPool:
             slot.worker.kill()
         self._slots = []
 
-    def _hand_out(self, todo: Iterator[tuple[int, Sequence[Any]] | None]) -> bool:
-        """Give batches to idle workers that are ready; whether the batches are exhausted."""
+    def _hand_out(self, todo: Iterator[tuple[int, Any] | None]) -> bool:
+        """Give scenes to idle workers that are ready; whether the scenes are exhausted."""
         for slot in self._slots:
-            if slot.batch is None and slot.worker.ready():
+            if slot.job is None and slot.worker.ready():
                 if not self._retries:
                     tagged = next(todo, _END)
                     if tagged is None or tagged is _END:
                         return tagged is _END
-                    self._retries.append(_Batch(*tagged))
-                slot.batch = self._retries.popleft()
-                slot.batch.tries += 1
-                slot.worker.begin(slot.batch.scenes)
+                    self._retries.append(_Job(*tagged))
+                slot.job = self._retries.popleft()
+                slot.job.tries += 1
+                slot.worker.begin(slot.job.scene)
         return False
 
-    def _collect(self, slot: _Slot) -> Iterator[tuple[int, list[Outcome]]]:
-        """The outcomes of a batch if they are there. A lost worker is replaced; its batch is queued again, or ERROR."""
-        batch = slot.batch
-        assert batch is not None
+    def _collect(self, slot: _Slot) -> Iterator[tuple[int, Outcome]]:
+        """The outcome of a scene if it is there. A lost worker is replaced; its scene is queued again, or ERROR."""
+        job = slot.job
+        assert job is not None
         try:
             outcomes = slot.worker.answer()
         except Lost as cause:
             slot.worker.kill()
-            slot.worker, slot.batch = self._start(), None
-            if batch.tries < TRIES:
-                self._retries.append(batch)
+            slot.worker, slot.job = self._start(), None
+            if job.tries < TRIES:
+                self._retries.append(job)
                 return
-            outcomes = [Outcome.error(f"worker: {cause}, {TRIES} times")] * len(batch.scenes)
-        if outcomes is not None:
-            slot.batch = None
-            yield batch.tag, outcomes
+            outcomes = [Outcome.error(f"worker: {cause}, {TRIES} times")]
+        for outcome in outcomes:
+            slot.job = None
+            yield job.tag, outcome

@@ -65,8 +65,9 @@ def test_a_fault_costs_no_scene_that_is_rolled_out_at_the_same_time(protocol, un
     with faulty(protocol, faults) as name:
         executor = LockstepExecutor(evaluator_of, make_policy(f"{name}&timeout={TIMEOUT}"), lanes=3)
         faults.begin()
-        ((_, outcomes),) = executor.run([(0, sampled(4))])
+        results = dict(executor.run(enumerate(sampled(4))))
         executor.close()
+    outcomes = [results[index] for index in range(4)]
     broken = [index for index, outcome in enumerate(outcomes) if outcome.verdict is Verdict.ERROR]
     assert faults.came[:2] == ["drop", "garbage"]
     assert len(broken) <= len({"garbage", "error"} & {*faults.came})
