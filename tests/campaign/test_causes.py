@@ -11,7 +11,7 @@ from tests.doubles import Backwards, ClosedForm, Raising, Scripted, Several, Tin
 from tests.failures.triage.planted import DARK, SPACE, TILTED
 from tests.failures.triage.runners import PlantedEvaluator
 from tests.worlds.reacher import Reacher
-from vlafuzz.campaign import causes as keeping
+from vlafuzz.campaign import fuzz
 from vlafuzz.campaign.causes import causes_like
 from vlafuzz.campaign.config import RunConfig, plan
 from vlafuzz.campaign.fuzz import Campaign
@@ -219,8 +219,8 @@ def test_a_test_that_is_a_bit_off_elsewhere_shows_a_cause_too(tmp_path: Path):
 
 
 def test_causes_are_kept_while_a_run_goes_on(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr(keeping, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
-    monkeypatch.setattr(keeping, "SHARE", float("inf"))
+    monkeypatch.setattr(fuzz, "EVERY", 0.0)  # after each outcome: no clock decides what is kept
+    monkeypatch.setattr(fuzz, "SHARE", float("inf"))
     path = tmp_path / "a.db"
 
     def watch(tally):

@@ -5,7 +5,7 @@ import pytest
 
 from tests.doubles import STAGES, TinySpace, failed, passed, rollout, scene
 from vlafuzz.model import Outcome, Verdict
-from vlafuzz.search.scoring import cell, score
+from vlafuzz.search.scoring import score
 from vlafuzz.worlds.manipulation.rigs import Workspace
 from vlafuzz.worlds.tabletop.objects import load_catalogue
 from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
@@ -58,16 +58,16 @@ def test_a_pass_without_a_trace_is_as_hard_as_can_be():
     assert score(scene(), Outcome(verdict=Verdict.PASSED, progress=1.0), SPACE).ease == 1.0
 
 
-def test_a_cell_names_lost_stage_far_operators_and_place():
+def test_a_site_names_far_operators_and_place():
     severities = {"light": 0.9, "camera-position": 0.6, "target-type": 0.5}
-    assert cell(scene(x=0.0, y=-0.39), failed(), severities, TABLE) == "grasp|camera-position+light|x2y0"
+    assert TABLE.site(scene(x=0.0, y=-0.39), severities) == "camera-position+light|x2y0"
 
 
 @pytest.mark.parametrize(("x", "y", "place"), [(-0.2, -0.4, "x0y0"), (0.2, 0.4, "x3y3"), (-9.0, 9.0, "x0y3")])
 def test_the_workspace_is_a_grid_of_four_by_four_and_its_rim_belongs_to_it(x: float, y: float, place: str):
-    assert cell(scene(x=x, y=y), failed(), {}, TABLE).endswith(place)
+    assert TABLE.site(scene(x=x, y=y), {}).endswith(place)
 
 
-def test_a_cell_does_not_depend_on_small_differences():
+def test_a_site_does_not_depend_on_small_differences():
     first, second = scene(x=0.01, y=0.01), replace(scene(x=0.02, y=0.05), instruction="take the cube")
-    assert cell(first, failed(0.1), {"light": 0.7}, TABLE) == cell(second, failed(0.2), {"light": 0.8}, TABLE)
+    assert TABLE.site(first, {"light": 0.7}) == TABLE.site(second, {"light": 0.8})

@@ -1,14 +1,12 @@
 """The causes that a strategy has found, each with a stored failure that shows it, and those that a run begins with."""
 
 import math
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from vlafuzz.campaign.tally import Tally
 from vlafuzz.errors import UsageError
 from vlafuzz.failures.mechanisms import Merged, mechanisms
 from vlafuzz.model import Scene, Space, Verdict
@@ -18,7 +16,6 @@ from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 from vlafuzz.worlds import world_of
 
-EVERY, SHARE = 30.0, 0.02  # seconds between causes that are kept while a run goes on; of its time, at most
 HARDLY = 0.1  # severity up to which other operators may be off: strategies vary scenes that they repeat
 
 Failure = tuple[Scene, Genome]
@@ -61,23 +58,6 @@ def _as_one(found: Sequence[FoundCause], merged: Merged, overall: Probability | 
 
 def _within(share: Probability | None, overall: Probability | None) -> Probability | None:
     return Probability(*map(min, share, overall)) if share and overall else share
-
-
-def keeping_causes(
-    watch: Callable[[Tally], None], strategy: Strategy, space: Space, store: Store
-) -> Callable[[Tally], None]:
-    """A watch that also keeps the causes so far now and then, for those who follow the run."""
-    due = time.monotonic() + EVERY
-
-    def follow(tally: Tally) -> None:
-        nonlocal due
-        watch(tally)
-        began = time.monotonic()
-        if tally.causes is not None and began >= due:
-            store.keep_causes(tally.run, attribution(strategy, space, store, tally.run))
-            due = began + max(EVERY, (time.monotonic() - began) / SHARE)
-
-    return follow
 
 
 def _shown_by(cause: Cause, failures: Sequence[Failure], space: Space) -> Scene | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +10,7 @@ from itertools import count, islice
 
 import numpy as np
 
-from vlafuzz.campaign.causes import attribution, keeping_causes
+from vlafuzz.campaign.causes import attribution
 from vlafuzz.campaign.tally import TIME_OVER, Summary, Tally
 from vlafuzz.common.deadline import Deadline, TimeOverError
 from vlafuzz.errors import PolicyError, StoreError, UsageError
@@ -17,12 +18,13 @@ from vlafuzz.failures.events import came_about
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
-from vlafuzz.search.scoring import cell, score
+from vlafuzz.search.scoring import score
 from vlafuzz.store.records import Manifest, Status, Trial
 from vlafuzz.store.store import Store
 
 PATIENCE = 50  # proposals in a row without a rollout
 GONE = 8  # scenes in a row that end in an error, after which nothing else is expected
+EVERY, SHARE = 30.0, 0.02  # seconds between causes that are kept while a run goes on; of its time, at most
 AHEAD = 4  # batches of later proposals among which there may be scenes for a worker that would wait
 AFRESH = "leave out --resume to start a new run: stored outcomes are reused at no cost"
 
@@ -141,7 +143,7 @@ class Campaign:
         run = store.begin(self.manifest) if self.resume is None else self.resume
         before = 0.0 if self.resume is None else store.reopen(run, finished=self.more > 0)
         self.tally, self.past = Tally(run, self.manifest, before), Past(store, run)
-        self._follow = keeping_causes(self.watch, strategy, self.space, store)
+        self._due = time.monotonic() + EVERY
         self._awaited, self._todo = deque[_Asked](), deque[_Asked]()  # in the order asked; of these, to be begun
         self._running, self._tags = dict[int, _Asked | None](), count()  # None: begun early
         self.early = dict[str, int]()  # tags by digest
@@ -170,8 +172,20 @@ class Campaign:
         finally:
             store.finish(run, status, self.tally.seconds)
             if looks_for_causes(strategy) and not self.past.left:
-                store.keep_causes(run, attribution(strategy, self.space, store, run))
+                self._keep_causes()
         return self.tally.summary(str(store.path))
+
+    def _follow(self) -> None:
+        """Tell the watch, and now and then keep the causes so far for those who follow the run."""
+        self.watch(self.tally)
+        began = time.monotonic()
+        if self.tally.causes is not None and began >= self._due:
+            self._keep_causes()
+            self._due = began + max(EVERY, (time.monotonic() - began) / SHARE)
+
+    def _keep_causes(self) -> None:
+        run = self.tally.run
+        self.store.keep_causes(run, attribution(self.strategy, self.space, self.store, run))
 
     def _scenes(self) -> Iterator[tuple[int, Scene] | None]:
         """Scenes as they are proposed; None when outcomes are needed before there are more."""
@@ -240,7 +254,7 @@ class Campaign:
         for trial in past.values():
             self.tally.count(trial)
         if past and not self.past.left:
-            self._follow(self.tally)
+            self._follow()
         by_scene = {asked.scene.digest: asked for asked in self._awaited if asked.same is None}
         for index, (proposal, scene) in enumerate(zip(proposals, scenes, strict=True)):
             asked = _Asked(proposal, scene, same=by_scene.get(scene.digest))
@@ -324,19 +338,17 @@ class Campaign:
             raise TimeOverError
 
     def _keep(self, asked: _Asked) -> None:
-        scene, place = asked.scene, None
-        if asked.result.verdict is Verdict.FAILED:
-            place = cell(scene, asked.result, self.space.severities(scene), self.space)
+        scored = score(asked.scene, asked.result, self.space)
         trial = Trial(
             proposal=asked.proposal.id,
-            scene=scene,
+            scene=asked.scene,
             outcome=asked.result,
-            severity=self.space.severity(scene),
+            severity=scored.severity,
             genome=asked.proposal.genome,
-            cell=place,
+            cell=scored.cell,
             duplicate=asked.duplicate,
         )
         asked.kept = True
         self.store.add(self.tally.run, trial)
         self.tally.count(trial)
-        self._follow(self.tally)
+        self._follow()

@@ -1,7 +1,6 @@
 """Scores of outcomes for strategies, and the cells of failures."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,10 +13,11 @@ class Score:
     """The feedback on a proposal for its strategy.
 
     Attributes:
-        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR). severity:
-        the scene's distance from nominal.
+        progress: of the worst rollout, in [0, 1]; None without a judgement of the policy (INVALID, ERROR).
+        severity: the scene's distance from nominal.
         slack: how early the slowest rollout succeeded, in (0, 1]; 0 unless PASSED.
-        cell: of a failure, see ``cell``; None unless FAILED.
+        cell: a coarse, readable location of a failure, ``grasp|camera-position+light|x0y3``: the lost stage and the
+            scene's ``site``. Failures in one cell often have the same cause. None unless FAILED.
     """
 
     verdict: Verdict
@@ -55,7 +55,7 @@ def score(scene: Scene, outcome: Outcome, space: Space) -> Score:
         progress=outcome.progress if known else None,
         severity=space.severity(scene),
         slack=min(map(_slack, outcome.rollouts), default=0.0) if passed else 0.0,
-        cell=cell(scene, outcome, severities, space) if failed else None,
+        cell=f"{outcome.lost_stage or 'none'}|{space.site(scene, severities)}" if failed else None,
     )
 
 
@@ -63,11 +63,3 @@ def _slack(rollout: Rollout) -> float:
     """1 for success at the first step, 1/2 at the second, 1/3 at the third."""
     done = np.flatnonzero(rollout.trace >= 1.0)
     return 1.0 / (1.0 + float(done[0])) if len(done) else 0.0
-
-
-def cell(scene: Scene, outcome: Outcome, severities: Mapping[str, float], space: Space) -> str:
-    """A coarse, readable location of a failure: ``grasp|camera-position+light|x0y3``.
-
-    Consists of the lost stage and the scene's ``site``. Failures in one cell often have the same cause.
-    """
-    return f"{outcome.lost_stage or 'none'}|{space.site(scene, severities)}"
