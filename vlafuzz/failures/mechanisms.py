@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.common.statistics import wilson
 from vlafuzz.failures.triage.path import direction
 from vlafuzz.model import Mechanism, Scene, Space, Verdict
@@ -19,9 +19,6 @@ from vlafuzz.search.base import Cause
 from vlafuzz.search.causes.units import CONFOUNDERS, Units
 from vlafuzz.search.probability import Probability
 from vlafuzz.store.records import Trial
-
-Numbers = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Chosen by bench_mechanisms.py with seeds that it does not report.
 PENALTY = 5.0  # log likelihood that a row has to be worth: a threshold, and a choice of one in a dozen
@@ -89,7 +86,7 @@ class _Run:
         return self.space.measured(self.space.nominal())
 
     @cached_property
-    def values(self) -> Mapping[str, Numbers]:
+    def values(self) -> Mapping[str, Array]:
         """Measure the scenes: for each quantity, its ``(n,)`` values."""
         measured = [self.space.measured(trial.scene) for trial in self.trials]
         return {name: np.array([one[name] for one in measured]) for name in self.space.quantities}
@@ -134,7 +131,7 @@ def reset(space: Space, scene: Scene, operator: str) -> Scene:
     return space.reset(scene, space.groups.get(operator, (operator,)))
 
 
-def dose(units: Units, operators: Sequence[str], scenes: Numbers, own: Numbers) -> Numbers:
+def dose(units: Units, operators: Sequence[str], scenes: Array, own: Array) -> Array:
     """``(n,)`` how far scenes deviate in the way of a cause, as a share of how far its own scene does."""
     dose = np.full(len(scenes), np.inf)
     for index, unit in enumerate(units.units):
@@ -152,7 +149,7 @@ def dose(units: Units, operators: Sequence[str], scenes: Numbers, own: Numbers) 
     return dose
 
 
-def likelihood(inside: Mask, failed: Mask) -> Numbers:
+def likelihood(inside: Mask, failed: Mask) -> Array:
     """``(m,)`` log likelihoods of outcomes if scenes in a range fail at one rate, and others at another, by chance.
 
     Both rates are unknown: it is integrated over them.

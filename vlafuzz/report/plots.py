@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.common.statistics import Share, wilson
 from vlafuzz.model import Scene, Space
 from vlafuzz.model.scene import unit_of
@@ -22,8 +22,6 @@ FEWEST = 5  # random scenes with which there are curves at all
 # Standard deviation of the window in which a rate is taken, as a share of the range: with 60 random scenes a tenth of
 # the range, so that a window holds about 15 of them, and narrower with more.
 WIDTH, SCENES = 0.1, 60
-Numbers = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Value = float | str
 Rate = tuple[float, float, float]  # a failure rate and its 95 % interval
 
@@ -151,7 +149,7 @@ def plot_of(title: str, space: Space, scenes: Sequence[tuple[Scene, bool, bool]]
     return Plot(title, space, tuple(axes), scenes)
 
 
-def _rated(axis: Axis, values: Numbers, failed: Mask) -> Axis:
+def _rated(axis: Axis, values: Array, failed: Mask) -> Axis:
     """The axis with the failure rates along it; as it is where there are hardly any random scenes."""
     if axis.options:
         groups = [failed[values == option] for option in range(len(axis.options))]

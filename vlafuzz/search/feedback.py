@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposals import TRIES, OneByOne
+from vlafuzz.search.proposals import TRIES, OneByOne, Rng
 from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
@@ -19,8 +19,6 @@ SPLICED = 0.2  # share of children with confounders from another seed
 AGAIN = 0.4  # chance that a mutation changes one more operator
 BUCKETS = 2  # of times to success, per doubling
 FADES = 0.98  # discount of a bandit's past rewards
-
-Rng = np.random.Generator
 
 
 @dataclass

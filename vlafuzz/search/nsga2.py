@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from vlafuzz.search.base import Genome, Proposal, Source
-from vlafuzz.search.proposals import Archive, ProposalFactory
+from vlafuzz.search.proposals import Archive, ProposalFactory, Rng
 from vlafuzz.search.scoring import Score
 from vlafuzz.search.variation import Variation
 
@@ -19,8 +19,6 @@ CROSSED = 0.7  # share of children with two parents
 CHANGES = 1.5  # mean number of operators that a mutation changes
 TRIES = 10  # rounds of mating without a new scene before random ones are proposed instead
 MOST_SEVERE = 100.0  # above any severity
-
-Rng = np.random.Generator
 
 
 class Nsga2:

@@ -17,12 +17,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.common.statistics import sequential_interval, wilson
 from vlafuzz.common.text import interval, percent
-
-Numbers = NDArray[np.float64]
 
 # Chosen by simulation with seeds that scripts/simulate_probability.py does not report.
 _LEAST = 0.25  # chance of a rollout
@@ -102,12 +100,12 @@ def failure_probability(draws: Sequence[Draw], *, over: bool) -> Probability:
     return Probability(value, min(low, value), max(high, value))
 
 
-def shared_out(inside: NDArray[np.bool_]) -> Numbers:
+def shared_out(inside: Mask) -> Array:
     """``(n, rules)`` parts of scenes: a scene in the ranges of several rules is shared out."""
     return np.asarray(inside / np.maximum(inside.sum(axis=1, keepdims=True), 1))
 
 
-def share_of_range(parts: Numbers, weights: Numbers, failed: NDArray[np.bool_]) -> Probability:
+def share_of_range(parts: Array, weights: Array, failed: Mask) -> Probability:
     """The share of random scenes that are in a range and fail: the probability of the range times the rate in it.
 
     The interval of the product is that of Zou and Donner 2008 <https://doi.org/10.1002/sim.3095>.

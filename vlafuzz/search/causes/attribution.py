@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
+from vlafuzz.common.arrays import Mask
 from vlafuzz.search.causes.background import Background
-from vlafuzz.search.causes.suspects import FIRM, Mask, Suspects
+from vlafuzz.search.causes.rules import Rule
+from vlafuzz.search.causes.suspects import FIRM, Suspects
 from vlafuzz.search.causes.units import Levels
 
 SURE = 0.95  # probability of a set of units from which on it only has to be shown that none can be missing
@@ -145,3 +148,24 @@ class Attribution:
             return self.suspects.evidence(kept)
         mark = kept.tobytes()
         return self.suspects.ratio(self._failures[mark], self._passes[mark], self._background.chances)
+
+
+@dataclass(frozen=True, eq=False)
+class Test:
+    """A scene with only some units kept: for an attribution, to try a rule on it, or for the background.
+
+    Attributes:
+        failure: whether the rule is to explain a failure; else its range is probed.
+        chance: probability that the scene is in the range of the rule, so far.
+        trial: number of rollouts for that, this one included.
+        alone: it shows what a single unit does.
+    """
+
+    scene: Levels
+    kept: Mask
+    attribution: Attribution | None = None
+    rule: Rule | None = None
+    failure: bool = False
+    chance: float = 0.5
+    trial: int = 1
+    alone: bool = False

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Numbers = NDArray[np.float64]
+from vlafuzz.common.arrays import Array
 
 RATES = np.array([0.04, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9])  # of failure by chance; one holds
 PRIOR = np.array([0.5, 0.1, 0.08, 0.07, 0.06, 0.05, 0.05, 0.04, 0.03, 0.02])
@@ -32,7 +31,7 @@ class Background:
         self._draws = self._failing = 0.0
 
     @property
-    def chances(self) -> Numbers:
+    def chances(self) -> Array:
         """The probability of each of ``RATES``."""
         weights = np.exp(self._log - self._log.max())
         return np.asarray(weights / weights.sum())

@@ -9,9 +9,10 @@ from itertools import islice
 
 import numpy as np
 
+from vlafuzz.common.arrays import Array
 from vlafuzz.search.base import Genome
 from vlafuzz.search.causes.rules import Rules
-from vlafuzz.search.causes.units import Levels, Numbers, Units
+from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.probability import Draw, Probability, Rates, failure_probability, share_of_range, shared_out
 from vlafuzz.search.proposals import ProposalFactory
 
@@ -35,7 +36,7 @@ class Draws:
     def __init__(self, proposals: ProposalFactory, seed: int, *, severe: bool) -> None:
         self._proposals, self._seed, self.severe = proposals, seed, severe
         self._supply: list[Levels] = []  # random scenes without a rollout
-        self._deviations: Numbers | None = None  # theirs
+        self._deviations: Array | None = None  # theirs
         self._ends: list[list[Levels]] | None = None  # see Units.ends
         self._coming: deque[tuple[Genome, float]] = deque()  # random scenes to draw, with coins in [0, 1)
         self._sampled, self._plain, self._concluded = 0, 0, False
@@ -155,7 +156,7 @@ class Draws:
         inside = shared_out(rules.regions(units.deviations(levels), units)) * weights[:, None]
         return [share_of_range(*pair, failed) for pair in zip(parts.T, inside.T, strict=True)]
 
-    def _random(self, units: Units) -> Numbers:
+    def _random(self, units: Units) -> Array:
         """``(n, units + 1)`` deviations of the random scenes without a rollout."""
         self._keep(FIRST, units)
         known = 0 if self._deviations is None else len(self._deviations)

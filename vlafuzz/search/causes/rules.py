@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vlafuzz.search.causes.units import CONFOUNDERS, Levels, Numbers, Units
+from vlafuzz.common.arrays import Array, Mask
+from vlafuzz.search.causes.units import CONFOUNDERS, Levels, Units
 
-Mask = NDArray[np.bool_]
 ONE_HALF = 0.5
 KNOWN = 0.85  # chance from which a rule explains a failure
 
@@ -30,13 +29,13 @@ class Rule:
 
     kept: Mask
     levels: Levels
-    inner: Numbers
+    inner: Array
     values: dict[int, set[float]]
-    safe: Numbers
+    safe: Array
     hits: int = 1
 
     @classmethod
-    def of(cls, kept: Mask, levels: Levels, deviations: Numbers, units: Units) -> Rule:
+    def of(cls, kept: Mask, levels: Levels, deviations: Array, units: Units) -> Rule:
         """The rule of a minimal failing scene."""
         values = {
             index: {float(deviations[index])}
@@ -46,15 +45,15 @@ class Rule:
         safe = np.zeros(len(kept))
         return cls(kept, levels, deviations.copy(), values, safe)
 
-    def chance(self, deviations: Numbers, units: Units) -> Numbers:
+    def chance(self, deviations: Array, units: Units) -> Array:
         """``(n,)`` chance that scenes are in the fault."""
         return np.asarray(self._chances(deviations, units).prod(axis=0))
 
-    def region(self, deviations: Numbers, units: Units) -> Mask:
+    def region(self, deviations: Array, units: Units) -> Mask:
         """``(n,)`` whether scenes are in its range: each value by itself is more likely in the fault than not."""
         return np.asarray((self._chances(deviations, units) >= ONE_HALF).all(axis=0))
 
-    def _chances(self, deviations: Numbers, units: Units) -> Numbers:
+    def _chances(self, deviations: Array, units: Units) -> Array:
         """``(kept, n)`` chance that the value of each unit is in the fault."""
         chances = []
         for index in np.flatnonzero(self.kept).tolist():
@@ -92,7 +91,7 @@ class Rule:
         """Whether it takes all units of another rule, and more."""
         return bool((self.kept >= other.kept).all() and (self.kept > other.kept).any())
 
-    def learn_failure(self, deviations: Numbers, levels: Levels | None = None) -> None:
+    def learn_failure(self, deviations: Array, levels: Levels | None = None) -> None:
         """A scene with its units alone fails: its range reaches as far.
 
         Args:
@@ -113,7 +112,7 @@ class Rule:
         if nearer and levels is not None:
             self.levels = levels
 
-    def learn_pass(self, deviations: Numbers) -> None:
+    def learn_pass(self, deviations: Array) -> None:
         """A scene with its units alone passes: if one of them is nearer to the reference, that is why."""
         nearer = [
             index
@@ -127,19 +126,19 @@ class Rule:
 class Rules(list[Rule]):
     """All rules so far, in the order in which they were found."""
 
-    def explain(self, deviations: Numbers, units: Units) -> Numbers:
+    def explain(self, deviations: Array, units: Units) -> Array:
         """``(n,)`` chance that scenes fail for a known reason."""
         left = np.ones(len(deviations))
         for rule in self:
             left *= 1 - rule.chance(deviations, units)
         return np.asarray(1 - left)
 
-    def regions(self, deviations: Numbers, units: Units) -> Mask:
+    def regions(self, deviations: Array, units: Units) -> Mask:
         """``(n, rules)`` whether scenes are in the range of each."""
         inside = [rule.region(deviations, units) for rule in self]
         return np.stack(inside, axis=1) if inside else np.zeros((len(deviations), 0), dtype=bool)
 
-    def likeliest(self, deviations: Numbers, units: Units) -> tuple[Rule | None, float]:
+    def likeliest(self, deviations: Array, units: Units) -> tuple[Rule | None, float]:
         """The rule that most likely explains one scene, and the chance that it does."""
         chances = [float(rule.chance(deviations[None], units)[0]) for rule in self]
         if not chances:
@@ -147,7 +146,7 @@ class Rules(list[Rule]):
         best = int(np.argmax(chances))
         return self[best], chances[best]
 
-    def add(self, rule: Rule, deviations: Numbers, units: Units) -> Rule:
+    def add(self, rule: Rule, deviations: Array, units: Units) -> Rule:
         """Add a rule; one of the same kind is widened instead. Returns the rule that is in the list.
 
         Rules whose scene it explains with fewer units go: chance has kept a unit too many in them.

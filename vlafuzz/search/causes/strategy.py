@@ -9,13 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from vlafuzz.common.arrays import Mask
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
-from vlafuzz.search.causes.attribution import LONGER, Attribution
+from vlafuzz.search.causes.attribution import LONGER, Attribution, Test
 from vlafuzz.search.causes.background import PASSED, Background
 from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
-from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Mask, Suspects
-from vlafuzz.search.causes.test import Test
+from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Suspects
 from vlafuzz.search.causes.units import Levels, Units
 from vlafuzz.search.causes.waiting import Waiting
 from vlafuzz.search.probability import Probability

@@ -7,12 +7,9 @@ from functools import cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.search.causes.background import RATES as BACKGROUNDS
-
-Mask = NDArray[np.bool_]  # (units,)
-Numbers = NDArray[np.float64]
 
 SIZES = (0.45, 0.33, 0.18, 0.04)  # prior of one, two, three and four units
 RATES = np.array([0.98, 0.75, 0.5])  # of failure due to a fault, inside of it; one of them holds
@@ -45,7 +42,7 @@ class Suspects:
         tests: number of tests so far; one that is not fair counts in part.
     """
 
-    def __init__(self, severity: Numbers, rates: Numbers, backgrounds: Numbers, by_chance: float) -> None:
+    def __init__(self, severity: Array, rates: Array, backgrounds: Array, by_chance: float) -> None:
         self.deviating = severity > 0
         effects = (1 - BACKGROUNDS)[:, None] * RATES
         self._rows = np.argwhere(effects >= LEAST_EFFECT)  # a background and a rate each
@@ -67,7 +64,7 @@ class Suspects:
         self._unfair: set[bytes] = set()
 
     @property
-    def backgrounds(self) -> Numbers:
+    def backgrounds(self) -> Array:
         """``(10,)`` the probability of each of ``BACKGROUNDS``."""
         return np.asarray(self._by_chance + np.bincount(self._rows[:, 0], self._row, len(BACKGROUNDS)))
 
@@ -83,7 +80,7 @@ class Suspects:
         return float(-(chances @ np.log2(chances)))
 
     @property
-    def rates(self) -> Numbers:
+    def rates(self) -> Array:
         """``(3,)`` the probability of each of ``RATES``, if a unit is to blame."""
         rates = np.bincount(self._rows[:, 1], self._row, len(RATES))
         return np.asarray(rates / rates.sum())
@@ -93,7 +90,7 @@ class Suspects:
         """The expected rate of failures due to the fault, inside of it."""
         return float(self.rates @ RATES)
 
-    def learn_scenes(self, alike: Numbers, failed: Mask, otherwise: Numbers) -> None:
+    def learn_scenes(self, alike: Array, failed: Mask, otherwise: Array) -> None:
         """Learn from other scenes.
 
         Args:
@@ -144,7 +141,7 @@ class Suspects:
         passes = sum(count for mark, count in self._passes.items() if not (kept & ~_mask(mark)).any())
         return self.ratio(failures, passes, self.backgrounds)
 
-    def ratio(self, failures: int, passes: int, backgrounds: Numbers) -> float:
+    def ratio(self, failures: int, passes: int, backgrounds: Array) -> float:
         """Log likelihood ratio of so many outcomes in a scene: it is in a fault, or it is not.
 
         Args:
@@ -201,9 +198,9 @@ class Suspects:
         most = max(float(self._log.max()), float(self._log_chance.max()))
         weights, chance = np.exp(self._log - most), np.exp(self._log_chance - most)
         total = float(weights.sum() + chance.sum())
-        self.chances: Numbers = weights.sum(axis=0) / total  # of the sets; what is missing to 1 is chance
-        self._row: Numbers = weights.sum(axis=1) / total
-        self._by_chance: Numbers = chance / total
+        self.chances: Array = weights.sum(axis=0) / total  # of the sets; what is missing to 1 is chance
+        self._row: Array = weights.sum(axis=1) / total
+        self._by_chance: Array = chance / total
 
     def _contained(self, kept: Mask) -> Mask:
         """``(sets,)`` whether each is kept as a whole."""
@@ -225,7 +222,7 @@ class Suspects:
 
 
 @cache
-def _sets(units: int) -> tuple[Mask, Numbers]:
+def _sets(units: int) -> tuple[Mask, Array]:
     """``(n, units)`` all sets of up to four units, and ``(n,)`` the prior of their size."""
     sizes = range(1, min(len(SIZES), units) + 1)
     chosen = [list(members) for size in sizes for members in combinations(range(units), size)]
@@ -237,13 +234,13 @@ def _mask(mark: bytes) -> Mask:
     return np.frombuffer(mark, dtype=bool)
 
 
-def _information(inside: Numbers, rate: float, otherwise: float) -> Numbers:
+def _information(inside: Array, rate: float, otherwise: float) -> Array:
     """Bits that a test tells about whether a fault is kept, by the probability that it is."""
     fails = otherwise + (rate - otherwise) * inside
     chance = inside * _entropy(np.array(rate)) + (1 - inside) * _entropy(np.array(otherwise))
     return np.asarray(_entropy(fails) - chance)
 
 
-def _entropy(chance: Numbers) -> Numbers:
+def _entropy(chance: Array) -> Array:
     chance = np.clip(chance, 1e-9, 1 - 1e-9)
     return np.asarray(-chance * np.log2(chance) - (1 - chance) * np.log2(1 - chance))

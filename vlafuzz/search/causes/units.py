@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Array, Mask
 from vlafuzz.model import Gene
 from vlafuzz.search.base import Genome
 
 Levels = NDArray[np.int64]  # (dim,)
-Numbers = NDArray[np.float64]
 
 CONFOUNDERS = "confounders"
 SAME, OTHER, NOMINAL = 0.95, 0.2, 0.03  # chance that a category, another one or the reference's is in a fault
@@ -53,11 +53,11 @@ class Units:
         self._steps = np.array([gene.grid.step for gene in genes])
         self._lows = np.array([gene.grid.value(0) for gene in genes])
 
-    def operators(self, kept: NDArray[np.bool_]) -> tuple[str, ...]:
+    def operators(self, kept: Mask) -> tuple[str, ...]:
         """The operators of some units, each once."""
         return tuple(dict.fromkeys(unit.operator for unit, stays in zip(self.units, kept, strict=True) if stays))
 
-    def taken(self, levels: Levels, operators: Collection[str]) -> NDArray[np.bool_]:
+    def taken(self, levels: Levels, operators: Collection[str]) -> Mask:
         """``(units,)`` those of some operators whose values are not the reference's."""
         differs = self.deviations(levels[None])[0, :-1] != 0
         return np.asarray(differs & np.array([unit.operator in operators for unit in self.units]))
@@ -70,7 +70,7 @@ class Units:
         """The genome at the middle of levels."""
         return np.asarray((levels + 0.5) / self._sizes)
 
-    def keep(self, levels: Levels, kept: NDArray[np.bool_]) -> Levels:
+    def keep(self, levels: Levels, kept: Mask) -> Levels:
         """The levels with all other units reset."""
         reset = self.reference.copy()
         for unit, stays in zip(self.units, kept, strict=True):
@@ -124,18 +124,18 @@ class Units:
                 scenes.append([levels for levels in moved if levels[index] != start])
         return scenes
 
-    def numbers(self, kept: NDArray[np.bool_]) -> list[int]:
+    def numbers(self, kept: Mask) -> list[int]:
         """The genes of those units that are a number."""
         pairs = zip(self.units, kept, strict=True)
         return [unit.indices[0] for unit, stays in pairs if stays and unit.kind == "number"]
 
-    def severity(self, deviations: Numbers) -> Numbers:
+    def severity(self, deviations: Array) -> Array:
         """``(units,)`` chance that values as far from the reference are in a fault; 0 for the reference's."""
         here = np.abs(deviations[:-1])
         number = np.array([unit.kind == "number" for unit in self.units])
         return np.where(here == 0, 0.0, np.where(number, np.minimum(LEAST + here, 1.0), CATEGORY))
 
-    def deviations(self, levels: NDArray[np.int64]) -> Numbers:
+    def deviations(self, levels: NDArray[np.int64]) -> Array:
         """``(n, units + 1)`` signed distances from the reference, as shares of the range on that side.
 
         Of a category 1 + its level, of confounders 1 + their number; 0 for the reference's. The last column is the
@@ -143,7 +143,7 @@ class Units:
         """
         return np.stack([*(self._deviation(unit, levels) for unit in self.units), self._nearest(levels)], axis=1)
 
-    def _nearest(self, levels: NDArray[np.int64]) -> Numbers:
+    def _nearest(self, levels: NDArray[np.int64]) -> Array:
         if len(self._axes) < 2:
             return np.full(len(levels), np.inf)
         at = self._lows + self._steps * levels
@@ -152,13 +152,13 @@ class Units:
         used = np.arange(distances.shape[1]) < self._number(levels)[:, None]
         return np.asarray(np.where(used, distances, np.inf).min(axis=1))
 
-    def _number(self, levels: NDArray[np.int64]) -> Numbers:
+    def _number(self, levels: NDArray[np.int64]) -> Array:
         """``(n,)`` of confounders; 0 where it does not vary."""
         if self._count is None:
             return np.zeros(len(levels))
         return np.asarray(self._lows[self._count] + levels[:, self._count])
 
-    def _deviation(self, unit: Unit, levels: NDArray[np.int64]) -> Numbers:
+    def _deviation(self, unit: Unit, levels: NDArray[np.int64]) -> Array:
         members = list(unit.indices)
         differs = (levels[:, members] != self.reference[members]).any(axis=1)
         if unit.kind == CONFOUNDERS:
@@ -174,7 +174,7 @@ class Units:
             away /= np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
         return np.where(differs & (away == 0), SLIGHT, away)  # the camera as far off, in another direction
 
-    def alike(self, others: Numbers, one: Numbers) -> Numbers:
+    def alike(self, others: Array, one: Array) -> Array:
         """``(n, units)`` chance that a value is in a fault's range, given that ``one`` is; by deviations."""
         chances = np.empty((len(others), len(self.units)))
         for column, unit in enumerate(self.units):

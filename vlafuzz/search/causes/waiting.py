@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from vlafuzz.common.arrays import Mask
 from vlafuzz.search.causes.units import Levels
 
 
@@ -46,7 +47,7 @@ class Waiting:
         self._tried.add(levels.tobytes())
         self.add(levels, few=True)
 
-    def forget(self, explained: Callable[[NDArray[np.int64]], NDArray[np.bool_]]) -> None:
+    def forget(self, explained: Callable[[NDArray[np.int64]], Mask]) -> None:
         """What those failures promised holds no more that a new rule may explain, by their ``(n, dim)`` levels."""
         waiting = list(self)
         for index in np.flatnonzero(explained(np.array(waiting))) if waiting else ():
