@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -132,7 +132,7 @@ class CauseList:
         rollouts: of the policy, to triage their scenes; not part of the run's budget.
         certify: the command that certifies those that are not triaged, with how long it takes.
         nominal: how often the policy fails in nominal scenes, to follow that there is no cause.
-        ranges: of the causes, in their order; None of those that are not certified, and of mechanisms.
+        ranges: of certified causes without a mechanism, by the digest of their scene.
     """
 
     run: int
@@ -146,7 +146,7 @@ class CauseList:
     certify: str = ""
     nominal: str = ""
     failed: int | None = None
-    ranges: tuple[Range | None, ...] = ()
+    ranges: Mapping[str | None, Range] = field(default_factory=dict)
 
     @property
     def title(self) -> str:
@@ -258,16 +258,15 @@ def causes_of(store: Store, run: Run) -> CauseList | None:
     failing = [scene for scene, failed in scenes if failed]
     counts, unexplained = _explained(space, merged, ranges, failing)
     shared = _shared(space, merged, ranges, scenes, kept.probability)
-    numbered = ((replace(cause, failures=counts.get(key, cause.failures)), key) for key, cause in shared.items())
-    in_order = sorted(numbered, key=lambda pair: _rank(pair[0]))
-    listed = tuple(cause for cause, _ in in_order)
+    causes = (replace(cause, failures=counts.get(key, cause.failures)) for key, cause in shared.items())
+    listed = tuple(sorted(causes, key=_rank))
     return CauseList(
         run=run.id,
         of=title_of([run.manifest]),
         causes=listed,
         unexplained=unexplained if counts else kept.unexplained,
         failed=len(failing) if counts else None,
-        ranges=tuple(ranges.get(key) for _, key in in_order),
+        ranges={merged[key].scene: one for key, one in ranges.items()},
         probability=kept.probability,
         found=len(kept.causes),
         certified=sum(cause.scene in triaged and triaged[cause.scene].bucket == "minimal" for cause in kept.causes),

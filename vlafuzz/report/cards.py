@@ -71,10 +71,7 @@ def card_of(
     failures: str = "",
     more: Sequence[DescribedFailure] = (),
 ) -> Card:
-    """The card of a failure, or of a cause with the failure that shows it, and ``more`` that it explains.
-
-    ``failures``: all those of its run, in words.
-    """
+    """The card of a failure, or of a cause with the failure that shows it and ``more``; ``failures``: all, in words."""
     title = cause.title if cause else of.title if of else ""
     certified = of is not None and of.bucket == "minimal"
     ranged = certified and not (cause and cause.mechanism)  # a mechanism's range is that of its quantity

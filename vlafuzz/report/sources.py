@@ -5,7 +5,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import compress
 from pathlib import Path
-from typing import NamedTuple
 
 from vlafuzz.common.text import named, plural
 from vlafuzz.failures.causes import CauseList, ListedCause
@@ -14,7 +13,6 @@ from vlafuzz.failures.corpus.folder import locate, read_corpus
 from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.events import told as told_early
 from vlafuzz.failures.listed import Listing, listing_of_corpus, listing_of_store
-from vlafuzz.failures.regions import Range
 from vlafuzz.model import Scene
 from vlafuzz.report.cards import card_of, evidence, sentence, told
 from vlafuzz.report.plots import Plot, plot_of
@@ -42,10 +40,11 @@ def view_of_store(store: Store) -> View:
     standings, groups = standings_of(store, listing.causes), _comparable(runs)
     plots = [_plot(store, group) for group in groups]
     of_run = {run.id: plot for group, plot in zip(groups, plots, strict=True) for run in group}
-    shown, others = _shown(listing, runs)
+    found = list(_shown(listing, runs))
+    more, others = _explained(listing, [of for _, of, _ in found if of])
     causes = (
-        card_of(store.path, f"cause-{number}", of, of_run.get(of.number or 0) if of else None, cause, failures, more)
-        for number, (cause, of, failures, more) in enumerate(shown, start=1)
+        card_of(store.path, f"cause-{at}", of, of_run.get((of and of.number) or 0), cause, failures, more.get(of, ()))
+        for at, (cause, of, failures) in enumerate(found, start=1)
     )
     failures = (
         card_of(store.path, f"failure-{number}", of, of_run.get(of.number or 0))
@@ -92,51 +91,42 @@ def _plot(store: Store, runs: Sequence[Run]) -> Plot:
     return plot_of(title_of([runs[0].manifest]), space_of(store.path, runs[0].manifest), list(scenes.values()))
 
 
-class _Shown(NamedTuple):
-    """A cause with the failure that shows it, all failures of its run in words, and those that it explains as well."""
-
-    cause: ListedCause
-    of: DescribedFailure | None
-    failures: str
-    more: Sequence[DescribedFailure]
-
-
-def _shown(listing: Listing, runs: Sequence[Run]) -> tuple[list[_Shown], list[DescribedFailure]]:
-    """The causes that are listed, and the failures that none of them explains.
+def _shown(listing: Listing, runs: Sequence[Run]) -> Iterator[tuple[ListedCause, DescribedFailure | None, str]]:
+    """Each cause with the failure that shows it, and all failures of its run in words.
 
     Then what is certified without being in a list, as of random scenes, one failure for each signature.
     """
     policies = {run.id: run.manifest.key() for run in runs}
-    failures = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}
-    listed = list[tuple[ListedCause, DescribedFailure | None, str, Range | None]]()
+    failures, told = {(digest, one.run.key()): one for one in listing.failures for digest in one.found}, set[str]()
     for found in listing.causes:
-        for cause, within in zip(found.causes, found.ranges, strict=True):
+        for cause in found.causes:
             keys = ((digest, policies[found.run]) for digest in cause.found)
-            of = next((failures[key] for key in keys if key in failures), None)
-            listed.append((cause, of, found.all_failures, within))
-    told = {(of.run.key(), cause.signature) for cause, of, *_ in listed if of}
+            told.add(policies[found.run] + str(cause.signature))
+            yield cause, next((failures[key] for key in keys if key in failures), None), found.all_failures
     for one in listing.failures:
-        if one.bucket == "minimal" and (one.run.key(), one.signature) not in told:
-            told.add((one.run.key(), one.signature))
-            listed.append((ListedCause.of_failure(one), one, "", None))
-    own, shown = {of for _, of, *_ in listed}, list[_Shown]()
-    left = [one for one in listing.failures if one not in own]
-    for cause, of, words, within in listed:
-        explained = set(_explained(of, within, left)) if of else set()
-        shown.append(_Shown(cause, of, words, [one for one in left if one in explained]))
-        left = [one for one in left if one not in explained]
-    return shown, left
+        if one.bucket == "minimal" and (name := one.run.key() + str(one.signature)) not in told:
+            told.add(name)
+            yield ListedCause.of_failure(one), one, ""
 
 
 def _explained(
-    of: DescribedFailure, within: Range | None, others: Sequence[DescribedFailure]
-) -> Iterator[DescribedFailure]:
-    """The failures of the same policy that are certified to have this cause, or that nobody triaged in its range."""
-    alike = [one for one in others if one.run.key() == of.run.key()] if of.bucket == "minimal" else []
-    yield from (one for one in alike if one.bucket == "minimal" and one.signature == of.signature)
-    seen = [one for one in alike if one.bucket == "observed"]
-    if within and seen:
-        yield from compress(seen, within.holds([one.scene for one in seen]))
+    listing: Listing, shown: Sequence[DescribedFailure]
+) -> tuple[dict[DescribedFailure | None, list[DescribedFailure]], list[DescribedFailure]]:
+    """For each failure that shows a cause those that it explains as well, and those that no cause explains.
+
+    A certified cause explains what is certified to have it, too, and what is in its range and was not triaged.
+    """
+    ranges = {(found.of, scene): one for found in listing.causes for scene, one in found.ranges.items()}
+    more = dict[DescribedFailure | None, list[DescribedFailure]]()
+    left = [one for one in listing.failures if one not in shown]
+    for of in shown:
+        alike = [one for one in left if of.bucket == "minimal" and one.run.key() == of.run.key()]
+        within = ranges.get((title_of([of.run]), of.scene.digest))
+        seen = [one for one in alike if one.bucket == "observed"] if within else []
+        more[of] = [one for one in alike if one.bucket == "minimal" and one.signature == of.signature]
+        more[of] += compress(seen, within.holds([one.scene for one in seen])) if within else ()
+        left = [one for one in left if one not in more[of]]
+    return more, left
 
 
 def _head(one: Standing, listing: Listing, runs: Sequence[Run], store: Store, *, going_on: bool) -> Head:
