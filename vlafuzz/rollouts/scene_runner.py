@@ -94,7 +94,6 @@ class SimulatorSceneRunner:
         self._stills: SceneEvaluator | None = None
         # By whether given actions are played
         self._filmed: dict[bool, tuple[SceneEvaluator, Recording]] = {}
-        self._policies = self._evaluator(self._policy)
         self.lanes = lanes_for(self._policy)
         self._lockstep = LockstepExecutor(self._evaluator, self._policy, self.lanes)
         # Whether targets are visible was judged for the policy, which may see outlines instead of pictures.
@@ -110,14 +109,8 @@ class SimulatorSceneRunner:
         return make_evaluator(once, of, space=self.space, checked=checked, recording=recording)
 
     def evaluate(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Outcome]:
-        if self.lanes > 1:
-            together = dict(self.run(enumerate(zip(scenes, numbers, strict=True))))
-            return [together[index] for index in range(len(scenes))]
-        outcomes: list[Outcome] = []
-        for scene, number in zip(scenes, numbers, strict=True):
-            self._policies.seed = self._seed + number
-            outcomes.append(evaluate_safely(self._policies, scene))
-        return outcomes
+        outcomes = dict(self.run(enumerate(zip(scenes, numbers, strict=True))))
+        return [outcomes[index] for index in range(len(scenes))]
 
     def run(self, scenes: Tagged) -> Iterator[tuple[int, Outcome]]:
         """See ``Executor``; of scenes with the numbers of their rollouts, as many at a time as there are lanes."""
@@ -178,9 +171,8 @@ class SimulatorSceneRunner:
         )
 
     def close(self) -> None:
-        if self.lanes > 1:
-            self._lockstep.close()
+        self._lockstep.close()
         for evaluator in filter(None, (self._stills, *(filmed for filmed, _ in self._filmed.values()))):
             evaluator.renew()  # policy and player are closed below
-        for evaluator in (self._policies, *self._experts.values(), self._players):
+        for evaluator in (*self._experts.values(), self._players):
             evaluator.close()
