@@ -52,7 +52,7 @@ def judged(check: str, found: str, fault: str | None = None, **words: object) ->
 
 
 def on_spec(spec: PolicySpec, hz: int) -> Check:
-    """What the policy asks for, and that it gets: ``hz`` is the world's control rate."""
+    """Say what the policy asks for, and how often it acts: ``hz`` is the world's control rate."""
     if guessed := [name for name, source in spec.provenance.items() if source == "default"]:
         detail = f"neither server nor options declare {' and '.join(guessed)}"
         return judged("spec", detail, "guessed", options=" and ".join(f"{name}=…" for name in guessed))

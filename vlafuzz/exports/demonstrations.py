@@ -156,7 +156,7 @@ class Demonstrations:
     left_out: Counter[str] = field(default_factory=Counter)
 
     def shown(self, wanted: Iterator[WantedScene], number: int, most: int) -> Iterator[Packed]:
-        """What the policies would see and do in the first ``number`` scenes that are solved, of ``most``, in order.
+        """Yield what policies would see and do in the first ``number`` scenes that are solved, of ``most``, in order.
 
         Raises:
             PrerequisiteError: rendering does not work here.

@@ -169,7 +169,7 @@ def _count(store: Store, run: Run, limit: int) -> Counted:
 
 
 class Certified(NamedTuple):
-    """What triage of a run's findings, one after the other, has come to within a limit of rollouts.
+    """Counts what triage of a run's findings, one after the other, has come to within a limit of rollouts.
 
     Attributes:
         signatures: the causes that it certified, of ``triaged`` findings.

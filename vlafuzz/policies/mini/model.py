@@ -84,7 +84,7 @@ class Down(nn.Module):
 
 
 def _normed(norm: Any, x: Tensor) -> Tensor:
-    """What a ``GroupNorm`` makes of its input, without the checks of its call."""
+    """Apply a ``GroupNorm`` without the checks of its call."""
     return torch.group_norm(x, norm.num_groups, norm.weight, norm.bias, norm.eps)
 
 

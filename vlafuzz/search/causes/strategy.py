@@ -23,8 +23,8 @@ from vlafuzz.search.proposals import ProposalFactory
 from vlafuzz.search.scoring import Score
 
 LEAST_OUTSTANDING = 4  # proposals whose outcomes are awaited: they keep two to four workers busy
-# Of outcomes to learn from: with half as many, runs of 300 rollouts find a tenth fewer causes; with 150, runs of 3,000
-# find as many.
+# A run learns from outcomes in so many rounds: with half as many, runs of 300 rollouts find a tenth fewer causes, and
+# with 150, runs of 3,000 find as many.
 ROUNDS = 115
 TESTS = 20  # of an attribution: none begins that cannot be completed
 POSSIBLE = 0.12  # chance from which a rule is tried on a failure

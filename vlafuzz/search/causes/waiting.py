@@ -48,7 +48,7 @@ class Waiting:
         self.add(levels, few=True)
 
     def forget(self, explained: Callable[[NDArray[np.int64]], Mask]) -> None:
-        """What those failures promised holds no more that a new rule may explain, by their ``(n, dim)`` levels."""
+        """Forget what those failures promised that a new rule may explain, by their ``(n, dim)`` levels."""
         waiting = list(self)
         for index in np.flatnonzero(explained(np.array(waiting))) if waiting else ():
             self._promises.pop(waiting[index].tobytes(), None)
