@@ -103,6 +103,7 @@ def test_it_stops_when_no_scene_is_fair_and_says_which_check_rejects_them(store:
     summary = run(store, budget=1000, executor=LocalExecutor(Always(invalid)))
     assert summary.stopped is not None
     assert summary.stopped.startswith("no rollout in 50 proposals in a row: rejected by the geometry check (")
+    assert summary.stopped.endswith("; the last of them: green_cube is out of reach")
     assert (summary.proposals, store.runs()[0].status) == (50 + 7, "stopped")  # 7 were outstanding
 
 

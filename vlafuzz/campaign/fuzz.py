@@ -18,7 +18,7 @@ from vlafuzz.failures.events import came_about
 from vlafuzz.model import Outcome, Scene, Space, Verdict
 from vlafuzz.rollouts.executor import Executor
 from vlafuzz.search.base import Genome, Proposal, Strategy, looks_for_causes, overlaps, said_by
-from vlafuzz.search.scoring import score
+from vlafuzz.search.scoring import Score, score
 from vlafuzz.store.records import Manifest, Status, Trial
 from vlafuzz.store.store import Store
 
@@ -75,6 +75,7 @@ class _Asked:
         same: an earlier one of the same scene, which shares its outcome.
         duplicate: its outcome is that of another trial.
         kept: its trial is stored.
+        score: how it ended, once that is looked at.
     """
 
     proposal: Proposal
@@ -83,6 +84,7 @@ class _Asked:
     same: _Asked | None = None
     duplicate: bool = False
     kept: bool = False
+    score: Score | None = None
 
     @property
     def settled(self) -> bool:
@@ -304,11 +306,15 @@ class Campaign:
         self._told += sum(len(asked.result.rollouts) for asked in group if not asked.duplicate)
         if not self.tally.stopped:
             self.tally.judge(scenes, outcomes, self.patience)
-        scores = [score(*pair, self.space) for pair in zip(scenes, outcomes, strict=True)]
-        self.strategy.tell([self._tried(asked) for asked in group], scores)
+        self.strategy.tell([self._tried(asked) for asked in group], [self._score(asked) for asked in group])
         if looks_for_causes(self.strategy):
             found = said_by(self.strategy, "found", None)
             self.tally.causes = len(said_by(self.strategy, "causes", ())) if found is None else found
+
+    def _score(self, asked: _Asked) -> Score:
+        if asked.score is None:
+            asked.score = score(asked.scene, asked.result, self.space)
+        return asked.score
 
     def _tried(self, asked: _Asked) -> Proposal:
         """The proposal without the events that had not begun, as they explain no failure."""
@@ -338,7 +344,7 @@ class Campaign:
             raise TimeOverError
 
     def _keep(self, asked: _Asked) -> None:
-        scored = score(asked.scene, asked.result, self.space)
+        scored = self._score(asked)
         trial = Trial(
             proposal=asked.proposal.id,
             scene=asked.scene,

@@ -109,6 +109,7 @@ class Tally:
         self._seen: dict[str, _Seen] = {}
         self._asked: set[str] = set()
         self._barren: Counter[str] = Counter()  # proposals in a row without a rollout, by the reason
+        self._last = ""
 
     def count(self, trial: Trial) -> None:
         outcome, digest = trial.outcome, trial.scene.digest
@@ -135,15 +136,17 @@ class Tally:
                 self._barren["asked before"] += 1
             elif outcome.rollouts:
                 self._barren.clear()
+                self._last = ""
             else:
                 invalid = outcome.verdict is Verdict.INVALID
                 reason = f"rejected by the {outcome.check} check" if invalid else "policy or simulator error"
                 self._barren[reason] += 1
+                self._last = f"; the last of them: {outcome.detail}"
             self._asked.add(scene.digest)
         number = self._barren.total()
         if patience is not None and number >= patience:
             counts = ", ".join(f"{reason} ({count})" for reason, count in self._barren.most_common())
-            self.stopped = f"no rollout in {number} proposals in a row: {counts}"
+            self.stopped = f"no rollout in {number} proposals in a row: {counts}{self._last}"
 
     @property
     def seconds(self) -> float:
