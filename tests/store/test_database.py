@@ -133,7 +133,7 @@ def test_there_is_nothing_to_read_in_an_empty_file_no_file_or_a_folder(tmp_path:
 
 
 def test_a_disk_without_room_for_a_lock_is_full_and_nothing_is_left_there(path: Path, monkeypatch):
-    monkeypatch.setattr(os, "write", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
+    monkeypatch.setattr(Path, "write_text", Mock(side_effect=OSError(errno.ENOSPC, "No space left on device")))
     with pytest.raises(StoreError, match="the disk is full"):
         Store.open(path, "write")
     assert not list(path.parent.iterdir())
@@ -192,6 +192,7 @@ def test_a_store_of_the_first_released_schema_is_brought_up_to_date(path: Path, 
         raw.execute("ALTER TABLE rollout DROP COLUMN recovery")
         raw.execute("ALTER TABLE cause DROP COLUMN mechanism")
         raw.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
+        raw.execute(STEPS[17][-1])  # creates `repeat`
         raw.execute("PRAGMA user_version = 17")
         assert shape_of(raw) == shape_at(17)
     with Store.open(path, mode) as store:

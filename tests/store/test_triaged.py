@@ -15,6 +15,7 @@ from vlafuzz.model import Causes, Mechanism, Rate, Threshold, Witness
 from vlafuzz.search.probability import Probability
 from vlafuzz.store import rows
 from vlafuzz.store.merge import merge
+from vlafuzz.store.migrations import STEPS
 from vlafuzz.store.records import Attribution, FoundCause, Triaged
 from vlafuzz.store.store import Store
 
@@ -108,6 +109,7 @@ def test_what_failed_at_nominal_in_an_earlier_version_is_not_shown_to_have_a_cau
         connection.execute("ALTER TABLE rollout ADD COLUMN published_success INTEGER NOT NULL DEFAULT 0")
         connection.execute("ALTER TABLE triage DROP COLUMN more")
         connection.execute("ALTER TABLE rollout DROP COLUMN recovery")
+        connection.execute(STEPS[17][-1])  # creates `repeat`
         connection.execute("PRAGMA user_version = 21")
     (got,) = read(path)
     assert (got.bucket, got.shrunk, got.signature) == ("flaky", None, None)

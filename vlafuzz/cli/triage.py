@@ -84,7 +84,7 @@ def command(
     with Store.open(store) as opened:
         found = all_causes(opened)
         if allowance.used_up and left:
-            over = "--rollouts are used up" if allowance.spent_all else "--time is over; what is begun is kept"
+            over = "--rollouts are used up" if allowance.spent_all else "--time is over"
             which = f"{plural(left, 'failure')} {'is' if left == 1 else 'are'} left"
             Bar.note(f"{which}: {over}\nhint: continue with `{again}`{hours(opened, left)}")
     if json:

@@ -1,7 +1,6 @@
 """Opening a store's file: one writer, many readers, and one sentence for anything that is wrong with it."""
 
 import errno
-import fcntl
 import os
 import sqlite3
 from collections.abc import Iterator
@@ -10,6 +9,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from filelock import FileLock, Timeout
 from pydantic import ValidationError
 
 from vlafuzz.common.files import closed_on_error, reason
@@ -189,19 +189,22 @@ def _pragma(connection: sqlite3.Connection, name: str) -> Any:
     return connection.execute(f"PRAGMA {name}").fetchone()[0]
 
 
-_BESIDE = ".lock"  # behind the name of a store
+def _lock_of(path: Path) -> FileLock:
+    """The lock beside a store, the same one for a link to it."""
+    return FileLock(f"{path.resolve()}.lock", blocking=False, thread_local=False)
 
 
 def is_being_written(path: Path) -> bool:
     """Whether a process writes to a store at present."""
-    real = path.resolve()
+    lock = _lock_of(path)
     try:
-        with open(real.with_name(real.name + _BESIDE)) as beside:
-            fcntl.flock(beside, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
+        if os.path.exists(lock.lock_file):
+            with lock:
+                pass
+    except Timeout:
         return True
     except OSError:
-        return False
+        pass
     return False
 
 
@@ -210,12 +213,19 @@ class WriterLock:
 
     def __init__(self, path: Path) -> None:
         check_is_file(path)
-        real = path.resolve()  # a link to a store is under the same lock
-        self._beside = real.with_name(real.name + _BESIDE)
+        self._lock = _lock_of(path)
+        self._beside = Path(self._lock.lock_file)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = self._acquire(path)
+            self._lock.acquire()
+            self._beside.write_text(str(os.getpid()))
+        except Timeout:
+            holder = self._beside.read_text() or "another"
+            hint = "wait until it ends, or give another store"
+            raise StoreError(f"{path}: process {holder} is writing to it", hint) from None
         except OSError as error:
+            if self._lock.is_locked:
+                self.release()
             if error.errno == errno.ENOSPC:
                 raise _problem(path, "SQLITE_FULL") from None
             hint = _EXPLAINED["SQLITE_READONLY"][1]
@@ -224,31 +234,4 @@ class WriterLock:
     def release(self) -> None:
         # Removed before the lock is released: afterwards it may be another process's file.
         self._beside.unlink(missing_ok=True)
-        os.close(self._file)
-
-    def _acquire(self, path: Path) -> int:
-        while True:
-            file = os.open(self._beside, os.O_RDWR | os.O_CREAT, 0o644)
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                holder = os.read(file, 20).decode() or "another"
-                os.close(file)
-                hint = "wait until it ends, or give another store"
-                raise StoreError(f"{path}: process {holder} is writing to it", hint) from None
-            if self._is_current(file):
-                try:
-                    os.ftruncate(file, 0)
-                    os.write(file, str(os.getpid()).encode())
-                except OSError:
-                    self._beside.unlink(missing_ok=True)
-                    os.close(file)
-                    raise
-                return file
-            os.close(file)  # the last holder removed it after we had opened it
-
-    def _is_current(self, file: int) -> bool:
-        try:
-            return os.path.samestat(os.fstat(file), os.stat(self._beside))
-        except FileNotFoundError:
-            return False
+        self._lock.release()

@@ -22,7 +22,6 @@ NUMBERS: dict[str, dict[str, str]] = {
     "attribution": {"run": "run"},
     "cause": {"run": "run"},
     "solution": {},
-    "repeat": {"run": "run"},
 }
 # How far the evidence in each bucket goes.
 _RANK = "CASE {}.bucket WHEN 'minimal' THEN 3 WHEN 'witnessed' THEN 2 WHEN 'unproven' THEN 1 ELSE 0 END"

@@ -22,6 +22,8 @@ STEPS: dict[int, tuple[str, ...]] = {
     # JSON by name: levels of evidence that are younger than this step, and have no column of their own.
     24: ("ALTER TABLE triage ADD COLUMN more TEXT NOT NULL DEFAULT '{}'",),
     25: ("ALTER TABLE rollout ADD COLUMN recovery INTEGER",),
+    # A finding whose triage is interrupted begins anew.
+    26: ("DROP TABLE repeat",),
 }
 
 

@@ -17,7 +17,7 @@ from vlafuzz.model import Causes, Mechanism, Outcome, Rate, Rollout, Scene, Solv
 from vlafuzz.model.conditions import as_kept, check_read, from_kept
 from vlafuzz.model.evidence import check_operators
 from vlafuzz.search.probability import Probability
-from vlafuzz.store.records import Attribution, FoundCause, Judged, Manifest, Run, Triaged, Trial
+from vlafuzz.store.records import Attribution, FoundCause, Manifest, Run, Triaged, Trial
 
 Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
@@ -290,15 +290,3 @@ def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
     check_operators(triaged.causes, *named)
     return triaged
-
-
-def repeat_row(run: int, made: str, scene: str, number: int, judged: Judged) -> Row:
-    """Columns of ``repeat``."""
-    key = {"run": run, "made": made, "scene": scene, "number": number}
-    return key | {"verdict": judged.verdict.name.lower(), "lost": judged.lost, "rollouts": judged.rollouts}
-
-
-def to_repeat(row: sqlite3.Row) -> tuple[tuple[str, int], Judged]:
-    """The inverse of ``repeat_row``."""
-    check_counts(row)
-    return (row["scene"], row["number"]), Judged(Verdict[row["verdict"].upper()], row["lost"], row["rollouts"])

@@ -12,7 +12,7 @@ from vlafuzz.errors import StoreError
 from vlafuzz.model import Outcome, Rollout, Scene, Verdict
 from vlafuzz.store import rows
 from vlafuzz.store.database import WriterLock, connect_to_read, connect_to_write, explained, gather, intact, is_outdated
-from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Repeats, Run, Status, Triaged, Trial
+from vlafuzz.store.records import UNFINISHED, Attribution, Finding, Manifest, Run, Status, Triaged, Trial
 
 T = TypeVar("T")
 _SHOWN = 5  # digests, when a prefix fits several
@@ -124,17 +124,6 @@ class Store:
             for rank, cause in enumerate(found.causes, start=1):
                 self._insert("cause", rows.cause_row(run, rank, cause))
 
-    def keep_repeats(self, run: int, made: str, repeats: Repeats) -> None:
-        """Store rollouts of a triage that was interrupted, in place of all earlier ones of the run.
-
-        Args:
-            made: where and with what; what was made otherwise says nothing.
-        """
-        with self._transaction():
-            self._connection.execute("DELETE FROM repeat WHERE run = ?", (run,))
-            for (scene, number), judged in repeats.items():
-                self._insert("repeat", rows.repeat_row(run, made, scene, number, judged))
-
     def finish(self, run: int, status: Status, seconds: float) -> None:
         """Mark a run as over, with its wall time."""
         query = "UPDATE run SET status = ?, ended = ?, seconds = ? WHERE id = ?"
@@ -235,10 +224,6 @@ class Store:
     def triaged(self) -> list[Triaged]:
         """All triaged findings, in the order in which they were triaged."""
         return self._all(lambda row: rows.to_triaged(row, self._scene), "SELECT * FROM triage ORDER BY rowid")
-
-    def repeats(self, run: int, made: str) -> Repeats:
-        """What ``keep_repeats`` stored of a run."""
-        return dict(self._all(rows.to_repeat, "SELECT * FROM repeat WHERE run = ? AND made = ?", run, made))
 
     def known(self, scene: Scene, policy_key: str, run: int | None = None) -> Outcome | None:
         """The outcome of a scene under a policy key; None when it has to be tried (again).

@@ -10,12 +10,11 @@ from tests.failures.triage.planted import DARK, TILTED
 from tests.failures.triage.runners import PlantedRunner, fill, scenes, triaged
 from vlafuzz.common.deadline import Deadline
 from vlafuzz.errors import SimulatorError
-from vlafuzz.failures.triage import pipeline
 from vlafuzz.failures.triage.pipeline import Allowance, Progress, cause_findings, triage
 from vlafuzz.failures.triage.triager import Unjudged
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts.registry import Place
-from vlafuzz.store.records import Attribution, FoundCause, Triaged
+from vlafuzz.store.records import Attribution, FoundCause
 from vlafuzz.store.store import Store
 
 
@@ -137,50 +136,11 @@ class Interrupted(PlantedRunner):
         return super().evaluate(scenes, numbers)
 
 
-def said(triaged: Triaged) -> dict[str, object]:
-    return {name: value for name, value in vars(triaged).items() if name not in ("seconds", "witness")}
-
-
-@pytest.fixture
-def one(store) -> Store:
-    """With one finding."""
-    return store(scenes([TILTED, DARK], 1))
-
-
-def interrupted(store: Store, batches: int = 10) -> Interrupted:
-    runner = Interrupted([TILTED, DARK])
-    runner.batches = batches
+def test_a_finding_whose_triage_was_interrupted_begins_anew(store):
+    one, stopped, runner = store(scenes([TILTED, DARK], 1)), Interrupted([TILTED, DARK]), PlantedRunner([TILTED, DARK])
+    stopped.batches = 10
     with pytest.raises(KeyboardInterrupt):
-        triage(store, lambda run: runner)
-    assert store.triaged() == []
-    return runner
-
-
-@pytest.mark.parametrize("batches", [(10,), (3, 4, 5)])
-def test_the_next_triage_goes_on_where_the_last_ones_were_interrupted(one, tmp_path, batches):
-    with Store.open(tmp_path / "whole.db", "write") as other:
-        whole = PlantedRunner([TILTED, DARK])
-        triage(fill(other, scenes([TILTED, DARK], 1)), lambda run: whole)
-        (expected,) = other.triaged()
-    runners = [interrupted(one, number) for number in batches]
-    assert min(runner.policy_rollouts for runner in runners) > 0
-    triage(one, lambda run: runners.append(PlantedRunner([TILTED, DARK])) or runners[-1])
-    (found,) = one.triaged()
-    assert said(found) == said(expected)
-    assert sum(runner.policy_rollouts for runner in runners) == whole.policy_rollouts == found.policy_rollouts
-
-
-def test_another_machine_or_version_begins_anew(one, monkeypatch):
-    interrupted(one)
-    monkeypatch.setattr(pipeline, "commit", lambda: "another")
-    runner = PlantedRunner([TILTED, DARK])
+        triage(one, lambda run: stopped)
+    assert one.triaged() == []
     triage(one, lambda run: runner)
     assert one.triaged()[0].policy_rollouts == runner.policy_rollouts
-
-
-def test_nothing_is_kept_once_all_findings_are_done(one):
-    made = f"{pipeline.platform.node()} {pipeline.commit()}"
-    interrupted(one)
-    assert one.repeats(1, made)
-    triage(one, lambda run: PlantedRunner([TILTED, DARK]))
-    assert one.repeats(1, made) == {}

@@ -1,6 +1,5 @@
 """triage, certify_causes: which findings of a store are triaged, where, in which order and at what cost."""
 
-import platform
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
@@ -21,9 +20,8 @@ from vlafuzz.rollouts import scene_runner
 from vlafuzz.rollouts.crew import Crew, Make, crew_at
 from vlafuzz.rollouts.registry import Place, default_workers
 from vlafuzz.rollouts.scene_runner import SceneRunner
-from vlafuzz.store.records import Bucket, Finding, Repeats, Run, Triaged
+from vlafuzz.store.records import Bucket, Finding, Run, Triaged
 from vlafuzz.store.store import Store
-from vlafuzz.worlds.provenance import commit
 
 PER_CAUSE = 50  # rollouts of the policy to certify a cause, about: its scene is nearly minimal already
 PER_FINDING = 70  # rollouts to triage a finding, about: mostly 40 to 160
@@ -75,7 +73,6 @@ class Job(NamedTuple):
 
     Attributes:
         known: None where every finding is to be shrunk by a search of its own.
-        repeats: rollouts of an interrupted triage, to which those of this one are added.
     """
 
     run: Run
@@ -83,7 +80,6 @@ class Job(NamedTuple):
     trials: Sequence[tuple[Scene, bool]]
     blamed: Mapping[Scene, Sequence[str]]
     known: Sequence[Triaged] | None
-    repeats: Repeats
 
 
 def expected(store: Store, findings: int) -> int:
@@ -131,8 +127,6 @@ def triage(
 ) -> Counter[Unjudged]:
     """Triage every finding that was not triaged yet; each result is stored at once.
 
-    What an interruption leaves of a finding is stored, too: the next call on this machine goes on from there.
-
     Under a limit, findings that show causes come first, and the first finding of every other cell before the second of
     any, as it is more likely to have another cause.
 
@@ -151,7 +145,7 @@ def triage(
     Raises:
         SimulatorError: no worker stays alive.
     """
-    done, made = {triaged.key for triaged in store.triaged()}, f"{platform.node()} {commit()}"
+    done = {triaged.key for triaged in store.triaged()}
     runs = {run.id: run for run in store.runs()}
     keys = {number: run.manifest.key() for number, run in runs.items()}
     causes = [finding.key for run in runs for finding in cause_findings(store, run)]
@@ -165,7 +159,6 @@ def triage(
             store.outcomes_by_scene(number),
             _blamed(store, [run for run in runs if keys[run] == keys[number]]),
             _known(store, of_run[0]),
-            store.repeats(number, made),
         )
         for number, some in groupby(todo, lambda finding: finding.run)
         if (of_run := list(some))
@@ -173,29 +166,23 @@ def triage(
     allowance = allowance or Allowance()
     done_now, rollouts, unjudged = 0, 0, Counter[Unjudged]()
     watch(Progress(0, len(todo), 0))
-    try:
-        for triaged in work(runner, jobs, place, allowance):
-            if isinstance(triaged, Triaged):
-                allowance.charge(triaged)
-                store.settle(triaged)
-                done.add(triaged.key)
-                rollouts += triaged.policy_rollouts + triaged.expert_rollouts
-            elif triaged is Unjudged.LATE:
-                continue
-            else:
-                unjudged[triaged] += 1
-            done_now += 1
-            watch(Progress(done_now, len(todo), rollouts))
-    finally:
-        for job in jobs:
-            left = any(finding.key not in done for finding in job.findings)
-            store.keep_repeats(job.run.id, made, dict(job.repeats) if left else {})
+    for triaged in work(runner, jobs, place, allowance):
+        if isinstance(triaged, Triaged):
+            allowance.charge(triaged)
+            store.settle(triaged)
+            rollouts += triaged.policy_rollouts + triaged.expert_rollouts
+        elif triaged is Unjudged.LATE:
+            continue
+        else:
+            unjudged[triaged] += 1
+        done_now += 1
+        watch(Progress(done_now, len(todo), rollouts))
     return unjudged
 
 
 def job_of(store: Store, run: Run, findings: Sequence[Finding]) -> Job:
     """The job of some findings of a run, with what that run knows; they know nothing of each other."""
-    return Job(run, findings, store.outcomes_by_scene(run.id), _blamed(store, [run.id]), None, {})
+    return Job(run, findings, store.outcomes_by_scene(run.id), _blamed(store, [run.id]), None)
 
 
 def certify_causes(
@@ -292,7 +279,7 @@ def work(make: Make, jobs: Sequence[Job], place: Place, allowance: Allowance) ->
 
 def _in_order(job: Job, crew: Crew, allowance: Allowance) -> Iterator[Triaged | Unjudged]:
     """Triage the findings of a job, each with the causes that those before it have certified: see ``known_to``."""
-    triager = Triager(crew.runner, job.trials, job.blamed, repeats=job.repeats, deadline=allowance.deadline)
+    triager = Triager(crew.runner, job.trials, job.blamed, deadline=allowance.deadline)
     ends = [Future[Triaged | Unjudged]() for _ in job.findings]
 
     def triaged(number: int) -> Triaged | Unjudged:

@@ -50,8 +50,7 @@ class Triager:
             can be.
         rolled: verdicts that the finding has paid for; only ``roll`` changes it. Each pays for all of its own as if it
             were alone, so that its result does not depend on which finding comes first.
-        repeats: all rollouts so far, which findings share, those of an interrupted triage included; only ``roll``
-            changes it.
+        repeats: all rollouts so far, which findings share; only ``roll`` changes it.
         known: certified findings, one of each signature. A finding that their operators explain keeps its own values of
             these, and thresholds of a known signature are not located again.
         deadline: after which a finding is given up.
