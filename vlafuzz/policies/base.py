@@ -185,7 +185,7 @@ class Outlines:
     table: Array
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)  # not frozen, since one is made at each step, in a third of the time
 class Observation:
     """What the policy observes at a control step; fields that its spec does not ask for are empty.
 

@@ -97,10 +97,10 @@ class Episode(ABC):
 
     def advance(self, action: Array) -> None:
         """Execute a metric action for one control step."""
-        before = self.monitor.success_once
+        before = len(self.monitor.reached)
         self.actions.append(action)
         self._execute(action)
-        if not before and self.monitor.success_once:
+        if len(self.monitor.reached) > before and self.monitor.success_once:
             self._last = min(self._last, len(self.actions) + self._after)
 
     def rollout(self, seconds: float = 0.0) -> Rollout:
