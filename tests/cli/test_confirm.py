@@ -15,6 +15,7 @@ from tests.report.stores import MANIFEST
 from vlafuzz.failures.corpus.folder import write_corpus
 from vlafuzz.model import Outcome, Scene
 from vlafuzz.rollouts import scene_runner
+from vlafuzz.store.records import Manifest
 from vlafuzz.worlds import world_of
 
 OTHER = "tabletop-mujoco"
@@ -25,11 +26,24 @@ class There(RuleRunner):
     """The policy in the other world; where the target is far out, scenes are not fair."""
 
     space, stages = SPACE, STAGES
+    asked: list[Scene]
+    most = 1000  # scenes until the user presses Ctrl-C
 
     def evaluate(self, scenes, numbers) -> list[Outcome]:
+        if len(self.asked) >= self.most:
+            raise KeyboardInterrupt
         self.asked.extend(scenes)
         outcomes = zip(scenes, super().evaluate(scenes, numbers), strict=True)
         return [Outcome.invalid("settling", "") if scene.targets[0].x > 0.08 else one for scene, one in outcomes]
+
+
+def lit(scene: Scene) -> bool:
+    return scene.light.intensity > 0.5
+
+
+def in_a_worker(source: Path, run: Manifest) -> There:
+    There.asked = []
+    return There(lit, run)
 
 
 @pytest.fixture
@@ -40,6 +54,7 @@ def there(tmp_path: Path, monkeypatch) -> Callable[..., list[Scene]]:
     def made(passes: Callable[[Scene], bool], **of_run: object) -> list[Scene]:
         asked = list[Scene]()
         monkeypatch.setattr(There, "asked", asked, raising=False)
+        monkeypatch.setenv("VLAFUZZ_CACHE", str(tmp_path / "cache"))
         monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", lambda source, run: There(passes, run))
         corpus = make_corpus(case(0), case(1), bright(2), aside(3))
         write_corpus(replace(corpus, runs=[replace(MANIFEST, policy="pinhole", **of_run)]), tmp_path / "found")
@@ -49,7 +64,7 @@ def there(tmp_path: Path, monkeypatch) -> Callable[..., list[Scene]]:
 
 
 def test_a_cause_holds_where_the_policy_fails_there_too_and_else_it_does_not(there, capsys):
-    asked = there(lambda scene: scene.light.intensity > 0.5)
+    asked = there(lit)
     printed = told(capsys, ["confirm", "found", "--world", OTHER, "--json"])
     assert [one["verdict"] for one in printed["causes"]] == ["holds", "does not hold", "undecided"]
     dark, light, far = printed["causes"]
@@ -62,11 +77,33 @@ def test_a_cause_holds_where_the_policy_fails_there_too_and_else_it_does_not(the
 
 
 def test_each_cause_is_one_item_and_a_sentence_counts_them(there, capsys):
-    there(lambda scene: scene.light.intensity > 0.5)
+    there(lit)
     printed = typed(capsys, f"confirm found --world {OTHER}")
     assert "holds in tabletop-mujoco: fails 4 of 4 (42.5–100%), without it 0 of 4" in " ".join(printed.out.split())
     assert f"1 of 3 causes hold in {OTHER}, 1 do not, 1 undecided" in printed.out
     assert f"pinhole on pick-up in {OTHER}: solves 20 of 20 nominal scenes" in printed.err
+
+
+def test_two_workers_say_the_same(there, capsys, monkeypatch):
+    there(lit)
+    alone = told(capsys, ["confirm", "found", "--world", OTHER, "--json"])
+    monkeypatch.setattr(scene_runner, "SimulatorSceneRunner", in_a_worker)
+    assert told(capsys, ["confirm", "found", "--world", OTHER, "--workers", "2", "--json"]) == alone
+
+
+def test_an_interrupted_call_goes_on_where_it_was(there, capsys, monkeypatch):
+    asked = there(lit)
+    command = f"confirm found --world {OTHER} --json"
+    whole = typed(capsys, command).out
+    needed = len(asked)
+    asked.clear()
+    monkeypatch.setattr(There, "most", 21)  # after the nominal ones
+    assert "interrupted: the same command goes on where it was" in typed(capsys, command, code=130).err
+    monkeypatch.setattr(There, "most", 1000)
+    assert typed(capsys, command).out == whole
+    assert len(asked) == len(set(asked)) == needed
+    typed(capsys, command)
+    assert len(asked) == 2 * needed  # what is over is not kept
 
 
 def test_where_the_policy_does_not_work_nominally_causes_are_not_compared(there, capsys):

@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from vlafuzz.cli.flags import AlphaFlag, JsonFlag, LabelFlag, TimeFlag, TrustFlag, VideosFlag, option, option_of
+from vlafuzz.cli.flags import (
+    AlphaFlag,
+    ExecutorFlag,
+    JsonFlag,
+    LabelFlag,
+    TimeFlag,
+    TrustFlag,
+    VideosFlag,
+    WorkersFlag,
+    option,
+    option_of,
+)
 from vlafuzz.cli.output import Bar, interruptible, print_json, print_lines, print_list, print_rows
 from vlafuzz.common.deadline import deadline
 from vlafuzz.errors import PrerequisiteError, UsageError, check_number, check_probability
@@ -204,6 +215,8 @@ def bisect(
 def confirm(
     source: Annotated[Path, typer.Argument(help="A store that `vlafuzz triage` worked on, or a corpus.")],
     world: Annotated[str, option("The other world, which has the same tasks.", "none")],
+    workers: WorkersFlag = None,
+    executor: ExecutorFlag = None,
     trust: TrustFlag = False,
     json: JsonFlag = False,
 ) -> None:
@@ -216,8 +229,9 @@ def confirm(
     from vlafuzz.failures.causes import counted
     from vlafuzz.failures.confirmation import confirm as confirmed_in
 
-    with interruptible("interrupted: nothing is stored") as bar:
-        result = confirmed_in(source, world, bar)
+    check_number("--workers", workers, 1)
+    with interruptible("interrupted: the same command goes on where it was") as bar:
+        result = confirmed_in(source, world, bar, workers=workers, executor=executor)
     if json:
         print_json(asdict(result))
     else:

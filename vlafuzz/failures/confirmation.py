@@ -1,14 +1,20 @@
 """Confirm: are the certified causes of one world causes in another one, too, or its simulator's own?"""
 
+import hashlib
+import json
+import platform
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from sys import maxsize
 from time import monotonic
 from typing import Literal
 
+from vlafuzz.common.assets import cache_dir
+from vlafuzz.common.files import write_whole, writing
 from vlafuzz.common.text import duration, plural
 from vlafuzz.common.watch import SILENT, Watch
 from vlafuzz.errors import StoreError, UsageError
@@ -16,17 +22,20 @@ from vlafuzz.failures.described import DescribedFailure, space_of, title_of
 from vlafuzz.failures.listed import listing_of
 from vlafuzz.failures.triage.certify import PATIENCE
 from vlafuzz.failures.triage.oracle import LEAD, MOST, Answer, Oracle
-from vlafuzz.model import Conditions, Rate, Scene, Space
+from vlafuzz.model import Conditions, Rate, Scene, Space, Verdict
 from vlafuzz.rollouts import scene_runner
+from vlafuzz.rollouts.crew import crew_at
+from vlafuzz.rollouts.registry import default_workers, place_of
 from vlafuzz.rollouts.scene_runner import SceneRunner
-from vlafuzz.store.records import Judged
+from vlafuzz.store.records import Judged, Repeats
 from vlafuzz.worlds import task_in, world_of
+from vlafuzz.worlds.provenance import commit
 
 WORKS = 0.7  # success in nominal scenes below which failures say more about the pictures than about a cause
 # Rollouts of a scene until it is told: four where no failure is by chance. A failing one takes three times as long as a
 # nominal one, and about half of them fail.
 EXPECTED, SLOWER = 8, 2
-Verdict = Literal["holds", "does not hold", "undecided"]
+Standing = Literal["holds", "does not hold", "undecided"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +53,7 @@ class Confirmed:
     scene: str
     found: tuple[Rate | None, Rate | None]
     other: tuple[Rate, Rate]
-    verdict: Verdict
+    verdict: Standing
     why: str = ""
 
 
@@ -73,31 +82,48 @@ class Confirmation:
         return "; ".join(filter(None, [f"{held}, {rest}" if self.causes else "", self.unfit]))
 
 
-def confirm(source: Path, world: str, watch: Watch = SILENT) -> Confirmation:
+def confirm(
+    source: Path, world: str, watch: Watch = SILENT, *, workers: int | None = None, executor: str | None = None
+) -> Confirmation:
     """Roll the policy out in another world, nominally and then where it is certified to fail and beside that.
+
+    What an interruption leaves is kept in the cache: the next call on this machine goes on from there.
+
+    Args:
+        workers, executor: where it rolls out; by default as `vlafuzz triage` does. Results do not depend on it.
 
     Raises:
         StoreError: nothing is certified.
         UsageError: the other world lacks a task, robot or setting.
+        SimulatorError: no worker stays alive.
     """
     first = {(one.run.key(), one.signature): one for one in reversed(listing_of(source).failures)}
     causes = [one for one in reversed(first.values()) if one.bucket == "minimal" and one.counterparts]
     if not causes:
         raise StoreError(f"{source}: it has no certified cause", hint="`vlafuzz triage` certifies those of a store")
+    runs = {one.run.key(seeded=False): one.run for one in causes}
+    usual = 1 if executor == "local" else min(default_workers(run.policy) for run in runs.values())
+    place = place_of(workers or usual, executor)
     nominal, confirmed = dict[str, Rate](), list[Confirmed]()
-    for run in {one.run.key(seeded=False): one.run for one in causes}.values():
-        of_run = [one for one in causes if one.run.key(seeded=False) == run.key(seeded=False)]
-        with closing(scene_runner.SimulatorSceneRunner(source, elsewhere(run, world))) as runner:
-            space, began = space_of(source, run), monotonic()
-            oracle = _oracle(runner, space, watch)
-            nominal[title_of([run])] = rate = oracle.repeated(space.nominal(), MOST)
-            passed = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
-            watch.note(f"{title_of([run])} in {world}: solves {passed} nominal scenes")
-            if solved(rate) >= WORKS:
-                scenes = sum(1 + len(one.counterparts) for one in of_run)
-                seconds = SLOWER * EXPECTED * scenes * (monotonic() - began) / max(oracle.spent, 1)
-                watch.note(f"about {duration(seconds)}: {plural(len(of_run), 'cause')}, as fast as these")
-                confirmed += [_confirmed(one, oracle, PATIENCE * oracle.lead) for one in of_run]
+    with _continued(world, *runs) as rolled:
+        for key, run in runs.items():
+            of_run = [one for one in causes if one.run.key(seeded=False) == key]
+            make = partial(scene_runner.SimulatorSceneRunner, source, elsewhere(run, world))
+            with crew_at(place, make, run.policy) as crew:
+                there = _There(crew.runner, space_of(source, run), rolled[key], watch)
+                known, began = len(there.rolled), monotonic()
+                ((_, rate),) = crew.each(there.nominal, [there.space.nominal()])
+                nominal[title_of([run])] = rate
+                passed = f"{rate.rollouts - rate.failures} of {rate.rollouts}"
+                watch.note(f"{title_of([run])} in {world}: solves {passed} nominal scenes")
+                if solved(rate) < WORKS:
+                    continue
+                if new := len(there.rolled) - known:
+                    scenes = sum(1 + len(one.counterparts) for one in of_run)
+                    seconds = SLOWER * EXPECTED * scenes * (monotonic() - began) / new
+                    watch.note(f"about {duration(seconds)}: {plural(len(of_run), 'cause')}, as fast as these")
+                answers = dict(crew.each(there.confirmed, of_run))
+                confirmed += [answers[number] for number in sorted(answers)]
     return Confirmation(world, nominal, tuple(confirmed))
 
 
@@ -106,17 +132,73 @@ def solved(rate: Rate) -> float:
     return 1 - rate.share if rate.rollouts else 0.0
 
 
-def _oracle(runner: SceneRunner, space: Space, watch: Watch) -> Oracle:
-    """Rolls out, in the other world, the jittered scenes of the first one's ``space``: those that certified."""
+@contextmanager
+def _continued(world: str, *runs: str) -> Iterator[dict[str, Repeats]]:
+    """The rollouts in the other world by the key of their run: those that an interrupted call left, and new ones."""
+    about = json.dumps([platform.node(), commit(), world, *runs])
+    file = cache_dir() / "confirm" / f"{hashlib.blake2b(about.encode(), digest_size=8).hexdigest()}.json"
+    rolled: dict[str, Repeats] = {key: {} for key in runs}
+    with suppress(OSError, ValueError):  # there is none, or not a whole one
+        for key, digest, number, verdict, lost, rollouts in json.loads(file.read_text(encoding="utf-8")):
+            rolled[key][digest, number] = Judged(Verdict(verdict), lost, rollouts)
+    try:
+        yield rolled
+    except BaseException:
+        rows = [(key, *at, *one[:3]) for key, of_run in rolled.items() for at, one in of_run.items()]
+        with suppress(UsageError), writing(file):
+            write_whole(file, json.dumps(rows))
+        raise
+    file.unlink(missing_ok=True)
 
-    def roll(scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
-        watch.progress("rollouts", oracle.spent, None)
-        there = [replace(scene, task=runner.space.task.name) for scene in scenes]
-        return [Judged.of(outcome) for outcome in runner.evaluate(there, numbers)]
 
-    lead = 1 if runner.deterministic else LEAD
-    oracle = Oracle(roll, runner.stages, space.jittered, budget=maxsize, lead=lead)
-    return oracle
+@dataclass(frozen=True)
+class _There:
+    """Rolls out, in the other world, the jittered scenes of the first one's ``space``: those that certified.
+
+    ``rolled``: all rollouts so far, which causes share.
+    """
+
+    runner: SceneRunner
+    space: Space
+    rolled: Repeats
+    watch: Watch
+
+    def nominal(self, scene: Scene) -> Rate:
+        return self._oracle().repeated(scene, MOST)
+
+    def confirmed(self, one: DescribedFailure) -> Confirmed:
+        oracle = self._oracle()
+        tests = oracle.contrasts(one.scene, list(one.counterparts.values()), most=PATIENCE * oracle.lead)
+        answers, rate = [test.answer for test in tests], oracle.certified(one.scene)
+        verdict: Standing = "holds" if set(answers) == {Answer.PASSES} else "undecided"
+        verdict = "does not hold" if Answer.FAILS in answers else verdict
+        why = f"{plural(rate.rollouts, 'pair')} of rollouts do not tell"
+        if not (rate.rollouts and all(test.rate.rollouts for test in tests)):
+            why = "the scene or one without it is not fair there, or crashed"
+        known = [one.counterpart_rates[name] for name in one.counterparts if name in one.counterpart_rates]
+        return Confirmed(
+            cause=one.title,
+            task=one.run.task,
+            scene=one.scene.digest,
+            found=(one.rate, max(known, key=lambda rate: rate.share, default=None)),
+            other=(rate, max((test.rate for test in tests), key=lambda rate: rate.share)),
+            verdict=verdict,
+            why=why if verdict == "undecided" else "",
+        )
+
+    def _oracle(self) -> Oracle:
+        lead = 1 if self.runner.deterministic else LEAD
+        return Oracle(self._roll, self.runner.stages, self.space.jittered, budget=maxsize, lead=lead)
+
+    def _roll(self, scenes: Sequence[Scene], numbers: Sequence[int]) -> list[Judged]:
+        tries = {(scene.digest, n): scene for scene, n in zip(scenes, numbers, strict=True)}
+        new = [key for key in tries if key not in self.rolled]
+        there = [replace(tries[key], task=self.runner.space.task.name) for key in new]
+        outcomes = self.runner.evaluate(there, [number for _, number in new])
+        judged = dict(zip(new, map(Judged.of, outcomes), strict=True))
+        self.rolled.update({key: one for key, one in judged.items() if one.verdict is not Verdict.ERROR})
+        self.watch.progress("rollouts", len(self.rolled), None)
+        return [self.rolled.get(key) or judged[key] for key in tries]
 
 
 def elsewhere(conditions: Conditions, world: str) -> Conditions:
@@ -129,23 +211,3 @@ def elsewhere(conditions: Conditions, world: str) -> Conditions:
         problem = f"the run has {lacking}={conditions.world[lacking]}, and {world} has no such setting"
         raise UsageError(problem, hint="test the policy without it, and confirm that store")
     return replace(conditions, task=task)
-
-
-def _confirmed(one: DescribedFailure, oracle: Oracle, most: int) -> Confirmed:
-    tests = oracle.contrasts(one.scene, list(one.counterparts.values()), most=most)
-    answers, rate = [test.answer for test in tests], oracle.certified(one.scene)
-    verdict: Verdict = "holds" if set(answers) == {Answer.PASSES} else "undecided"
-    verdict = "does not hold" if Answer.FAILS in answers else verdict
-    why = f"{plural(rate.rollouts, 'pair')} of rollouts do not tell"
-    if not (rate.rollouts and all(test.rate.rollouts for test in tests)):
-        why = "the scene or one without it is not fair there, or crashed"
-    known = [one.counterpart_rates[name] for name in one.counterparts if name in one.counterpart_rates]
-    return Confirmed(
-        cause=one.title,
-        task=one.run.task,
-        scene=one.scene.digest,
-        found=(one.rate, max(known, key=lambda rate: rate.share, default=None)),
-        other=(rate, max((test.rate for test in tests), key=lambda rate: rate.share)),
-        verdict=verdict,
-        why=why if verdict == "undecided" else "",
-    )
