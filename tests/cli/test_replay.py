@@ -1,5 +1,6 @@
 """vlafuzz replay."""
 
+import sys
 from dataclasses import replace
 
 import pytest
@@ -147,6 +148,55 @@ def test_a_film_shows_the_rollout(store, tmp_path, monkeypatch, capsys):
     frames = [video.read()[1] for _ in range(int(video.get(cv2.CAP_PROP_FRAME_COUNT)))]
     assert len(frames) > 80
     assert frames[0].std() > 10
+
+
+def test_a_recording_for_rerun_has_what_is_where_and_what_is_reached_in_seconds(tmp_path, monkeypatch, capsys):
+    pytest.importorskip("rerun", reason="needs the extra rerun")
+    monkeypatch.setattr("vlafuzz.cli.replay.SIZE", 64)
+    scenes, recording = tmp_path / "s.jsonl", tmp_path / "r.rrd"
+    write_scenes(scenes, [nominal("pick-up")])
+    report = told(capsys, ["replay", str(scenes), "--policy", "expert", "--rrd", str(recording), "--json"])
+    rows = rows_of(recording)
+    way = [row for row in rows["/world/hand"] if "Points3D:positions" in row]
+    assert [round(row["time"].total_seconds(), 3) for row in way] == [n / 5 for n in range(report["steps"] + 1)]
+    said = [row["TextLog:text"] for row in rows["/stage"]]
+    assert said == ["told: pick up pepsi can", "reached: grasp", "reached: lift", "reached: success"]
+    assert "pepsi_can touches hand" in {row["TextLog:text"] for row in rows["/contacts"]}
+    first, *_, last = (
+        row["Transform3D:translation"] for row in rows["/world/pepsi_can"] if "Transform3D:translation" in row
+    )
+    assert last[2] - first[2] > 0.02  # metres: it is lifted
+    assert rows["/world/camera"]
+    assert any("Mesh3D:vertex_positions" in row for row in rows["/world/table"])
+
+
+def test_a_recording_of_a_stored_failure_executes_its_actions_and_asks_no_model(store, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("rerun", reason="needs the extra rerun")
+    monkeypatch.setattr("vlafuzz.cli.replay.SIZE", 64)
+    monkeypatch.setattr("vlafuzz.campaign.replay.make_policy", None)
+    report = told(capsys, ["replay", str(store), "--rrd", str(tmp_path / "r.rrd"), "--json"])
+    assert (report["policy"], report["verdict"], report["same trajectory as stored"]) == ("frozen", "failed", True)
+    assert (tmp_path / "r.rrd").is_file()
+
+
+def rows_of(path):
+    """The rows of a recording by entity, with the first of a row's several values."""
+    chunks = pytest.importorskip("rerun.chunk").RrdReader(path).stream()
+    rows = {}
+    for chunk in chunks:
+        for row in chunk.to_record_batch().to_pylist():
+            bare = {
+                key: value[0] if isinstance(value, list) else value for key, value in row.items() if value is not None
+            }
+            rows.setdefault(chunk.entity_path, []).append(bare)
+    return rows
+
+
+def test_without_rerun_its_recording_is_refused_with_what_to_install(store, tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    said = complaint(capsys, ["replay", str(store), "--rrd", str(tmp_path / "r.rrd")], code=3)
+    assert said.startswith("error: --rrd needs the package 'rerun'")
+    assert "pip install" in said
 
 
 @pytest.mark.render

@@ -1,5 +1,6 @@
 """A runner rolls out policy and expert in the scenes of a store, and films them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ from tests.doubles import manifest
 from tests.worlds.tabletop.sim.scenes import CATALOGUE, nominal
 from vlafuzz.common.plugins import EVERYTHING, trusting
 from vlafuzz.model import Verdict
+from vlafuzz.model.scene import CameraBump
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.policies.controls import Frozen
 from vlafuzz.rollouts import setup
@@ -124,11 +126,22 @@ def test_a_film_shows_the_scene_the_failure_and_what_the_witness_does(tmp_path: 
     assert np.abs(solution[0] - solution[-1]).mean() > 3
     assert np.abs(failure[0] - solution[0]).mean() < 2  # the very same scene
     assert len(failure) > len(solution)
-    ways = [np.array(film.path) / film.size for film in films]
+    ways = [np.array(film.paths[0][1]) / film.size for film in films]
     assert [len(way) for way in ways] == [film.frames for film in films]
     assert np.ptp(ways[1], axis=0).max() < 0.02  # of a picture
     assert np.ptp(ways[0], axis=0).max() > 0.05
     assert all(((way > 0) & (way < 1)).all() for way in ways)
+
+
+@pytest.mark.render
+def test_the_hand_s_path_is_drawn_anew_as_a_camera_shows_it_that_was_turned_meanwhile():
+    runner = SimulatorSceneRunner(Path("a.db"), run("make_frozen"))
+    film = runner.film(replace(nominal(), camera_bump=CameraBump("start", yaw=5.0)))
+    runner.close()
+    (first, before), (turned, after) = film.paths
+    assert (first, turned) == (0, 6)  # five frames a second; a second after the start
+    shift = np.array(after[0]) - before[0]
+    assert abs(shift[0]) > 0.05 * film.size[0]
 
 
 def frames_of(film: Film, folder: Path) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from vlafuzz.common.plugins import check_trusted
 from vlafuzz.errors import UsageError, VlafuzzError
 from vlafuzz.failures.causes import first_shown
-from vlafuzz.model import Conditions, Model, Outcome, Scene, Verdict
+from vlafuzz.model import Actions, Conditions, Model, Outcome, Scene, Verdict
 from vlafuzz.model.scene_lines import is_store, load_scenes
+from vlafuzz.policies.base import ActionSpec, Policy, PolicySpec
+from vlafuzz.policies.controls import Player
 from vlafuzz.rollouts.policies import make_policy
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.store.records import Run
@@ -24,11 +27,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Replayable:
-    """A scene and the conditions to run it in; ``states_hash`` is that of its stored rollout."""
+    """A scene and the conditions to run it in; of its stored rollout the hash and, if it failed, the actions."""
 
     scene: Scene
     conditions: Conditions
     states_hash: str | None = None
+    actions: Actions | None = None
 
 
 class Replayed(NamedTuple):
@@ -63,6 +67,7 @@ def replay(
     *,
     label: str | None = None,
     must_see: bool = False,
+    play: bool = False,
 ) -> Replayed:
     """Roll a policy out in a scene, without checking whether the scene is fair.
 
@@ -71,15 +76,19 @@ def replay(
         label: which model it is; a stored trajectory of another one is not compared.
         recording: keeps frames and observations.
         must_see: whether to refuse policies without pictures.
+        play: whether to execute the stored actions, if there are any, and not to ask the policy.
 
     Raises:
         UsageError: the policy gets no pictures, or is code that the user did not name.
         VlafuzzError: policy or simulator broke.
     """
-    if policy is None:
-        check_trusted(wanted.conditions.policy)
-    name = policy or wanted.conditions.policy
-    made, scene = make_policy(name), wanted.scene
+    name, scene = policy or wanted.conditions.policy, wanted.scene
+    if play and policy is None and wanted.actions is not None:
+        made: Policy = _player(wanted.conditions, wanted.actions)
+    else:
+        if policy is None:
+            check_trusted(name)
+        made = make_policy(name)
     if must_see and not made.spec.cameras:
         made.close()
         raise UsageError(f"policy {name!r} asks for no pictures", hint="leave --seen out")
@@ -113,6 +122,15 @@ def replay(
     return Replayed(outcome, world_of(scene.task).robot(scene.robot).control_hz or made.spec.action.hz, report)
 
 
+def _player(conditions: Conditions, actions: Actions) -> Player:
+    """What executes actions, which are metric, at the rate of the policy that gave them."""
+    acting = ActionSpec(**json.loads(conditions.spec)["action"])
+    plain = ActionSpec(relative_to=acting.relative_to, hz=acting.hz, width=acting.width)
+    player = Player(PolicySpec("stored actions", action=plain))
+    player.actions = actions
+    return player
+
+
 def _find_in_store(store: Store, digest: str | None, policy: str | None, label: str | None) -> Replayable:
     if digest is None:
         trials = (trial for run in store.runs() for trial in store.trials(run.id) if trial.outcome.rollouts)
@@ -129,7 +147,9 @@ def _find_in_store(store: Store, digest: str | None, policy: str | None, label: 
     for run in runs:
         for trial in store.trials(run.id):
             if trial.scene.digest == scene.digest and trial.outcome.rollouts:
-                return Replayable(scene, run.manifest, trial.outcome.rollouts[0].states_hash)
+                rollout = trial.outcome.rollouts[0]
+                actions = rollout.actions if len(rollout.actions) else None
+                return Replayable(scene, run.manifest, rollout.states_hash, actions)
     keys = {
         triaged.policy_key for triaged in store.triaged() if scene in (triaged.shrunk, *triaged.counterparts.values())
     }

@@ -22,6 +22,10 @@ def command(
     pack: PackFlag = None,
     video: Annotated[Path | None, option("Write an MP4.")] = None,
     seen: Annotated[Path | None, option("Write a PNG: what the policy saw at first.")] = None,
+    rrd: Annotated[
+        Path | None,
+        option("Write a recording for the viewer of Rerun. Of a stored failure it executes the stored actions."),
+    ] = None,
     film: Annotated[
         bool | None,
         option(
@@ -39,21 +43,26 @@ def command(
     from vlafuzz.failures.described import unusual
     from vlafuzz.worlds import no_pictures, world_of
     from vlafuzz.worlds.recording import Recording, write_picture
+    from vlafuzz.worlds.rerun import RerunRecording
 
     wanted = find(source, digest, policy, label)
     if film is None:
-        film = not (json or video or seen) and not no_pictures(wanted.scene.task)
+        film = not (json or video or seen or rrd) and not no_pictures(wanted.scene.task)
     if film and video is None:
         video = source.with_name(f"{source.stem}-{wanted.scene.digest[:12]}.mp4")
     if video:
         world_of(wanted.scene.task).check_pictures()
-    recording = Recording(SIZE if video else 0)
-    replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None)
+    size = SIZE if video or (rrd and not no_pictures(wanted.scene.task)) else 0
+    recording = RerunRecording(size) if rrd else Recording(size)
+    play = rrd is not None and not seen
+    replayed = replay(wanted, policy, recording, label=label, must_see=seen is not None, play=play)
+    if rrd and isinstance(recording, RerunRecording):
+        recording.write(rrd)
     if video:
         recording.write_video(video, replayed.hz)
     if seen:
         write_picture(seen, recording.seen())
-    for path in filter(None, (video, seen)):
+    for path in filter(None, (video, seen, rrd)):
         stderr().print(f"written: {path}")
     report = replayed.report | {"unusual": unusual(source, wanted.scene, wanted.conditions)}
     if json:

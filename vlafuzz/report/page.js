@@ -18,7 +18,10 @@ function player(root) {
     for (const video of videos) if (!video.src) video.src = `data:video/mp4;base64,${films[video.dataset.film]}`;
   };
   const place = (video) => (Math.min(slider.value, video.dataset.frames - 1) + 0.5) / rate;
+  const paths = all(".paths [data-from]", root); // of the hand, as each camera of the film shows them
   const say = () => {
+    const now = paths.findLast((path) => Number(path.dataset.from) <= slider.value);
+    for (const path of paths) path.style.display = path === now ? "" : "none";
     const seconds = `${((slider.value / rate) * root.dataset.speed).toFixed(1)} s`;
     clock.value = seconds;
     slider.setAttribute("aria-valuetext", seconds);

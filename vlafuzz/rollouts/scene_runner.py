@@ -167,7 +167,7 @@ class SimulatorSceneRunner:
             lost=outcome.lost_stage or "" if len(self.stages) > 1 else "",
             greys=recording.greys(),
             size=(frames[0].shape[1], frames[0].shape[0]),
-            path=tuple(recording.path),
+            paths=recording.paths(),
         )
 
     def close(self) -> None:

@@ -12,6 +12,7 @@ from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Conditions, Latency, Monitor, Noise, Rollout, Scene
 from vlafuzz.policies.base import EpisodeStart, Observation
 from vlafuzz.worlds.events import STAY, recovery
+from vlafuzz.worlds.sight import Sight
 
 Command = tuple[Array, str]  # a metric action, and what it is relative to; see ``ActionSpec``
 AFTER_SUCCESS = 10  # control steps, to tell success at the end from success once
@@ -91,9 +92,13 @@ class Episode(ABC):
     def picture(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a camera shows at present, without noise."""
 
-    def hand(self) -> Array | None:
-        """``(2,)``: where the hand is in a film's first picture, to the right and down in [0, 1]; None if unknown."""
+    def sight(self) -> Sight | None:
+        """What is where at present; None in a world that does not tell."""
         return None
+
+    def shape(self, body: str) -> tuple[Array, Array]:
+        """Triangles ``(n, 3, 3)`` of a body in sight, in its own frame, metres; and its colour, ``(3,)`` sRGB."""
+        raise NotImplementedError
 
     def advance(self, action: Array) -> None:
         """Execute a metric action for one control step."""

@@ -13,7 +13,7 @@ from vlafuzz.policies.base import ActionChunk, CameraRequest, Observation, Polic
 from vlafuzz.policies.clients import wire
 from vlafuzz.policies.harness import Harness, ask, release
 from vlafuzz.worlds.episode import Episode
-from vlafuzz.worlds.recording import Recording
+from vlafuzz.worlds.recording import Paths, Recording
 
 FRAMES = 5  # of a film, for a second of the rollout
 BLANK = 0.5  # of the pixels; with mini's light at six times the usual 91 to 96 % are white, at 3.6 times 1 %
@@ -36,7 +36,7 @@ class Film:
         stages: that were reached, each with its frame.
         lost: the stage that was not reached, of a failure; empty in a task whose only stage is success.
         greys: see ``Recording.greys``.
-        size: width and height of a frame in pixels; ``path``: of the hand over the first one, empty if unknown.
+        size: width and height of a frame in pixels; ``paths``: of the hand, see ``Recording.paths``.
     """
 
     video: bytes
@@ -50,7 +50,7 @@ class Film:
     lost: str = ""
     greys: tuple[float, ...] = ()
     size: tuple[int, int] = (1, 1)
-    path: tuple[tuple[int, int], ...] = ()
+    paths: Paths = ()
 
     @property
     def blank(self) -> str:

@@ -10,8 +10,10 @@ from vlafuzz.common.arrays import Picture
 from vlafuzz.common.files import write_whole, writing
 from vlafuzz.policies.base import CameraRequest, Observation
 from vlafuzz.worlds.episode import Episode
+from vlafuzz.worlds.sight import Sight
 
 GREYS = 16  # levels that are told apart
+Paths = tuple[tuple[int, tuple[tuple[int, int], ...]], ...]  # from which frame on, and its points
 _HELD_FRAMES = 8  # repeats of the last frame, so that players do not cut to black too early
 
 
@@ -30,10 +32,10 @@ class Recording:
         self._hz, self._stride = hz, 1
         self.frames: list[Picture] = []
         self.observations: list[Observation] = []
-        self.path: list[tuple[int, int]] = []  # of the hand, in pixels of the frames
+        self.sights: list[Sight] = []  # one a frame, in a world that tells
 
     def clear(self) -> None:
-        self.frames, self.observations, self.path = [], [], []
+        self.frames, self.observations, self.sights = [], [], []
 
     def note(self, episode: Episode) -> None:
         """Keep a frame of the present state, if it is time for one."""
@@ -41,9 +43,16 @@ class Recording:
         if self.camera is None or len(episode.actions) % self._stride:
             return
         self.frames.append(episode.picture(self.camera.name).copy())
-        if (hand := episode.hand()) is not None:
-            height, width, _ = self.frames[-1].shape
-            self.path.append((round(hand[0] * width), round(hand[1] * height)))
+        if (sight := episode.sight()) is not None:
+            self.sights.append(sight)
+
+    def paths(self) -> Paths:
+        """The hand's whole path in pixels, as the camera of the first frame shows it, and each time that one turns."""
+        axes, hands = [sight.camera.axes for sight in self.sights], np.array([sight.hand for sight in self.sights])
+        firsts = [frame for frame in range(len(axes)) if frame == 0 or np.any(axes[frame] != axes[frame - 1])]
+        shown = [self.sights[first].camera.project(hands)[0] * self.frames[0].shape[1::-1] for first in firsts]
+        places = (tuple((round(x), round(y)) for x, y in path.tolist()) for path in shown)
+        return tuple(zip(firsts, places, strict=True))
 
     def stuck(self, trace: NDArray[np.float32]) -> int:
         """The frame after which a rollout makes no progress any more; ``trace``: its progress after each step."""

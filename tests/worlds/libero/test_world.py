@@ -195,6 +195,17 @@ class TestSetting:
         seen = after.T @ -before[:, 2]  # where the middle of the old picture is in the new one
         assert seen[:2] == pytest.approx(expected, abs=1e-6)
 
+    def test_a_thing_is_seen_where_the_view_of_a_turned_camera_says(self, bowls, space, setting):
+        turned = replace(space.nominal(), camera=Camera(yaw=4.0, pitch=-3.0))
+        pictures, places = [], []
+        for x in (0.0, 0.05):
+            setting.begin(moved(turned, "plate_1", x=x))
+            pictures.append(bowls.picture("agentview", 64)[:, ::-1].astype(float))
+            places.append(setting.view.project(bowls.place("plate_1")[None])[0][0])
+        down, right = np.nonzero(np.abs(pictures[0] - pictures[1]).max(axis=2) > 20)
+        middle = [(right.min() + right.max() + 1) / 128, (down.min() + down.max() + 1) / 128]
+        assert middle == pytest.approx(np.mean(places, axis=0), abs=0.04)
+
 
 def test_the_changes_of_libero_max_have_its_severities_and_happen_as_the_hand_comes_near():
     genes = LiberoSpace(load_operators("libero-max"), SOUP, "libero").genes

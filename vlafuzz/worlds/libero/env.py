@@ -86,6 +86,10 @@ class LiberoEnv:
         """``(3,)``: where the body of a thing or of furniture is, metres."""
         return np.array(self.data.xpos[self.bodies[name]])
 
+    def turn(self, name: str) -> Array:
+        """``(3, 3)``: its axes in the world, in columns."""
+        return np.array(self.data.xmat[self.bodies[name]]).reshape(3, 3)
+
     def reset(self, number: int = 0) -> None:
         """Restore the suite's own initial state ``number``; a UsageError if there is none."""
         if not 0 <= number < len(self.states):

@@ -20,11 +20,13 @@ from vlafuzz.worlds.events import STOP, Events, cancelled
 from vlafuzz.worlds.libero.casts import cast, pool
 from vlafuzz.worlds.libero.env import HZ, UNITS, LiberoEnv
 from vlafuzz.worlds.libero.fairness import Fairness
+from vlafuzz.worlds.libero.grasps import triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
 from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at, task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
 from vlafuzz.worlds.manipulation.rigs import FORMER
+from vlafuzz.worlds.sight import Sight
 
 SIDE = 256  # pixels of a picture in LIBERO's evaluations
 OPENING = 0.08  # metres between the open fingers
@@ -71,6 +73,17 @@ class LiberoEpisode(Episode):
 
     def picture(self, camera: str) -> Picture:
         return self._env.picture(VIEW, self._env.size)[:, ::-1]  # upright for people, not turned by 180°
+
+    def sight(self) -> Sight:
+        env = self._env
+        bodies = {name: (env.place(name), env.turn(name)) for name in env.movable}
+        return Sight(self._setting.view, env.proprioception()[:3], bodies)
+
+    def shape(self, body: str) -> tuple[Array, Array]:
+        """Those of the shapes that collide, in grey."""
+        env = self._env
+        shapes = np.concatenate([triangles(env, int(geom)) for geom in env.away.shapes[body]])
+        return (shapes - env.place(body)) @ env.turn(body), np.full(3, 0.6)
 
     def _execute(self, action: Array) -> None:
         due, _ = self._commands.exchange(action, self._spec.action.relative_to)

@@ -18,6 +18,7 @@ from vlafuzz.worlds.libero.casts import cast
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface, triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.sight import CameraPose
 
 VIEW = CAMERAS[0]
 # Axes of MuJoCo's camera frame (right, up, backwards) in ours (forward, left, up)
@@ -63,6 +64,13 @@ class Setting:
         self._aim(scene.camera)
         self._grip(1.0)
         env.restore(state)
+
+    @property
+    def view(self) -> CameraPose:
+        """The camera's present pose."""
+        data, fov = self.env.data, float(self.env.model.cam_fovy[self._camera])
+        axes = _OURS @ data.cam_xmat[self._camera].reshape(3, 3).T
+        return CameraPose(data.cam_xpos[self._camera].copy(), axes, fov, 1.0)
 
     def let_in(self, scene: Scene) -> bool:
         """Put down the newcomer of a scene if it has room beside things and hand; whether it had."""

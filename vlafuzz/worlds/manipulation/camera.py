@@ -1,8 +1,6 @@
 """A camera's pose in a scene, its projection, and label images: convex bodies, painted without a renderer."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import accumulate
 
@@ -14,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Camera
 from vlafuzz.worlds.manipulation.rigs import View
+from vlafuzz.worlds.sight import CameraPose
 
 Labels = Picture
 Polygon = NDArray[np.int32]  # in OpenCV's fixed-point coordinates
@@ -22,38 +21,6 @@ SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 NEAREST = 0.01  # metres; a body that reaches nearer to the camera's plane cannot be painted
 _NOTHING: Polygon = np.zeros((0, 1, 2), dtype=np.int32)
 _NOMINAL = Camera()
-
-
-@dataclass(frozen=True, eq=False)
-class CameraPose:
-    """A camera in the world: ``position`` (3,) in metres; ``axes`` (3, 3) with rows forward, left and up."""
-
-    position: Array
-    axes: Array
-    fov: float
-    aspect: float
-
-    def project(self, points: Array) -> tuple[Array, Array]:
-        """Image coordinates of world points ``(n, 3)``, and their depths ``(n,)`` along the axis; metres.
-
-        Coordinates ``(n, 2)`` are u to the right and v down, both in [0, 1] inside the picture.
-        """
-        forward, left, up = ((points - self.position) @ self.axes.T).T
-        scale = 2 * math.tan(math.radians(self.fov) / 2) * np.maximum(forward, 1e-6)
-        return np.stack([0.5 - left / (scale * self.aspect), 0.5 - up / scale], axis=1), forward
-
-    def back_project(self, uv: Array, height: float) -> Array:
-        """Where the rays through ``(n, 2)`` image points hit the plane z = ``height``: ``(n, 3)`` metres."""
-        scale = 2 * math.tan(math.radians(self.fov) / 2)
-        local = np.stack([np.ones(len(uv)), (0.5 - uv[:, 0]) * scale * self.aspect, (0.5 - uv[:, 1]) * scale], axis=1)
-        rays = local @ self.axes
-        return np.asarray(self.position + rays * ((height - self.position[2]) / rays[:, 2])[:, None])
-
-    @property
-    def quaternion(self) -> tuple[float, float, float, float]:
-        """The orientation of the camera frame (x forward, y left, z up) as w, x, y, z."""
-        w, x, y, z = Rotation.from_matrix(self.axes.T).as_quat(scalar_first=True).tolist()
-        return w, x, y, z
 
 
 @lru_cache(maxsize=256)

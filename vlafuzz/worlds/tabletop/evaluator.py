@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 from typing import Unpack
 
 import numpy as np
@@ -16,16 +17,18 @@ from vlafuzz.worlds.episode import Episode
 from vlafuzz.worlds.evaluator import Options, SceneEvaluator
 from vlafuzz.worlds.events import afterwards, without
 from vlafuzz.worlds.manipulation.arms import hand_boxes
-from vlafuzz.worlds.manipulation.camera import CameraPose, area_alone, blank, camera_pose, paint
+from vlafuzz.worlds.manipulation.camera import area_alone, blank, paint
 from vlafuzz.worlds.manipulation.looks import COLOUR
 from vlafuzz.worlds.manipulation.operator_set import MIN_DISTANCE, stored_visible
 from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.sight import CameraPose, Sight
 from vlafuzz.worlds.tabletop.experts.expert import Calibration, Privileged
 from vlafuzz.worlds.tabletop.fairness import check_events, check_static
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
-from vlafuzz.worlds.tabletop.objects.model import ObjectModel
+from vlafuzz.worlds.tabletop.objects.hulls import triangles
+from vlafuzz.worlds.tabletop.objects.model import SRGB, ObjectModel
 from vlafuzz.worlds.tabletop.room import Room
-from vlafuzz.worlds.tabletop.tasks import State, task as task_named
+from vlafuzz.worlds.tabletop.tasks import TABLE, State, task as task_named
 
 
 class TabletopEpisode(Episode):
@@ -57,9 +60,31 @@ class TabletopEpisode(Episode):
     def picture(self, camera: str) -> Picture:
         return self._env.picture(camera)
 
-    def hand(self) -> Array:
-        (place,), _ = camera_pose(self._env.rig.view, self.scene.camera).project(self._state.tcp[None])
-        return np.asarray(place)
+    def sight(self) -> Sight:
+        state, names = self._state, self._names
+        bodies = {names[index]: (state.positions[index], state.rotations[index]) for index in state.there}
+        table = self._env.rig.table
+        bodies[TABLE] = np.array([*table.centre, -table.half[2]]), np.eye(3)
+        touching = (
+            f"{names[index]} touches {names[other] if isinstance(other, int) else other}"
+            for index, other in state.contacts
+            if isinstance(other, str) or index < other
+        )
+        return Sight(self._env.view, state.tcp, bodies, frozenset(touching))
+
+    def shape(self, body: str) -> tuple[Array, Array]:
+        if body == TABLE:
+            corners = np.array(self._env.rig.table.half) * list(product((-1, 1), repeat=3))
+            return corners[triangles(corners)], np.array(self._env.table_colour) ** (1 / SRGB)
+        model = self._env.models[self._names.index(body)]
+        return np.concatenate([part[triangles(part)] for part in model.parts]), model.colour
+
+    @property
+    def _names(self) -> list[str]:
+        """Of the things, which differ."""
+        names = [model.name for model in self._env.models]
+        before = [names[:index].count(name) for index, name in enumerate(names)]
+        return [f"{name} {count + 1}" if count else name for name, count in zip(names, before, strict=True)]
 
     def _execute(self, action: Array) -> None:
         self._state = self._env.advance(action, self._spec.action.relative_to)

@@ -18,9 +18,10 @@ from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Start
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
 from vlafuzz.worlds.events import DROP, NUMBERS, STOP, Events, afterwards, cancelled, has_room, newcomer, turned
 from vlafuzz.worlds.manipulation.arms import hand_boxes
-from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
+from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.looks import PAINTS
 from vlafuzz.worlds.manipulation.rigs import rig
+from vlafuzz.worlds.sight import CameraPose
 from vlafuzz.worlds.tabletop.fairness.footprint import solid
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of
 from vlafuzz.worlds.tabletop.tasks import (

@@ -9,9 +9,9 @@ from vlafuzz.common.arrays import Picture
 from vlafuzz.model import Backdrop, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest
 from vlafuzz.worlds.events import STAY
-from vlafuzz.worlds.manipulation.camera import CameraPose
 from vlafuzz.worlds.manipulation.looks import GAMMA
 from vlafuzz.worlds.opengl import Canvas
+from vlafuzz.worlds.sight import CameraPose
 from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.fairness.checks import SECONDS, unsettled
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue, models_of

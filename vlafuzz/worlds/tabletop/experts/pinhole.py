@@ -10,9 +10,10 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import PolicyError
 from vlafuzz.policies.base import ActionSpec, EpisodeStart, Observation, Outlines, PolicySpec
 from vlafuzz.worlds.base import Acting, Scripted
-from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
+from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA, Rig, rig
 from vlafuzz.worlds.manipulation.rotations import rotation_matrix
+from vlafuzz.worlds.sight import CameraPose
 from vlafuzz.worlds.tabletop.experts.pick_place import Belief, PickPlaceController
 from vlafuzz.worlds.tabletop.experts.planning import Thing
 from vlafuzz.worlds.tabletop.objects.catalogue import load_catalogue

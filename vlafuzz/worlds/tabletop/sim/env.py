@@ -15,8 +15,9 @@ from vlafuzz.common.arrays import Picture
 from vlafuzz.errors import PrerequisiteError, UsageError
 from vlafuzz.model import Backdrop, Rejection, Scene
 from vlafuzz.policies.base import CameraRequest
-from vlafuzz.worlds.manipulation.camera import CameraPose, camera_pose
+from vlafuzz.worlds.manipulation.camera import camera_pose
 from vlafuzz.worlds.manipulation.rigs import PANDA
+from vlafuzz.worlds.sight import CameraPose
 from vlafuzz.worlds.tabletop.evaluator import TabletopEvaluator
 from vlafuzz.worlds.tabletop.objects.catalogue import Catalogue
 from vlafuzz.worlds.tabletop.room import WRIST_CAMERA, Room
