@@ -91,8 +91,7 @@ class Job:
 
 def test_a_worse_policy_fails_the_job_and_the_summary_says_why(tmp_path: Path):
     corpus = str(ROOT / "corpus" / "mini-pick-up")
-    few = "--max-rollouts 20"
-    job = Job(tmp_path, mode="regress", policy="frozen", label="v2", corpus=corpus, arguments=few)
+    job = Job(tmp_path, mode="regress", policy="frozen", label="v2", corpus=corpus)
     job.run()
     assert job.code == 1
     assert job.summary.startswith("## ❌ v2 (frozen) is worse than mini as recorded: 9 worse and 0 better of")

@@ -62,13 +62,6 @@ def test_a_worse_one_is_exit_code_1_and_what_it_breaks_is_shown_on_request(capsy
     assert whole.count(" control ") == 20
 
 
-def test_where_few_rollouts_make_no_alarm_possible_more_are_suggested(capsys):
-    write_corpus(make_corpus(controls=40), Path("few"))
-    said = typed(capsys, "regress few --policy pinhole --max-rollouts 5", code=3).err
-    assert said.startswith("error: no alarm is possible:")
-    assert "hint: a higher --max-rollouts: the corpus has 40 controls" in said
-
-
 def test_the_nights_share_alpha(capsys):
     printed = json.loads(regress(capsys, "pinhole --nights 30 --json", code=1).out)
     assert printed["alpha"] == pytest.approx(0.05 / 30)
@@ -157,7 +150,6 @@ def test_a_policy_that_only_breaks_is_no_verdict_and_exit_code_3(monkeypatch, ca
         (["dark", "--policy", "idel"], "error: unknown policy 'idel'"),
         (["dark", "--policy", "idle", "--baseline", "x"], "error: unknown policy 'x'"),
         (["dark", "--policy", "idle", "--alpha", "5"], "error: --alpha: expected a probability above 0"),
-        (["dark", "--policy", "idle", "--max-rollouts", "0"], "error: --max-rollouts: expected at least 1"),
         (["dark", "--policy", "idle", "--summary", "no/a.md"], "error: --summary: no/a.md: no place"),
     ],
 )

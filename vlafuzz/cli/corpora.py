@@ -51,9 +51,6 @@ def regress(
     baseline: BaselineFlag = None,
     alpha: AlphaFlag = 0.05,
     nights: Annotated[int, option("Comparisons with this corpus, such as one a night, that share --alpha.")] = 1,
-    max_rollouts: Annotated[
-        int | None, option("Most rollouts of the policy, controls first.", "one a control, three in each other scene")
-    ] = None,
     whole: Annotated[bool, option("Do not stop at an alarm: run everything.", flag="--whole")] = False,
     time: TimeFlag = None,
     summary: Annotated[Path | None, option("Write the verdict and the tables as Markdown.")] = None,
@@ -71,7 +68,6 @@ def regress(
     _check_policies(policy, baseline)
     check_probability("--alpha", alpha)
     check_number("--nights", nights, 1)
-    check_number("--max-rollouts", max_rollouts, 1)
     until = deadline("--time", time)
     from vlafuzz.failures.corpus.policies import compare_policies
     from vlafuzz.failures.corpus.tables import difference, document, tables, write_summary
@@ -84,7 +80,6 @@ def regress(
             label=label or "",
             alpha=alpha,
             nights=nights,
-            max_rollouts=max_rollouts,
             whole=whole,
             deadline=until,
             watch=bar,
@@ -105,8 +100,7 @@ def regress(
     if not compared.tells:
         details = (scene.detail for scene in compared.compared if scene.standing in ("error", "invalid"))
         broken = next((f": {detail}" for detail in details if detail), "")
-        more = "more --max-rollouts" if compared.stopped != "time" else "more --time"
-        hint = f"`vlafuzz doctor` checks this machine; were the rollouts too few, give {more}"
+        hint = "`vlafuzz doctor` checks this machine; were the rollouts too few, give more --time"
         raise PrerequisiteError(compared.verdict + broken, hint=hint)
 
 

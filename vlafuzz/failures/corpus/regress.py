@@ -206,7 +206,6 @@ def compare(
     *,
     alpha: float = 0.05,
     repeats: Sequence[int] | None = None,
-    max_rollouts: int | None = None,
     whole: bool = False,
     deadline: Deadline | None = None,
     watch: Watch = SILENT,
@@ -218,12 +217,11 @@ def compare(
 
     Args:
         repeats: of each scene that is no control, ``REPEATS`` by default.
-        max_rollouts: of the policy; None for all of these.
         whole: do not stop at an alarm.
         deadline: after which no rollout is begun.
         doing: for ``watch``, which is told after every pair.
     """
-    order = _order(probes, repeats)[:max_rollouts]
+    order = _order(probes, repeats)
     controls = sum(probes[index].group == "control" for index, _ in order)
     pairs: list[list[Pair]] = [[] for _ in probes]
     test, judged, deadline = SignTest(alpha), 0, deadline or Deadline()
