@@ -7,7 +7,7 @@ import sys
 
 def main() -> int:
     """Run the command line as a process of its own; returns the exit code."""
-    signal.signal(signal.SIGTERM, _interrupt)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         from vlafuzz.cli import main as run
         from vlafuzz.cli.ending import INTERRUPTED, leave
@@ -19,10 +19,6 @@ def main() -> int:
     if code == INTERRUPTED:
         leave()  # Python would kill itself where the interruption came while it compiled something
     return code
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -206,13 +206,10 @@ class Interview:
     def _ask(self, probe: Probe) -> list[Array]:
         return [ask(self._policy, [probe(moment, self._other(moment))])[0] for moment in self._moments]
 
-    def _other(self, moment: Moment) -> Moment:
+    def _other(self, now: Moment) -> Moment:
         """The moment of another scene at the most similar step."""
-
-        def unlike(other: Moment) -> tuple[bool, int]:
-            return other.start.episode == moment.start.episode, abs(other.seen.step - moment.seen.step)
-
-        return min(self._recorded, key=unlike)
+        start, step = now.start.episode, now.seen.step
+        return min(self._recorded, key=lambda one: (one.start.episode == start, abs(one.seen.step - step)))
 
 
 def spread(moments: Sequence[Moment], number: int) -> list[Moment]:

@@ -74,12 +74,12 @@ class _Run:
         self.space, self.trials = space, trials
         self.failed = np.array([trial.outcome.verdict is Verdict.FAILED for trial in trials], dtype=bool)
         self.rows = [_Row(space, space.decode(cause.genome), cause.operators) for cause in causes]
-        units = Units(space.genes, np.array([gene.grid.nominal_level for gene in space.genes]))
+        units = Units(space.genes)
         genomes = [trial.genome for trial in trials if trial.genome is not None]
         scenes = units.deviations(np.array([units.levels(genome) for genome in genomes]))
         own = units.deviations(np.array([units.levels(cause.genome) for cause in causes]))
         pairs = zip(causes, own, strict=True)
-        self.doses = np.array([dose(units, cause.operators, scenes, one) for cause, one in pairs])
+        self.doses = np.array([units.doses(cause.operators, scenes, one) for cause, one in pairs])
 
     @cached_property
     def usual(self) -> Mapping[str, float]:
@@ -129,24 +129,6 @@ class _Row:
 def reset(space: Space, scene: Scene, operator: str) -> Scene:
     """The scene with an operator, or a group of them, nominal."""
     return space.reset(scene, space.groups.get(operator, (operator,)))
-
-
-def dose(units: Units, operators: Sequence[str], scenes: Array, own: Array) -> Array:
-    """``(n,)`` how far scenes deviate in the way of a cause, as a share of how far its own scene does."""
-    dose = np.full(len(scenes), np.inf)
-    for index, unit in enumerate(units.units):
-        if unit.operator not in operators or not own[index]:
-            continue
-        here = scenes[:, index]
-        if unit.kind == "category":
-            share = np.where(here == own[index], 1.0, np.where(here == 0, 0.0, 0.5))
-        elif unit.kind == CONFOUNDERS:
-            nearness = np.minimum(own[-1], 9.0) / np.minimum(scenes[:, -1], 9.0)  # metres; alone, as far as can be
-            share = np.where(here > 0, nearness, 0.0)
-        else:
-            share = here / own[index]
-        dose = np.minimum(dose, share)
-    return dose
 
 
 def likelihood(inside: Mask, failed: Mask) -> Array:

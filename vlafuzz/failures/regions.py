@@ -10,7 +10,6 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from vlafuzz.failures.mechanisms import dose
 from vlafuzz.model import Causes, Scene, Space
 from vlafuzz.search.causes.units import Units
 from vlafuzz.search.probability import Probability, share_of_range, shared_out
@@ -77,12 +76,12 @@ class Range:
         inside = np.array([operators == bounded for operators in within], dtype=bool)
         unbounded = set(self.operators) - bounded
         if unbounded and len(scenes):
-            units = Units(space.genes, np.array([gene.grid.nominal_level for gene in space.genes]))
+            units = Units(space.genes)
             levels = np.array([units.levels(space.nearest(scene)) for scene in (self.scene, *scenes)])
             own, *others = units.deviations(levels)
             starts = {one.operator: one.share for one in self.causes.thresholds}
             for name in unbounded:
-                inside &= dose(units, (name,), np.array(others), own) >= starts.get(name, 1.0) - SLACK
+                inside &= units.doses((name,), np.array(others), own) >= starts.get(name, 1.0) - SLACK
         return inside
 
 

@@ -20,7 +20,6 @@ from vlafuzz.rollouts.registry import Place, workers_at
 from vlafuzz.rollouts.scene_runner import SceneRunner, SimulatorSceneRunner
 from vlafuzz.rollouts.shared import share
 
-SOON = 0.02  # seconds after which an idle worker is offered what threads have asked for meanwhile
 Make = Callable[..., SceneRunner]
 """Makes a scene runner, with the argument ``policy`` where workers share one; picklable where there are workers."""
 Each = Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]]
@@ -53,8 +52,7 @@ def crew_at(place: Place, make: Make, policy: str) -> Iterator[Crew]:
         several = is_shared(policy)
     together = share(policy, everywhere=place.kind == "ray") if several else None
     # Its memory is not bounded: a runner has several simulators.
-    options: dict[str, Any] = {"look": SOON, "memory": sys.maxsize}
-    with closing(workers_at(place, partial(_Desk, make, policy), together, **options)) as executor:
+    with closing(workers_at(place, partial(_Desk, make, policy), together, memory=sys.maxsize)) as executor:
         about: Any = dict(executor.run([(0, _about)]))[0]
         if isinstance(about, Outcome):
             problem = f"{about.detail.removeprefix('worker: ')}: finished findings are stored"

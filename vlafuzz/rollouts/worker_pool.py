@@ -13,7 +13,8 @@ from vlafuzz.rollouts.executor import Tagged
 
 TRIES = 2  # attempts at a scene, by different workers, before it is ERROR
 TIMEOUT = 300.0  # seconds per scene
-LOOK = 0.5  # seconds between two checks of silent workers
+# Seconds between two checks of silent workers, after which an idle one is also offered what was asked for meanwhile.
+LOOK = 0.02
 _END = (-1, None)  # after the last scene
 
 
@@ -61,7 +62,6 @@ class WorkerPool:
     Args:
         wait: blocks until one of the given workers may have an answer, or for so many seconds.
         after: called at the end, when the workers are gone.
-        look: seconds after which scenes are pulled again.
     """
 
     def __init__(
@@ -70,9 +70,8 @@ class WorkerPool:
         wait: Callable[[Sequence[Any], float], None],
         workers: int,
         after: Callable[[], None] = lambda: None,
-        look: float = LOOK,
     ) -> None:
-        self._start, self._wait, self._count, self._after, self._look = start, wait, workers, after, look
+        self._start, self._wait, self._count, self._after = start, wait, workers, after
         self._slots: list[_Slot] = []
         self._retries: deque[_Job] = deque()
 
@@ -93,7 +92,7 @@ class WorkerPool:
                     return
                 elif time.monotonic() - last_busy > TIMEOUT:
                     raise PrerequisiteError(f"no worker is ready within {TIMEOUT:.0f} s", hint="`ray status`")
-                self._wait([slot.worker for slot in busy or self._slots], self._look)
+                self._wait([slot.worker for slot in busy or self._slots], LOOK)
                 for slot in busy:
                     yield from self._collect(slot)
         except BaseException:

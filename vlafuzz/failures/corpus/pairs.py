@@ -179,22 +179,18 @@ def fixed(compared: Sequence[Compared], alpha: float, *, recorded: bool) -> Fixe
     as many such scenes. Where the baseline was rolled out as well, each pair of rollouts of which only one passes would
     be as likely one of the policy's (sign test).
     """
+    from scipy.stats import poisson_binom
+
     judged = [scene for scene in compared if scene.probe.group == "failing" and scene.judged]
     standings = Counter[str](scene.standing for scene in judged)
     of = len(judged)
     if recorded:
         outright = sum(scene.policy_passed == len(scene.judged) for scene in judged)
-        p_value = _tail(outright, [0.5 ** len(scene.judged) for scene in judged])
+        chances = [0.5 ** len(scene.judged) for scene in judged]
+        several = np.arange(outright, len(judged) + 1)
+        p_value = min(float(poisson_binom.pmf(several, chances).sum()), 1.0) if judged else 1.0
     else:
         of = standings["better"] + standings["fails"]
         pairs = [pair for scene in judged for pair in scene.judged]
         p_value = float(sign_p(sum(pair.better for pair in pairs), sum(pair.worse for pair in pairs)))
     return Fixed(changed=standings["better"], of=of, p_value=p_value, alpha=alpha)
-
-
-def _tail(least: int, probabilities: Sequence[float]) -> float:
-    """The probability of at least so many of independent events."""
-    counts = np.ones(1)
-    for probability in probabilities:
-        counts = np.convolve(counts, [1 - probability, probability])
-    return min(float(counts[least:].sum()), 1.0)

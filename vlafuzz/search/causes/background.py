@@ -22,10 +22,12 @@ class Background:
     """Learns from the reference, and from scenes that are nearly it: in others another cause may be left.
 
     Attributes:
-        failures: of the reference.
+        has_reference: whether there is one: the nominal scene is, once it has passed.
+        asked: rollouts of the reference that were asked for, without its first; ``failures`` and ``passes``: of it.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, has_reference: bool = False) -> None:
+        self.has_reference, self.asked = has_reference, 0
         self.failures = self.passes = 0
         self._log = np.log(PRIOR)
         self._draws = self._failing = 0.0
@@ -56,20 +58,21 @@ class Background:
         """Whether the reference was rolled out as often as a scene that is compared with it."""
         return not self.failures or self.failures + self.passes >= rollouts
 
-    def due(self, asked: int, budget: int | None, *, known: bool) -> int:
-        """How many rollouts of the reference are due after so many proposals; ``known``: whether there is one."""
-        few = asked // SHARE + 1
-        if self.failures or not known:
+    def is_due(self, proposals: int, budget: int | None) -> bool:
+        """Whether another rollout of the reference is due after so many proposals."""
+        few = proposals // SHARE + 1
+        if self.failures or not self.has_reference:
             few = min(NOMINAL, (budget or NOMINAL * OFTEN) // OFTEN)
         soon = SOON
         if budget:
             soon = PASSED if budget < SHORT else min(SOON, budget // OFTEN)
-        return min(NOMINAL, max(few, soon))
+        return self.asked + 1 < min(NOMINAL, max(few, soon))
 
     def learn(self, *, failed: bool) -> None:
         """Learn an outcome of the reference."""
         self.failures += failed
         self.passes += not failed
+        self.has_reference = self.has_reference or self.passes >= PASSED
         self._log += np.log(RATES if failed else 1 - RATES)
 
     def learn_alone(self, share: float, *, failed: bool) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from vlafuzz.common.arrays import Mask
 from vlafuzz.search.base import Cause, Genome, Proposal, Source
 from vlafuzz.search.causes.attribution import LONGER, Attribution, Test
-from vlafuzz.search.causes.background import PASSED, Background
+from vlafuzz.search.causes.background import Background
 from vlafuzz.search.causes.draws import PLAIN, TOGETHER, Draws
 from vlafuzz.search.causes.rules import KNOWN, Rule, Rules
 from vlafuzz.search.causes.suspects import RATE_PRIOR, RATES, Suspects
@@ -62,14 +62,12 @@ class Causes:
         self._budget = budget
         self.outstanding = max(LEAST_OUTSTANDING, (budget or 0) // ROUNDS)
         self._proposals = ProposalFactory(space)
-        nominal = np.array([gene.grid.nominal_level for gene in space.genes], dtype=np.int64)
-        self._units = Units(space.genes, nominal)
+        self._units = Units(space.genes)
         self._draws = Draws(self._proposals, seed, severe=severe)
         found = ((self._units.levels(cause.genome), cause.operators) for cause in like)
         taken = ((levels, self._units.taken(levels, operators)) for levels, operators in found)
         self._inherited = deque((levels, kept) for levels, kept in taken if kept.any())
-        self._has_reference = False
-        self._background, self._nominal = Background(), 0
+        self._background = Background()
         self._rules = Rules()
         self._waiting = Waiting()
         self._active: list[Attribution] = []
@@ -125,7 +123,7 @@ class Causes:
             elif test.alone:
                 self._learn_alone(levels, score)
             elif score.rolled_out:
-                self._learn_nominal(failed=score.failed)
+                self._background.learn(failed=score.failed)
 
     def causes(self) -> list[Cause]:
         """The causes found so far, in the order in which they were found."""
@@ -173,11 +171,11 @@ class Causes:
 
     def _nominal_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
         """The reference again, a few times: how often the policy fails there is the background."""
-        if self._asked == 0 or self._nominal >= self._nominal_due():
+        if self._asked == 0 or not self._background.is_due(self._asked, self._budget):
             return None
         nothing = np.zeros(len(self._units.units), dtype=bool)
         genome = self._fair(self._units.jittered(self._units.reference, rng), rng)
-        self._nominal += 1
+        self._background.asked += 1
         return (Test(self._units.reference, nothing), genome) if genome is not None else None
 
     def _alone_test(self, rng: np.random.Generator) -> tuple[Test, Genome] | None:
@@ -190,14 +188,6 @@ class Causes:
                 return Test(self._units.levels(genome), kept, alone=True), genome
         return None
 
-    def _nominal_due(self) -> int:
-        """How often the reference is to be rolled out so far, without its first time."""
-        return self._background.due(self._asked, self._budget, known=self._has_reference) - 1
-
-    def _learn_nominal(self, *, failed: bool) -> None:
-        self._background.learn(failed=failed)
-        self._has_reference = self._has_reference or self._background.passes >= PASSED
-
     def _learn_alone(self, levels: Levels, score: Score) -> None:
         if score.rolled_out:
             self._remember(levels, failed=score.failed)
@@ -207,9 +197,9 @@ class Causes:
 
     def _begin(self) -> None:
         """Test a predecessor's causes; then attribute failures that wait, unless a rule explains them."""
-        while self._has_reference and self._inherited and len(self._active) < self._at_once():
+        while self._background.has_reference and self._inherited and len(self._active) < self._at_once():
             self._attribute(*self._inherited.popleft())
-        if self._has_reference and self._alone is None:
+        if self._background.has_reference and self._alone is None:
             self._alone = deque(self._draws.alone(self._units, self._budget))
         while self._alone is not None and not self._alone and len(self._active) < self._at_once():
             levels = self._waiting.next(self._promise)
@@ -311,7 +301,7 @@ class Causes:
 
     def _learn_draw(self, number: int, levels: Levels, score: Score) -> None:
         if number == 0 and score.rolled_out:
-            self._learn_nominal(failed=score.failed)
+            self._background.learn(failed=score.failed)
         is_random = self._draws.is_random(number)
         if not score.rolled_out or number == 0 or not self._draws.learn(number, failed=score.failed):
             return
@@ -320,7 +310,7 @@ class Causes:
             self._background.learn_draw(1 - explained, failed=score.failed)
         if score.failed:
             self._waiting.add(levels, few=not is_random)
-        elif not self._has_reference and self._nominal >= self._nominal_due():
+        elif not (self._background.has_reference or self._background.is_due(self._asked, self._budget)):
             self._refer()
 
     def _remember(self, levels: Levels, *, failed: bool) -> float:
@@ -336,8 +326,7 @@ class Causes:
         if len(passing) >= PASSES:
             severities = [self._units.severity(one).sum() for one in self._units.deviations(passing)]
             self._units = Units(self._space.genes, passing[int(np.argmin(severities))])
-            self._has_reference = True
-            self._background, self._nominal = Background(), 0
+            self._background = Background(has_reference=True)
             self._draws.forget()
 
     def _learn_test(self, test: Test, attribution: Attribution, score: Score) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
@@ -33,10 +34,11 @@ class Unit:
 
 
 class Units:
-    """The units of a space, and a reference to whose values they are reset."""
+    """The units of a space, and a reference, by default the nominal scene, to whose values they are reset."""
 
-    def __init__(self, genes: Sequence[Gene], reference: Levels) -> None:
-        self.genes, self.reference = tuple(genes), reference
+    def __init__(self, genes: Sequence[Gene], reference: Levels | None = None) -> None:
+        nominal = np.array([gene.grid.nominal_level for gene in genes], dtype=np.int64)
+        self.genes, self.reference = tuple(genes), nominal if reference is None else reference
         self._sizes = np.array([gene.grid.size for gene in genes])
         members: dict[tuple[str, str, str], list[int]] = {}
         for index, gene in enumerate(genes):
@@ -46,7 +48,7 @@ class Units:
         self._count = at.get(CONFOUNDERS)  # None where their number does not vary
         self._around = next((i for i, unit in enumerate(self.units) if unit.kind == CONFOUNDERS), -1)
         self._axes = [
-            (at[f"targets.0.{axis}"], [index for path, index in at.items() if _is_around(path, axis)])
+            (at[f"targets.0.{axis}"], [at[path] for path in at if re.fullmatch(rf"confounders\..*\.{axis}", path)])
             for axis in "xy"
             if f"targets.0.{axis}" in at and self._count is not None
         ]
@@ -174,6 +176,23 @@ class Units:
             away /= np.where(away > 0, max(size - 1 - start, 1), max(start, 1))
         return np.where(differs & (away == 0), SLIGHT, away)  # the camera as far off, in another direction
 
+    def doses(self, operators: Collection[str], others: Array, one: Array) -> Array:
+        """``(n,)`` how far ``others`` deviate in the way of ``one``, as a share of how far it does; by deviations."""
+        dose = np.full(len(others), np.inf)
+        for column, unit in enumerate(self.units):
+            x, z = others[:, column], one[column]
+            if unit.operator not in operators or not z:
+                continue
+            if unit.kind == "category":
+                share = np.where(x == z, 1.0, np.where(x == 0, 0.0, 0.5))
+            elif unit.kind == CONFOUNDERS:
+                nearness = np.minimum(one[-1], 9.0) / np.minimum(others[:, -1], 9.0)  # metres; alone, as far as can be
+                share = np.where(x > 0, nearness, 0.0)
+            else:
+                share = x / z
+            dose = np.minimum(dose, share)
+        return dose
+
     def alike(self, others: Array, one: Array) -> Array:
         """``(n, units)`` chance that a value is in a fault's range, given that ``one`` is; by deviations."""
         chances = np.empty((len(others), len(self.units)))
@@ -197,7 +216,3 @@ def _unit(gene: Gene) -> tuple[str, str, str]:
         return CONFOUNDERS, CONFOUNDERS, CONFOUNDERS
     name = gene.operator if gene.operator == "camera-position" else gene.path
     return name, gene.operator, "category" if gene.kind == "category" else "number"
-
-
-def _is_around(path: str, axis: str) -> bool:
-    return path.startswith("confounders.") and path.endswith(f".{axis}")

@@ -30,11 +30,8 @@ def bodies(rig: Rig, pose: InitialPose) -> tuple[Array, ...]:
 
 
 @cache
-def _links() -> dict[str, list[dict[str, Any]]]:
-    links: dict[str, list[dict[str, Any]]] = json.loads(
-        (files("vlafuzz.worlds.manipulation") / "arms.json").read_text()
-    )
-    return links
+def _links() -> Any:
+    return json.loads((files("vlafuzz.worlds.manipulation") / "arms.json").read_text())
 
 
 @lru_cache(maxsize=64)
