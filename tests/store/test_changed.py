@@ -54,7 +54,7 @@ def read_all(path: Path) -> None:
         ("UPDATE triage SET failures = 9, repeats = 3", "is damaged: 9 failures in 3 repeats"),
         ('UPDATE triage SET operators = \'["light","light"]\'', "operator 'light' is named 2 times"),
         ("UPDATE triage SET necessary = '[\"two lights\"]'", "'two lights' is no name of an operator"),
-        ('UPDATE triage SET counterparts = \'{"light":"0"}\'', "is damaged: there is no scene 0"),
+        ('UPDATE triage SET counterparts = \'{"light":"0"}\'', "is damaged: counterparts.light: there is no scene 0"),
         ("UPDATE triage SET witness_solver = 'somebody'", "is damaged: input should be 'expert' or 'seeing'"),
         ("UPDATE finding SET run = 99", "is damaged: a reference leads nowhere"),
         ("DROP TABLE finding", "'finding' in it is not as vlafuzz made it"),

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from tests.doubles import begun, failed, manifest, scene, trial
 from vlafuzz.errors import StoreError
@@ -65,9 +66,8 @@ def test_a_level_of_evidence_needs_no_column_of_its_own(tmp_path: Path, monkeypa
         hints: tuple[str, ...] = ()
 
     made = Deeper(**vars(FLAKY), elsewhere=Rate.of_counts(2, 3), hints=("a", "b"))
-    monkeypatch.setattr(rows, "Triaged", Deeper)
     earlier = store(tmp_path / "earlier.db", FLAKY)
-    monkeypatch.setattr(rows, "_MORE", rows.without_column(Deeper))
+    monkeypatch.setattr(rows, "_TRIAGED", TypeAdapter(Deeper))
     for path, known in ((store(tmp_path / "a.db", made), (made.elsewhere, made.hints)), (earlier, (None, ()))):
         (got,) = read(path)
         assert (got.elsewhere, got.hints) == known

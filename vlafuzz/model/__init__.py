@@ -17,6 +17,7 @@ from vlafuzz.model.scene import (
     Backdrop as Backdrop,
     Camera as Camera,
     InitialPose as InitialPose,
+    Kept as Kept,
     Latency as Latency,
     Light as Light,
     Noise as Noise,

@@ -8,9 +8,18 @@ import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, MISSING, dataclass, field, fields, is_dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import (
+    AfterValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 
 from vlafuzz.common.reading import first_problem, plain
 from vlafuzz.errors import SceneError
@@ -314,6 +323,14 @@ UNITS: dict[str, str] = {
     if "unit" in part.metadata
 }
 """What is written behind a number, by field name; worlds of values add theirs by the path of the value."""
+
+
+def _kept(value: object, info: ValidationInfo) -> Scene:
+    return value if isinstance(value, Scene) else cast(Scene, cast(Any, info.context)(value))
+
+
+Kept = Annotated[Scene, PlainValidator(_kept), PlainSerializer(lambda scene: scene.digest)]
+"""A scene that is kept elsewhere: pydantic writes its digest, and reads it by a context, a function of the digest."""
 
 
 def in_words(path: str, value: float | str) -> str:

@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
-from vlafuzz.model import Conditions, Failure, Mechanism, Outcome, Rate, Scene, Verdict, Witness
+from pydantic import InstanceOf
+
+from vlafuzz.model import Conditions, Failure, Kept, Mechanism, Outcome, Rate, Scene, Verdict, Witness
 from vlafuzz.model.conditions import Origin, Role, condition
 from vlafuzz.search.base import Genome
 from vlafuzz.search.probability import Probability
@@ -131,15 +133,15 @@ class Triaged(Failure):
         shrink_rollouts: of the policy, to shrink and attribute; ``policy_rollouts`` are all of them.
     """
 
-    scene: Scene
+    scene: Kept
     policy_key: str
     bucket: Bucket
     deviating: tuple[str, ...]
     rate: Rate | None = None
-    reference: Scene | None = None
-    shrunk: Scene | None = None
-    counterparts: Mapping[str, Scene] = field(default_factory=dict)
-    witness: Witness | None = None
+    reference: Kept | None = None
+    shrunk: Kept | None = None
+    counterparts: Mapping[str, Kept] = field(default_factory=dict)
+    witness: InstanceOf[Witness] | None = None
     shrink_rollouts: int = 0
     policy_rollouts: int = 0
     expert_rollouts: int = 0

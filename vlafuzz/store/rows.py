@@ -5,15 +5,14 @@ import math
 import sqlite3
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, fields
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter
 
 from vlafuzz.common.reading import MIB, inflated, parse_json
-from vlafuzz.model import Causes, Mechanism, Outcome, Rate, Rollout, Scene, Solver, Verdict, Witness
+from vlafuzz.model import Causes, Mechanism, Outcome, Rollout, Scene, Solver, Verdict, Witness
 from vlafuzz.model.conditions import as_kept, check_read, from_kept
 from vlafuzz.model.evidence import check_operators
 from vlafuzz.search.probability import Probability
@@ -23,7 +22,6 @@ Row = dict[str, Any]
 _WIDTH = 7  # numbers of most actions
 MOST_UNPACKED = MIB  # bytes of a trace, or of the actions of 37,000 steps
 _SUCCESSES = ("success_once", "success_at_end")
-_CAUSES = TypeAdapter(Causes)
 _NAMES = TypeAdapter(tuple[str, ...])
 _NUMBERS = TypeAdapter(tuple[int, ...])
 _BY_NAME = TypeAdapter(dict[str, str])
@@ -31,31 +29,15 @@ _OBJECT = TypeAdapter(dict[str, Any])
 _SETTINGS = TypeAdapter(dict[str, str | float | bool])
 _SOLVER: TypeAdapter[Solver] = TypeAdapter(Solver)
 _MECHANISM = TypeAdapter(Mechanism | None)
-# Columns of ``triage`` that hold a field as it is.
+_MANIFEST, _TRIAGED = TypeAdapter(Manifest), TypeAdapter(Triaged)
+# Columns of ``triage`` that hold a field as it is, of a scene its digest; those that hold one as JSON, and the parts of
+# ``causes``. The witness has columns of its own, and ``more`` has the other fields.
 _PLAIN = (
-    "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail", "seconds",
-    "shrink_rollouts", "policy_rollouts", "expert_rollouts",
+    "scene", "shrunk", "reference", "policy_key", "bucket", "repeats", "failures", "lost_stage", "signature", "detail",
+    "seconds", "shrink_rollouts", "policy_rollouts", "expert_rollouts",
 )  # fmt: skip
-# Columns of ``triage`` that hold a field as JSON.
-_JSON: dict[str, TypeAdapter[Any]] = {
-    **dict.fromkeys(("deviating", "operators"), _NAMES),
-    **dict.fromkeys(("rate", "certified"), TypeAdapter(Rate | None)),
-    "counterpart_rates": TypeAdapter(dict[str, Rate]),
-}
-# Fields that have columns of another form.
-_OTHERWISE = ("scene", "shrunk", "reference", "counterparts", "causes", "witness")
-
-
-def without_column(kind: type[Triaged]) -> dict[str, TypeAdapter[Any]]:
-    """The fields of evidence that the column ``more`` of ``triage`` holds: all that have none of their own."""
-    own = (*_PLAIN, *_JSON, *_OTHERWISE)
-    return {name: TypeAdapter(hint) for name, hint in get_type_hints(kind).items() if name not in own}
-
-
-_MORE = without_column(Triaged)
-# Columns of ``run`` beside those of its manifest; the last two are of earlier versions.
-_OF_RUN = ("id", "policy_key", "status", "started", "ended", "seconds", "search_seconds", "store_seconds")
-_BOOLEANS = [column.name for column in fields(Manifest) if isinstance(column.default, bool)]
+_JSON = ("deviating", "operators", "rate", "certified", "counterparts", "counterpart_rates")
+_CAUSES = ("necessary", "sufficient", "thresholds")
 
 
 def number(value: float) -> float | None:
@@ -91,12 +73,8 @@ def run_row(manifest: Manifest) -> Row:
 def to_run(row: sqlite3.Row) -> Run:
     """The inverse of ``run_row``."""
     check_counts(row)
-    values = {name: value for name, value in dict(row).items() if name not in _OF_RUN}
-    values["versions"] = _BY_NAME.validate_json(values["versions"])
-    values["world"] = _SETTINGS.validate_json(values["world"])
-    for name in _BOOLEANS:
-        values[name] = bool(values[name])
-    manifest = Manifest(**from_kept(values))
+    texts = {"versions": _BY_NAME.validate_json(row["versions"]), "world": _SETTINGS.validate_json(row["world"])}
+    manifest = _MANIFEST.validate_python(from_kept(dict(row) | texts))
     check_read(manifest)
     return Run(id=row["id"], manifest=manifest, status=row["status"], seconds=row["seconds"])
 
@@ -235,18 +213,11 @@ def _to_estimate(row: sqlite3.Row, name: str) -> Probability | None:
 
 
 def triage_row(triaged: Triaged) -> Row:
-    """Columns of ``triage``; scenes are kept by their digests."""
-    scenes = {"scene": triaged.scene, "shrunk": triaged.shrunk, "reference": triaged.reference}
-    more = {name: kind.dump_python(getattr(triaged, name), mode="json") for name, kind in _MORE.items()}
-    row = {
-        **{name: getattr(triaged, name) for name in _PLAIN},
-        **{name: kind.dump_json(getattr(triaged, name)).decode() for name, kind in _JSON.items()},
-        **{name: json.dumps(value) for name, value in asdict(triaged.causes).items()},
-        **{name: scene and scene.digest for name, scene in scenes.items()},
-        "counterparts": json.dumps({name: scene.digest for name, scene in triaged.counterparts.items()}),
-        "more": json.dumps(more),
-        "seconds": number(triaged.seconds) or 0.0,
-    }
+    """Columns of ``triage``."""
+    kept = _TRIAGED.dump_python(triaged, mode="json", exclude={"witness"})
+    kept |= kept.pop("causes") | {"seconds": number(triaged.seconds) or 0.0}
+    row = {name: kept.pop(name) for name in _PLAIN}
+    row |= {name: json.dumps(kept.pop(name)) for name in (*_JSON, *_CAUSES)} | {"more": json.dumps(kept)}
     if witness := triaged.witness:
         row |= {
             "witness_actions": pack(witness.actions),
@@ -268,25 +239,13 @@ def check_counts(row: sqlite3.Row) -> None:
 def to_triaged(row: sqlite3.Row, scene: Callable[[str], Scene]) -> Triaged:
     """A row of ``triage``; ``scene`` gives the scene of a digest."""
     check_counts(row)
-    causes = {name: parse_json(row[name]) for name in ("necessary", "sufficient", "thresholds")}
-    more = _OBJECT.validate_json(row["more"])
-    witness = None
+    kept = dict(row) | {name: parse_json(row[name]) for name in _JSON} | _OBJECT.validate_json(row["more"])
+    kept |= {"causes": {name: parse_json(row[name]) for name in _CAUSES}, "witness": None}
     if row["witness_hash"] is not None:
         actions = unpack(row["witness_actions"], -1, row["witness_width"] or _WIDTH)
         solver: Solver = _SOLVER.validate_python(row["witness_solver"] or "expert")  # earlier versions' one
-        witness = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
-    counterparts = _BY_NAME.validate_json(row["counterparts"])
-    triaged = Triaged(
-        **{name: row[name] for name in _PLAIN},
-        **{name: kind.validate_json(row[name]) for name, kind in _JSON.items()},
-        **{name: kind.validate_python(more[name]) for name, kind in _MORE.items() if name in more},
-        scene=scene(row["scene"]),
-        shrunk=scene(row["shrunk"]) if row["shrunk"] else None,
-        reference=scene(row["reference"]) if row["reference"] else None,
-        causes=_CAUSES.validate_python(causes),
-        counterparts={name: scene(digest) for name, digest in counterparts.items()},
-        witness=witness,
-    )
+        kept["witness"] = Witness(actions, row["witness_hash"], row["witness_grasp"], solver)
+    triaged = _TRIAGED.validate_python(kept, context=scene)
     named = (triaged.deviating, triaged.operators, triaged.counterparts, triaged.counterpart_rates)
     check_operators(triaged.causes, *named)
     return triaged

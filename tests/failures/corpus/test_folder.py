@@ -107,9 +107,9 @@ def test_a_newer_schema_is_told(folder: Path) -> None:
 
 def test_a_missing_control_is_told(tmp_path: Path) -> None:
     write_corpus(make_corpus(controls=3), tmp_path / "b")
-    path = tmp_path / "b" / "controls.jsonl"
-    write_scenes(path, [control(number).scene for number in range(2)])
-    assert complaint(tmp_path / "b") == f"{path}: control 2: no scene with digest {control(2).scene.digest}"
+    manifest = tmp_path / "b" / "manifest.json"
+    write_scenes(tmp_path / "b" / "controls.jsonl", [control(number).scene for number in range(2)])
+    assert complaint(tmp_path / "b") == f"{manifest}: controls.2.scene: no scene with digest {control(2).scene.digest}"
 
 
 def test_a_robot_that_is_not_installed_is_told(folder: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_broken_manifest_is_told(folder: Path, text: str, says: str) -> None:
 
 def test_scenes_that_are_not_those_of_the_manifest_are_told(folder: Path) -> None:
     write_scenes(folder / "scenes.jsonl", [scene(2.0)])
-    assert f"case 0: no scene with digest {case(1).scene.digest}" in complaint(folder)
+    assert f"cases.0.scene: no scene with digest {case(1).scene.digest}" in complaint(folder)
 
 
 def test_a_folder_that_is_there_is_left_alone(folder: Path) -> None:

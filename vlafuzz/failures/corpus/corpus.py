@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from pydantic import ConfigDict
 
-from vlafuzz.model import Causes, Failure, Model, Scene, Witness
+from vlafuzz.model import Causes, Failure, Kept, Model, Witness
 from vlafuzz.model.phrasing import titled
 from vlafuzz.store.records import Manifest
 
@@ -14,9 +14,14 @@ SCHEMA = 3  # of the folder, described in corpus/README.md
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Facts(Failure):
-    """A failure without its scenes, witness and picture: what the manifest of a folder holds as it is.
+    """A failure without its witness and picture: what the manifest of a folder holds, scenes by their digests.
 
     Attributes:
+        scene: minimal: the policy needs every one of ``operators`` to fail.
+        counterparts: by operator, the scene with this operator reset, in which the policy passes.
+        nominal: the scene with all operators reset.
+        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal one;
+            resetting an operator takes its values from there. None: the nominal scene.
         nominal_passes: verdict of the nominal scene.
         found: digest of the scene as the search found it.
         run: index of the run that found it, in ``Corpus.runs``.
@@ -27,6 +32,10 @@ class Facts(Failure):
     signature: str
     operators: tuple[str, ...]
     causes: Causes
+    scene: Kept
+    counterparts: Mapping[str, Kept]
+    nominal: Kept
+    reference: Kept | None = None
     nominal_passes: bool
     found: str
     run: int
@@ -38,20 +47,11 @@ class Case(Facts):
     """One failure.
 
     Attributes:
-        scene: minimal: the policy needs every one of ``operators`` to fail.
-        counterparts: by operator, the scene with this operator reset, in which the policy passes.
-        nominal: the scene with all operators reset.
-        reference: the passing scene that the failure was shrunk to, where the policy does not pass in the nominal one;
-            resetting an operator takes its values from there. None: the nominal scene.
         witness: a solution of the scene.
         thumbnail: PNG from the third-person camera; None where nothing could be rendered.
     """
 
-    scene: Scene
-    counterparts: Mapping[str, Scene]
-    nominal: Scene
     witness: Witness
-    reference: Scene | None = None
     thumbnail: bytes | None = None
 
     @property
@@ -64,7 +64,8 @@ class Case(Facts):
 class Control:
     """A random scene, which no outcome selected, and whether the corpus's own policy passed in it."""
 
-    scene: Scene
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    scene: Kept
     passed: bool
 
 

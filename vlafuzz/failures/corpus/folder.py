@@ -5,7 +5,7 @@ import io
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
@@ -47,26 +47,13 @@ class _WitnessRow:
     solver: Solver = "expert"
 
 
-@dataclass(frozen=True)
-class _ControlRow:
-    """A control, with its scene by digest."""
-
-    __pydantic_config__ = _STRICT
-    scene: str
-    passed: bool
-
-
 @dataclass(frozen=True, kw_only=True)
 class _CaseRow(Facts):
-    """A case, with scenes by their digests."""
+    """A case, with its files by their digests."""
 
     __pydantic_config__ = _STRICT
-    scene: str
-    counterparts: Mapping[str, str]
-    nominal: str
     witness: _WitnessRow
     thumbnail: bool
-    reference: str | None = None
 
 
 _Run = Annotated[Manifest, BeforeValidator(lambda kept: from_kept(kept) if isinstance(kept, dict) else kept)]
@@ -85,7 +72,7 @@ class _Manifest:
     runs: tuple[_Run, ...]
     evidence: Evidence
     cases: tuple[_CaseRow, ...]
-    controls: tuple[_ControlRow, ...] = ()
+    controls: tuple[Control, ...] = ()
 
 
 _ADAPTER: TypeAdapter[_Manifest] = TypeAdapter(_Manifest)
@@ -151,24 +138,17 @@ def _write(corpus: Corpus, folder: Path) -> None:
         schema=SCHEMA,
         runs=tuple(corpus.runs),
         cases=tuple(map(_row, corpus.cases)),
-        controls=tuple(_ControlRow(control.scene.digest, control.passed) for control in corpus.controls),
+        controls=tuple(corpus.controls),
         **_fields(corpus, _OF_CORPUS),
     )
-    content = asdict(manifest) | {"runs": [as_kept(run) for run in manifest.runs]}
+    content = _ADAPTER.dump_python(manifest, mode="json") | {"runs": [as_kept(run) for run in manifest.runs]}
     (folder / MANIFEST).write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _row(case: Case) -> _CaseRow:
     actions, witness = case.witness.actions, case.witness
-    return _CaseRow(
-        scene=case.scene.digest,
-        counterparts={name: scene.digest for name, scene in case.counterparts.items()},
-        nominal=case.nominal.digest,
-        reference=case.reference.digest if case.reference else None,
-        witness=_WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver),
-        thumbnail=case.thumbnail is not None,
-        **_fields(case, _OF_CASE),
-    )
+    kept = _WitnessRow(_digest(_npy(actions)), len(actions), witness.states_hash, witness.attempt, witness.solver)
+    return _CaseRow(witness=kept, thumbnail=case.thumbnail is not None, **_fields(case, _OF_CASE))
 
 
 def _fields(value: object, names: tuple[str, ...]) -> dict[str, Any]:
@@ -184,17 +164,8 @@ def read_corpus(folder: Path) -> Corpus:
     """
     folder = locate(folder)
     manifest = _read_manifest(folder / MANIFEST, folder)
-    files = (SCENES, COUNTERPARTS, *([CONTROLS] if manifest.controls else []))
-    try:
-        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file, folder)}
-    except SceneError as error:
-        raise _damaged(error.message) from None
-    cases = [_case(folder, number, row, scenes) for number, row in enumerate(manifest.cases)]
-    controls = tuple(
-        Control(_scene(scenes, row.scene, f"{folder / CONTROLS}: control {number}"), row.passed)
-        for number, row in enumerate(manifest.controls)
-    )
-    return Corpus(runs=manifest.runs, cases=cases, controls=controls, **_fields(manifest, _OF_CORPUS))
+    cases = [_case(folder, number, row) for number, row in enumerate(manifest.cases)]
+    return Corpus(runs=manifest.runs, cases=cases, controls=manifest.controls, **_fields(manifest, _OF_CORPUS))
 
 
 def _read_manifest(path: Path, folder: Path) -> _Manifest:
@@ -207,13 +178,23 @@ def _read_manifest(path: Path, folder: Path) -> _Manifest:
         if schema == 1:
             runs = [{_RENAMED.get(name, name): value for name, value in run.items()} for run in content["runs"]]
             content = content | {"schema": SCHEMA, "runs": runs}
-        manifest = _ADAPTER.validate_python(content)
+        files = (SCENES, COUNTERPARTS, *([CONTROLS] if (folder / CONTROLS).is_file() else []))
+        scenes = {scene.digest: scene for file in files for scene in load_scenes(folder / file, folder)}
+
+        def kept(digest: str) -> Scene:
+            if digest not in scenes:
+                raise ValueError(f"no scene with digest {digest}")
+            return scenes[digest]
+
+        manifest = _ADAPTER.validate_python(content, context=kept)
         for run in manifest.runs:
             check_read(run)
         for row in manifest.cases:
             check_operators(row.causes, row.operators, row.counterparts, row.counterpart_rates)
     except CorpusError:
         raise
+    except SceneError as error:
+        raise _damaged(error.message) from None
     except ValidationError as error:
         raise _damaged(f"{path}: {first_problem(error)}") from None
     except VlafuzzError as error:
@@ -226,11 +207,8 @@ def _read_manifest(path: Path, folder: Path) -> _Manifest:
     return manifest
 
 
-def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene]) -> Case:
-    def scene(digest: str, file: str) -> Scene:
-        return _scene(scenes, digest, f"{folder / file}: case {number}")
-
-    failing = scene(row.scene, SCENES)
+def _case(folder: Path, number: int, row: _CaseRow) -> Case:
+    failing = row.scene
     try:
         world = world_of(failing.task)
         world.robot(failing.robot)
@@ -242,20 +220,10 @@ def _case(folder: Path, number: int, row: _CaseRow, scenes: Mapping[str, Scene])
         wanted = f"{failing.task} takes {world.action_width}"
         raise _damaged(f"{path}: actions of {actions.shape[1]} numbers, and {wanted}")
     return Case(
-        scene=failing,
-        counterparts={name: scene(digest, COUNTERPARTS) for name, digest in row.counterparts.items()},
-        nominal=scene(row.nominal, COUNTERPARTS),
-        reference=scene(row.reference, COUNTERPARTS) if row.reference else None,
         witness=Witness(actions, row.witness.states_hash, row.witness.attempt, row.witness.solver),
         thumbnail=_read_picture(thumbnail_path(folder, failing), folder) if row.thumbnail else None,
         **_fields(row, _OF_CASE),
     )
-
-
-def _scene(scenes: Mapping[str, Scene], digest: str, where: str) -> Scene:
-    if digest not in scenes:
-        raise _damaged(f"{where}: no scene with digest {digest}")
-    return scenes[digest]
 
 
 def _read_picture(path: Path, folder: Path) -> bytes:
