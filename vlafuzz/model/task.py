@@ -60,6 +60,10 @@ class Monitor:
         """Success is something else from now on; the other stages stay as they are."""
         self.stages, self._streaks[-1] = stages, 0
 
+    def begin_anew(self) -> None:
+        """The task is about something else from now on: no stage is reached. The progress so far remains on record."""
+        self._streaks, self.reached = [0] * len(self.stages), []
+
     @property
     def success_now(self) -> bool:
         """Whether success holds at the last step, and has for long enough."""

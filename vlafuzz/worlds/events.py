@@ -23,7 +23,7 @@ REACTION = 1.0  # seconds until a hand that is told to stop has to stand still: 
 STANDING = 3.0  # seconds for which it stands still then: more than the two for which commands can be lost
 STILL = 0.05  # metres by which it may move meanwhile: with a thing in it and no commands it sinks by 1.5 cm a second
 FALLEN, UPRIGHT = 0.02, math.cos(math.radians(30.0))  # metres; of the angle by which a thing leans that stands upright
-FALLING = {"grip_slip", "grip_weak", "target_topple", "newcomer"}  # events by which something falls
+FALLING = {"grip_slip", "grip_weak", "target_topple", "target_knock", "newcomer"}  # events by which something falls
 DROP = 0.005  # metres above its place at which a newcomer is let go; from 1 cm, a lying can rolls away
 ROOM = 0.03  # metres between a newcomer and all else: more than a hand moves while it falls
 _ANGLES = np.arange(0.0, np.pi, np.pi / 16)
@@ -203,8 +203,8 @@ def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
     for slot, slide in enumerate((scene.target_slide, scene.goal_slide)[: len(targets)]):
         x, y = (slid * displacement(slide)).tolist()
         targets[slot] = replace(targets[slot], x=targets[slot].x + x, y=targets[slot].y + y)
-    if scene.target_topple.rest != "same":
-        targets[0] = replace(targets[0], rest=scene.target_topple.rest)
+    if {scene.target_topple.rest, scene.target_knock.rest} != {"same"}:
+        targets[0] = replace(targets[0], rest="lying")
     if number := NUMBERS.get(scene.instruction_change.to):
         targets[0], things[number - 1] = things[number - 1], targets[0]
     return replace(

@@ -21,7 +21,9 @@ from vlafuzz.worlds.tabletop.space import SearchSpace, load_operators
 STAGES = ("grasp", "lift", "success")
 CATALOGUE = load_catalogue()
 SPACE = Remembering(load_operators().only(OPERATORS.keys() - EXTRAS), CATALOGUE, "pick-up")
-WITH_EXTRAS = Remembering(load_operators().only(OPERATORS.keys() - {"newcomer"}), CATALOGUE, "pick-up")
+WITH_EXTRAS = Remembering(
+    load_operators().only(OPERATORS.keys() - {"newcomer", "target-knock", "target-switch"}), CATALOGUE, "pick-up"
+)
 
 Condition = Callable[[Scene], bool]
 
@@ -67,6 +69,7 @@ EXTRA_CONDITIONS: dict[str, Condition] = {
 }
 # Which the tabletop lacks, or a task of one target; a newcomer is nothing without confounders.
 ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "goal-slide", "newcomer"}
+ELSEWHERE |= {"target-knock", "target-switch"}
 assert CONDITIONS.keys() | EXTRA_CONDITIONS.keys() == GROUPS.keys() - ELSEWHERE
 
 

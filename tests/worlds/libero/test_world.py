@@ -1,5 +1,6 @@
 """LIBERO as a world: its scenes, also with swapped and additional things, what is fair of them, and rollouts."""
 
+import hashlib
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -13,12 +14,23 @@ from vlafuzz.errors import UsageError
 from vlafuzz.failures.described import deviations
 from vlafuzz.failures.triage.path import directed
 from vlafuzz.model import Backdrop, Camera, Causes, Conditions, InitialPose, Light, Placement, Scene, Verdict
-from vlafuzz.model.scene import ControlStall, GripSlip, GripWeak, InstructionChange, LightSwitch, Newcomer, Slide, Start
+from vlafuzz.model.scene import (
+    ControlStall,
+    GripSlip,
+    GripWeak,
+    InstructionChange,
+    LightSwitch,
+    Newcomer,
+    Slide,
+    Start,
+    TargetSwitch,
+    TargetTopple,
+)
 from vlafuzz.policies.base import ActionChunk, Observation, PolicySpec
 from vlafuzz.policies.clients.model import Model
 from vlafuzz.policies.clients.openpi import OpenPi
 from vlafuzz.policies.clients.servers import parse
-from vlafuzz.policies.controls import Frozen
+from vlafuzz.policies.controls import Frozen, Player
 from vlafuzz.rollouts.setup import make_evaluator
 from vlafuzz.worlds.evaluator import SceneEvaluator
 from vlafuzz.worlds.events import begins
@@ -216,6 +228,14 @@ def test_the_changes_of_libero_max_have_its_severities_and_happen_as_the_hand_co
     assert not any(path.endswith(".when") for path in levels)  # one moment leaves nothing to choose
 
 
+def test_random_scenes_with_events_are_what_they_were_before_there_were_two_more():
+    space, rng = WORLD.space(SOUP, "libero", vary=["events"]), np.random.default_rng(7)
+    scenes = "".join(space.sample(rng).digest for _ in range(12))
+    drawn = hashlib.blake2b(scenes.encode(), digest_size=8).hexdigest()
+    assert (drawn, space.operators.digest) == ("eda4ac432597b413", "c716261225acb8e9c6487d058fb8e729")
+    assert {"target-knock", "target-switch"}.isdisjoint(gene.operator for gene in space.genes)
+
+
 class Deaf(LiberoExpert):
     """Does not hear what it is told."""
 
@@ -260,6 +280,43 @@ class TestEvaluator:
         solved, again, usual = soup.evaluate([scene, scene, crowded])
         assert (solved.verdict, usual.verdict) == (Verdict.PASSED, Verdict.PASSED)
         assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash != usual.rollouts[0].states_hash
+
+    @pytest.mark.parametrize("target", ["alphabet_soup_1", "ketchup"], ids=["fits", "must tip in"])
+    def test_a_target_that_is_knocked_over_lies_still_at_once_and_only_who_looks_grasps_it(self, soup, varied, target):
+        usual = varied.nominal() if target == "alphabet_soup_1" else swapped(varied.nominal(), target)
+        scene = replace(usual, target_knock=TargetTopple("approach", "lying"))
+        before, solved, again = soup.evaluate([usual, scene, scene])
+        assert (before.verdict, solved.verdict) == (Verdict.PASSED, Verdict.PASSED)
+        assert solved.rollouts[0].states_hash == again.rollouts[0].states_hash
+        player = Player(LiberoExpert().spec)
+        player.actions = before.rollouts[0].actions
+        evaluator = make_evaluator(Conditions(task=SOUP, robot="libero"), player)
+        (blind,) = evaluator.evaluate([scene])
+        evaluator.close()
+        assert blind.verdict is Verdict.FAILED
+        workplace = Workplace(SOUP, 64, "full")
+        setting = workplace.of(scene)
+        setting.begin(scene)
+        setting.env.settle(SETTLING)
+        setting.happen(scene, scene.target_knock)
+        body, places = setting.env.bodies[target], []
+        for _ in range(3):
+            setting.env.settle(5)
+            places.append(setting.env.data.xpos[body].copy())
+        workplace.close()
+        assert np.ptp(places, axis=0).max() < 0.001  # metres, from a quarter of a second after it on
+
+    def test_whoever_is_told_of_another_thing_lets_the_first_one_go_and_brings_that(self, soup, varied):
+        scene = replace(varied.nominal(), target_switch=TargetSwitch("grasp", "second"))
+        usual, solved = soup.evaluate([varied.nominal(), scene])
+        assert (solved.verdict, solved.rollouts[0].reached) == (Verdict.PASSED, ("reach", "grasp", "move", "goal"))
+        told = soup.begin(scene, 0)
+        player = Player(LiberoExpert().spec)
+        player.actions = usual.rollouts[0].actions
+        while not told.over:
+            told.advance(player.act([told.observe()])[0].actions[0])
+        assert told.observe().instruction == "pick up the cream cheese and place it in the basket"
+        assert not told.rollout().success_once
 
     def test_a_lift_goes_on_after_a_stall(self, soup, varied):
         (solved,) = soup.evaluate([replace(varied.nominal(), control_stall=ControlStall("grasp", 10))])
@@ -445,6 +502,20 @@ class TestVariedEvaluator:
         ("changed", "problem"),
         [
             (lambda one: replace(one, backdrop=Backdrop(wall="red")), "semantic: backdrop: scenes of libero_object/0"),
+            (
+                lambda one: replace(swapped(one, "popcorn"), target_knock=TargetTopple("approach", "lying")),
+                "semantic: after its events: target-knock: popcorn cannot fall over",
+            ),
+            (
+                lambda one: replace(
+                    one, target_switch=TargetSwitch("grasp", "first"), instruction_change=InstructionChange(to="stop")
+                ),
+                "semantic: target-switch: with instruction_change, nobody could say",
+            ),
+            (
+                lambda one: moved(replace(one, target_switch=TargetSwitch(to="first")), "salad_dressing_1", x=0.5),
+                "geometry: salad_dressing_1 is .* m from the robot",
+            ),
             (lambda one: replace(one, start=Start(50)), "semantic: .* has 50 initial states, not 51"),
             (lambda one: replace(one, light=Light(-1.0)), "semantic: light: an intensity of -1"),
             (lambda one: replace(one, camera=Camera(yaw=60.0)), "unseen: the camera shows "),

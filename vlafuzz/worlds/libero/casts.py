@@ -1,6 +1,7 @@
 """Which things a scene of a task has, instead of and beside those of the suite. No simulator."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -11,6 +12,7 @@ from vlafuzz.common.reading import read_yaml, validated
 from vlafuzz.common.text import ambiguous
 from vlafuzz.errors import CatalogueError, SceneError
 from vlafuzz.model import Scene
+from vlafuzz.worlds.events import NUMBERS
 from vlafuzz.worlds.libero.suites import LiberoTask
 
 
@@ -106,23 +108,47 @@ def pool(task: LiberoTask) -> tuple[str, ...]:
 def recast(task: LiberoTask, things: tuple[str, ...]) -> LiberoTask:
     """The task about other things in the place of its own; a SceneError if one of them may not stand there."""
     names = dict(zip(task.things, things, strict=False))
-    instruction, objects = task.instruction, load_objects()
     for own, options in zip(task.things, swaps(task), strict=True):
         name = names.get(own)
         if name not in options or len(things) != len(task.things):
             expected = ", ".join(" or ".join(options) for options in swaps(task))
             problem = f"targets: {', '.join(things)} are not the things of {task}"
             raise SceneError(problem, hint=f"expected {expected}")
-        if name != own:
-            said = objects.said(kind_of(own), task.instruction)
-            instruction = _pattern(str(said)).sub(objects.words[name][0], instruction)
     if len(set(things)) < len(things):
         raise SceneError(f"targets: {', '.join(things)}: one thing is there twice")
-    initial, goal = (
-        tuple(tuple(names.get(word, word) for word in atom) for atom in atoms) for atoms in (task.initial, task.goal)
+    return replace(_about(task, names), things=things)
+
+
+def _about(task: LiberoTask, names: Mapping[str, str]) -> LiberoTask:
+    """The task with what it says of some things, by their names, said of others."""
+    instruction, objects = task.instruction, load_objects()
+    for own, name in names.items():
+        if name != own:
+            said = objects.said(kind_of(own), task.instruction)
+            instruction = _pattern(str(said)).sub(objects.words[kind_of(name)][0], instruction)
+    initial, goal, (interest,) = (
+        tuple(tuple(names.get(word, word) for word in atom) for atom in atoms)
+        for atoms in (task.initial, task.goal, [task.interest])
     )
-    interest = tuple(names.get(name, name) for name in task.interest)
-    return replace(task, instruction=instruction, initial=initial, goal=goal, interest=interest, things=things)
+    return replace(task, instruction=instruction, initial=initial, goal=goal, interest=interest)
+
+
+@cache
+def switches(task: LiberoTask) -> tuple[LiberoTask, ...]:
+    """The task about three things that stand there, of the class of the one that it carries; about fewer, again."""
+    objects, (first, *others) = load_objects(), task.things
+    if task.carried != (first,) or not objects.said(kind_of(first), task.instruction):
+        return ()
+    alike = [name for name in others if kind_of(name) in objects.alike(kind_of(first))]
+    made = [replace(_about(task, {first: name}), initial=task.initial) for name in alike]
+    return (3 * tuple(one for one in made if not mistakable(kind_of(first), one.instruction)))[:3]
+
+
+def about(task: LiberoTask, scene: Scene) -> list[int]:
+    """The numbers of the things that a scene is about: those of the task, and what the instruction names later."""
+    things, number = tuple(placed.object for placed in scene.targets), NUMBERS.get(scene.target_switch.to, 0)
+    late = switches(recast(task, things))[number - 1 : number] if number else ()
+    return [*range(task.concerned), *(things.index(name) for one in late for name in one.carried)]
 
 
 def cast(task: LiberoTask, scene: Scene) -> LiberoTask:

@@ -11,7 +11,7 @@ from PIL import Image
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import UsageError
 from vlafuzz.model import Conditions, Monitor, Rejection, Scene
-from vlafuzz.model.scene import InstructionChange
+from vlafuzz.model.scene import InstructionChange, TargetSwitch
 from vlafuzz.policies.base import CameraRequest, Observation, Policy, PolicySpec
 from vlafuzz.policies.harness import release
 from vlafuzz.worlds.episode import DelayedCommands, Episode, SensorNoise
@@ -96,6 +96,9 @@ class LiberoEpisode(Episode):
                 if isinstance(event, InstructionChange):
                     self._instruction, left = STOP, self._last - len(self.actions) + 1
                     self.monitor.cancel(cancelled(self.monitor.stages, looked_at, self.hz, left))
+                elif isinstance(event, TargetSwitch):
+                    self._instruction, self._moment = self._env.task.instruction, Moment(self._env)
+                    self.monitor.begin_anew()
             due, slides = events.executed(due), events.slides()
         own = due / UNITS
         own[:6] /= self._substeps

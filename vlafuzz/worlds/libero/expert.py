@@ -30,6 +30,7 @@ PATIENCE = 60  # control steps for one move
 STUCK = 8  # control steps without a millimetre of movement that end a move, too
 FAR, STALLED = 0.03, 12  # metres from a place from which on it takes more of them than those that an event takes away
 SPREAD = 0.6  # of half a region's size: how far from its middle things go that share it
+TILT = 0.02  # metres by which the end of a thing that is too long for its goal clears the far border: it tips in
 TRIES = 4  # for each thing
 OWN = ActionSpec(relative_to="current", hz=HZ)
 Check = Callable[[], bool]
@@ -54,7 +55,10 @@ class Expert:
         self._upright = _level(env.data.site_xmat[self._site].reshape(3, 3))
 
     def actions(self) -> Iterator[Array]:
-        """Actions ``(7,)`` until everything is at its place, or no try is left."""
+        """Actions ``(7,)`` until everything is at its place, or no try is left; at first, what is held is let go."""
+        if any(held(self._env, name) for name in self._env.movable if name not in self._env.task.carried):
+            yield from self._wait(5, gripper=-1.0)
+            yield from self._move(self._shifted(up=HOVER), self._yaw(), gripper=-1.0)
         for atom in self._env.task.goal:
             attempt = self._attempt
             for _ in range(self._tries):
@@ -135,13 +139,18 @@ class Expert:
         return place, float(near[:, 2].max()) if len(near) else float(place[2])
 
     def _share(self, name: str, goal: str) -> Array:
-        """Where a thing goes from the middle of a region on which others go too."""
+        """Where a thing goes from the middle of a region on which others go too, or that is shorter than it is."""
         things = [atom[1] for atom in self._env.task.goal if atom[0] == "on" and atom[2] == goal]
-        if len(things) < 2:
+        within = ("in", name, goal) in self._env.task.goal
+        if len(things) < 2 and not within:
             return np.zeros(3)
         points = surface(self._env, self._env.bodies[name], 2000)
-        narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
         half = self._env.model.site_size[self._env.data.site(goal).id]
+        if within:
+            _, _, ways = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), full_matrices=False)
+            over = np.ptp(points[:, :2] @ ways[0]) / 2 - half[:2].max()
+            return np.append((over + TILT) * ways[0], 0.0) if over > 0 else np.zeros(3)
+        narrow = int(np.argmin(np.ptp(points[:, :2], axis=0)))  # side by side where they are narrow
         share = (2 * things.index(name) / (len(things) - 1) - 1) * SPREAD * half[narrow]
         return np.asarray(share * np.eye(3)[narrow])
 
@@ -221,14 +230,17 @@ class LiberoExpert(Scripted):
         super().reset(episodes)
 
     def begin(self, start: EpisodeStart) -> Acting:
-        plan: Iterator[Array] | None = None
+        plan = iter(tuple[Array, ...]())
+        expert = task = None
 
         def act(seen: Observation) -> Array:
             """Give the next action in metres and radians, for ``pace`` control steps."""
-            nonlocal plan
+            nonlocal plan, expert, task
             if not isinstance(seen.privileged, LiberoEnv):
                 raise PolicyError("LIBERO's expert acts in LIBERO's worlds only", cause="protocol")
-            plan = plan or Expert(seen.privileged, self.attempt, pace=self._pace).actions()
+            expert = expert or Expert(seen.privileged, self.attempt, pace=self._pace)
+            if seen.privileged.task is not task:  # it is about another thing from mid-episode on
+                plan, task = expert.actions(), seen.privileged.task
             action = next(plan, None)
             metric = STAY.copy() if action is None else action * UNITS
             metric[:6] *= self._pace

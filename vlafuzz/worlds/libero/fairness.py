@@ -11,6 +11,7 @@ from vlafuzz.errors import SceneError
 from vlafuzz.model import Light, Placement, Rejection, Scene
 from vlafuzz.model.scene import EXTRAS
 from vlafuzz.worlds.events import NUMBERS, afterwards, impossible, without
+from vlafuzz.worlds.libero.casts import about, switches
 from vlafuzz.worlds.libero.defects import Defect, defects
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
@@ -18,7 +19,7 @@ from vlafuzz.worlds.libero.packages import load
 from vlafuzz.worlds.libero.room import REACH, room_of
 from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.space import LACKING, nominal_scene
-from vlafuzz.worlds.libero.suites import REST
+from vlafuzz.worlds.libero.suites import LYING, REST, find_task
 
 # By checks of defects those of scenes. A scene's places may be outside the suite's regions.
 CHECKS = {
@@ -52,8 +53,9 @@ class Fairness:
         # the rest of a scene decides nothing here
         judged = ("targets", "confounders", "start", "initial_pose", "camera")
         first = without(scene, scene.events)
-        seen = replace(nominal, light=Light(), **{part: getattr(first, part) for part in judged})
-        rejection = self._judged(seen, replace(nominal, start=scene.start))
+        usual = replace(nominal, light=Light(), target_switch=scene.target_switch)
+        seen = replace(usual, **{part: getattr(first, part) for part in judged})
+        rejection = self._judged(seen, replace(usual, start=scene.start))
         if rejection is None and scene.events:
             late = (self.check(afterwards(scene, share)) for share in SLID)
             rejection = next((Rejection(bad.check, f"after its events: {bad.reason}") for bad in late if bad), None)
@@ -75,13 +77,14 @@ class Fairness:
         for defect in _defects(setting, scene):
             if defect.check in CHECKS and defect.kind not in known:
                 return Rejection(CHECKS[defect.check], defect.reason)
-        for placed, share, usually in zip(scene.targets, _shown(setting, scene), before, strict=False):
-            if share < UNSEEN * usually:
-                reason = f"the camera shows {share:.0%} of {placed.object}, usually {usually:.0%}"
+        for thing, share in _shown(setting, scene).items():
+            if share < UNSEEN * before[thing]:
+                name = scene.targets[thing].object
+                reason = f"the camera shows {share:.0%} of {name}, usually {before[thing]:.0%}"
                 return Rejection("unseen", reason)
         return None
 
-    def _look_at(self, own: Scene) -> tuple[set[tuple[str, str]], list[float]]:
+    def _look_at(self, own: Scene) -> tuple[set[tuple[str, str]], dict[int, float]]:
         """The kinds of an initial state's own defects, and what the camera shows of its things."""
         setting = self._of(own)
         return {defect.kind for defect in _defects(setting, own)}, _shown(setting, own)
@@ -96,7 +99,15 @@ def _unknown(nominal: Scene, scene: Scene) -> str | None:
         return f"instruction-change: it names no other thing in {nominal.task}"
     if problem := impossible(scene):
         return problem
-    if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in scene.placements):
+    if scene.target_switch.to in NUMBERS:
+        if not switches(find_task(scene.task)):
+            return f"target-switch: nothing else of its class stands there in {scene.task}"
+        moves = {"target_slide", "target_knock"} if scene.target_switch.when == "start" else set[str]()
+        if with_it := scene.events.keys() & {"instruction_change", *moves}:
+            return f"target-switch: with {', '.join(with_it)}, nobody could say what happens to which thing"
+    fallen, *others = scene.placements
+    upright = (replace(fallen, rest=REST), *others) if fallen.rest == LYING else scene.placements
+    if not all(one == Placement(one.object, REST, one.x, one.y, one.yaw) for one in upright):
         return "things: LIBERO's have one size, and rest as LIBERO places them"
     return f"light: an intensity of {scene.light.intensity:g}" if scene.light.intensity < 0 else None
 
@@ -105,11 +116,12 @@ def _defects(setting: Setting, scene: Scene) -> list[Defect]:
     return list(defects(setting.env, partial(setting.begin, scene)))
 
 
-def _shown(setting: Setting, scene: Scene) -> list[float]:
-    """The share of the surface of each thing that the task is about that the camera shows."""
+def _shown(setting: Setting, scene: Scene) -> dict[int, float]:
+    """The share of the surface of each thing that a scene is about that the camera shows, by its number."""
     setting.begin(scene)
     env = setting.env
-    return [_share(env, env.bodies[name]) for name in env.task.things[: env.task.concerned]]
+    things = about(find_task(scene.task), scene)
+    return {thing: _share(env, env.bodies[scene.targets[thing].object]) for thing in things}
 
 
 def _share(env: LiberoEnv, root: int) -> float:

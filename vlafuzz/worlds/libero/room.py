@@ -11,7 +11,7 @@ import numpy as np
 from vlafuzz.common.arrays import Array
 from vlafuzz.common.assets import kept
 from vlafuzz.model import Scene
-from vlafuzz.worlds.libero.casts import pool
+from vlafuzz.worlds.libero.casts import about, pool
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface
 from vlafuzz.worlds.libero.packages import versions
@@ -65,15 +65,14 @@ class Room:
         return found
 
     def out_of_reach(self, scene: Scene) -> dict[int, float]:
-        """The things that the task is about and the robot does not reach, with their distance from its base.
+        """The things that a scene is about and the robot does not reach, with their distance from its base.
 
         What is as near as in the initial state counts as in reach.
         """
         away, before = (
-            np.linalg.norm(at[: self.task.concerned] - self.base, axis=1)
-            for at in (self._now(scene), self.places[scene.start.state])
+            np.linalg.norm(at - self.base, axis=1) for at in (self._now(scene), self.places[scene.start.state])
         )
-        return {int(thing): float(away[thing]) for thing in np.flatnonzero(away > np.maximum(REACH, before))}
+        return {one: float(away[one]) for one in about(self.task, scene) if away[one] > max(REACH, before[one])}
 
     @cached_property
     def _carriers(self) -> list[int]:

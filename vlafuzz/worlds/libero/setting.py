@@ -12,12 +12,13 @@ from scipy.spatial.transform import Rotation
 from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Camera, Placement, Scene
-from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch
-from vlafuzz.worlds.events import has_room, newcomer, turned, without
-from vlafuzz.worlds.libero.casts import cast
+from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch, TargetSwitch, TargetTopple
+from vlafuzz.worlds.events import NUMBERS, has_room, newcomer, turned, without
+from vlafuzz.worlds.libero.casts import cast, switches
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface, triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS
+from vlafuzz.worlds.libero.suites import LYING
 from vlafuzz.worlds.sight import CameraPose
 
 VIEW = CAMERAS[0]
@@ -26,6 +27,7 @@ _OURS = np.array([[0.0, 0.0, -1.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 _LIT = ("ambient", "diffuse", "specular")
 GAP = 0.002  # metres above what carries a thing, at the start
 OUTLINE = 1500  # points of a thing's surface
+LOWER = 0.01  # metres by which a thing's top comes down where it falls over; what lies already would stand up
 CALM = 20  # control steps after which the suite's things rest
 
 
@@ -100,6 +102,11 @@ class Setting:
             self._light(scene.light.intensity * event.intensity)
         elif isinstance(event, GripWeak):
             self._grip(event.force)
+        elif isinstance(event, TargetSwitch):
+            self.env.task = switches(self.env.task)[NUMBERS[event.to] - 1]
+        elif isinstance(event, TargetTopple):
+            self._lay(self.env.data.qpos.copy(), scene.targets[0].object)
+            self.env.data.qvel[self.env.away.freedoms[scene.targets[0].object]] = 0.0
 
     def slide(self, slot: int, shift: Array) -> None:
         """Move a thing of the task by ``(2,)`` metres; it keeps its height and does not begin to roll."""
@@ -143,10 +150,36 @@ class Setting:
             for axis, offset in enumerate((sum(p.x for p in chain), sum(p.y for p in chain))):
                 if offset:
                     positions[at + axis] += offset
+        if scene.targets[0].rest == LYING:
+            self._lay(positions, scene.targets[0].object)
         arm = self.env.robosuite.robots[0]._ref_joint_pos_indexes
         for joint, degrees in zip(arm, astuple(scene.initial_pose), strict=True):
             if degrees:
                 positions[joint] += math.radians(degrees)
+
+    def _lay(self, positions: Array, name: str) -> None:
+        """Have a thing, and ``(nq,)`` positions, lie on its lowest side; a SceneError if it cannot fall over.
+
+        It falls over its lower edge, along one of its own axes and towards the robot, which reaches it there.
+        """
+        env, at = self.env, self._addresses[name]
+        env.arrange(positions)
+        place, axes = env.place(name), env.data.xmat[env.bodies[name]].reshape(3, 3).T
+        before = np.concatenate([triangles(env, int(geom)).reshape(-1, 3) for geom in env.away.shapes[name]]) - place
+        nearer = env.robosuite.robots[0].base_pos - place
+        ways = [math.copysign(1.0, axis @ nearer) * axis for axis in axes if abs(axis[2]) < 0.5]
+        turns = [Rotation.from_rotvec(math.pi / 2 * np.cross([0.0, 0.0, 1.0], way)) for way in ways]
+        after, way, turn = min(
+            ((turn.apply(before), way, turn) for way, turn in zip(ways, turns, strict=True)),
+            key=lambda fall: np.ptp(fall[0][:, 2]),
+        )
+        if np.ptp(after[:, 2]) > np.ptp(before[:, 2]) - LOWER:
+            raise SceneError(f"target-knock: {name} cannot fall over")
+        own = Rotation.from_quat(positions[at + 3 : at + 7], scalar_first=True)
+        positions[at : at + 3] += ((before @ way).max() - (after @ way).min()) * way
+        positions[at + 2] = place[2] + before[:, 2].min() - after[:, 2].min() + GAP
+        positions[at + 3 : at + 7] = (turn * own).as_quat(scalar_first=True)
+        env.arrange(positions)
 
     def _aim(self, camera: Camera) -> None:
         model, number = self.env.model, self._camera

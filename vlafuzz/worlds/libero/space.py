@@ -11,7 +11,7 @@ from vlafuzz.errors import SceneError, UsageError
 from vlafuzz.model import Gene, Grid, Placement, Scene
 from vlafuzz.model.scene import Start
 from vlafuzz.model.space import Values
-from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, swaps
+from vlafuzz.worlds.libero.casts import doubles, extras, load_objects, recast, swaps, switches
 from vlafuzz.worlds.libero.room import room_of
 from vlafuzz.worlds.libero.stages import task as task_named
 from vlafuzz.worlds.libero.suites import REST, LiberoTask, find_task, find_tasks
@@ -35,7 +35,7 @@ WORDINGS = (
 OBJECTS = "60b651b6641f1773"
 RIDING = 0.2  # of the range for a thing that stands on another one: farther, and it would fall off
 # These operators move the suite's own things; others have the genes of the tabletop.
-LACKING = ("backdrop", "target-topple")  # which the tabletop alone has
+LACKING = ("backdrop", "target-topple")  # which the tabletop alone has; in mid-episode, target-knock is ours
 _MOVING = (kinds.TargetPosition, kinds.TargetOrientation, others.BystanderPosition, others.BystanderOrientation)
 _OWN = [kind.name for kind in _MOVING]
 _SHARED = [name for name in kinds.OPERATORS if name not in _OWN and name not in others.EXTRAS] + sorted(
@@ -59,7 +59,8 @@ class LiberoComposer(TableComposer):
         nominal = {slot: int(slot[-1]) if slot.startswith("confounders") else 0 for slot in slots}
         layout = Layout(slots, nominal, 1, len(WORDINGS), rig(robot))
         placing = [gene for kind in _OWN for gene in self._placing(operators.operators[kind])]
-        alone = {"goal-slide"} if task.concerned < 2 else set()  # what it is brought to cannot be moved
+        alone = {"goal-slide"} if task.concerned < 2 else set[str]()  # what it is brought to cannot be moved
+        alone |= set() if switches(task) else {"target-switch"}
         shared = [gene for name in _SHARED if name not in alone for gene in operators.operators[name].genes(layout)]
         genes = (gene for gene in (*placing, *shared) if gene.kind != "category" or gene.grid.size > 1)
         super().__init__(str(task), robot, layout, genes)

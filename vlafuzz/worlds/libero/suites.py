@@ -16,6 +16,7 @@ SUITES = ("libero_spatial", "libero_object", "libero_goal", "libero_10")
 # Control steps that LIBERO's evaluations allow, by the longest demonstration of a suite; 520 for others.
 HORIZONS = {"libero_spatial": 220, "libero_object": 280, "libero_goal": 300, "libero_90": 400}
 REST = "initial"  # the rest pose of scenes' things: as in the suite's own initial state
+LYING = "lying"  # that of a target that has been knocked over: on its lower side
 PLACING = ("on", "in")  # predicates whose first thing is to be carried to the second
 # LIBERO-PRO's suites whose words or goals are new: the words stand in the problem's file. LIBERO takes them
 # from the file's name, which is the old one; the authors of LIBERO-PRO say to read the file.

@@ -116,9 +116,10 @@ class EventOperator(Extra):
     happens: ClassVar[str]  # what happens, in a clause that goes on with ``by`` and how much
     by: ClassVar[str]
     slot: ClassVar[int] = 0  # of the target that is concerned: a task with fewer has no such event
+    own: ClassVar[bool] = False  # whether only tasks with initial states of their own have it
 
     def genes(self, layout: Layout) -> Iterator[Gene]:
-        if self.slot < len(layout.of("targets")):
+        if self.slot < len(layout.of("targets")) and (layout.rig.initial_states > 1 or not self.own):
             for gene in super().genes(layout):
                 if gene.path.endswith(".direction"):
                     yield replace(gene, kind="angle", grid=replace(gene.grid, wraps=True), neutral=True)
@@ -148,8 +149,8 @@ def _of_part(base: type[Kind], name: str, says: str, *, part: str = "", **about:
     return operator
 
 
-def _event(name: str, says: str, happens: str, by: str = "by") -> type[EventOperator]:
-    return _of_part(EventOperator, name, says, happens=happens, by=by, slot=int(name == "goal-slide"))
+def _event(name: str, says: str, happens: str, by: str = "by", *, own: bool = False) -> type[EventOperator]:
+    return _of_part(EventOperator, name, says, happens=happens, by=by, slot=int(name == "goal-slide"), own=own)
 
 
 EVENT_KINDS = (
@@ -164,6 +165,8 @@ EVENT_KINDS = (
     _event("grip-weak", "a factor on the fingers' force in mid-episode", "the grip weakens"),
     _event("instruction-change", "what the instruction says from mid-episode on", "the instruction changes"),
     _event("newcomer", "which confounder is put down in mid-episode only", "{newcomer} is put down"),
+    _event("target-knock", "whether the target is knocked over in mid-episode", "the target is knocked over", own=True),
+    _event("target-switch", "which other thing the instruction names then", "the instruction changes", own=True),
 )
 EXTRA_KINDS: tuple[type[Extra], ...] = (
     _of_part(Extra, "backdrop", "what table and wall look like"),
@@ -176,8 +179,8 @@ EXTRA_KINDS: tuple[type[Extra], ...] = (
     *EVENT_KINDS,
 )
 EXTRAS = frozenset(kind.name for kind in EXTRA_KINDS)
-# `events` stands for all but the last one, which came later: random scenes are to stay what they are.
-EVENTS = tuple(kind.name for kind in EVENT_KINDS[:-1])
+# `events` stands for all but the last three, which came later: random scenes are to stay what they are.
+EVENTS = tuple(kind.name for kind in EVENT_KINDS[:-3])
 
 
 def _again(name: str, ranges: dict[str, Any]) -> Extra:

@@ -153,7 +153,7 @@ class Room(ABC):
             self.models = models_of(afterwards(self._scene).placements, self.catalogue)
             self.instruction = say(wordings_of(self.task.name)[0], [model.spoken for model in self.models])
             start = self.world.exchange(self.task.targets - 1 + NUMBERS[event.to])
-            self.monitor.begin_anew(self.models, start)
+            self.monitor.about(self.models, start)
 
     def seen(self, camera: str) -> Picture:
         """``(height, width, 3)``: what a policy sees through a camera at present."""

@@ -115,9 +115,10 @@ class StateMonitor(Monitor):
         """Take notice of the state after a control step."""
         super().observe(Situation(self._models, self._start, situation))
 
-    def begin_anew(self, models: tuple[ObjectModel, ...], start: State) -> None:
-        """The first target is another one: no stage is reached with it. The progress so far remains on record."""
-        self._models, self._start, self._streaks, self.reached = models, start, [0] * len(self.stages), []
+    def about(self, models: tuple[ObjectModel, ...], start: State) -> None:
+        """The first target is another one from now on."""
+        self._models, self._start = models, start
+        self.begin_anew()
 
 
 def looked_at(s: Situation) -> Looked:

@@ -230,6 +230,10 @@ def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
         ),
         (replace(nominal(), instruction_change=STOPPED), "instruction-change: pick-up may end as after 'stop'"),
         (
+            replace(nominal(), target_knock=TargetTopple("start", "lying")),
+            "target-knock: the tabletop has no such event",
+        ),
+        (
             replace(nominal("put-on"), instruction_change=STOPPED, grip_weak=GripWeak("start", 0.2)),
             "instruction-change: after 'stop', another event would let something fall",
         ),
@@ -243,6 +247,7 @@ def test_the_actions_of_a_solution_solve_the_scene_again_open_loop(expert_on):
         "nothing comes",
         "to what comes",
         "in hand",
+        "of other worlds",
         "to fall",
     ],
 )

@@ -23,7 +23,7 @@ from vlafuzz.worlds.tabletop.tasks import TASKS
 quickly = settings(max_examples=3, derandomize=True, deadline=None, database=None)
 tasks = pytest.mark.parametrize("task", TASKS)
 # Of states that worlds other than the tabletop have.
-ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation"}
+ELSEWHERE = {"initial-state", "bystander-position", "bystander-orientation", "target-knock", "target-switch"}
 extras = pytest.mark.parametrize("name", sorted(EXTRAS - ELSEWHERE - {"goal-slide", "newcomer"}))
 seeds = st.integers(0, 2**32 - 1)
 

@@ -51,6 +51,8 @@ def check_events(scene: Scene, catalogue: Catalogue, min_distance: float, visibl
     if not scene.events:
         return None
     change = scene.instruction_change
+    if lacking := sorted(scene.events.keys() & {"target_knock", "target_switch"}):
+        return Rejection("semantic", f"{lacking[0].replace('_', '-')}: the tabletop has no such event")
     if problem := impossible(scene):
         return Rejection("semantic", problem)
     if change.to == STOP and change.when != "approach" and task_named(scene.task).targets == 1:
