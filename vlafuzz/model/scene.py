@@ -150,6 +150,13 @@ class Latency(_Strict):
 
 
 @dataclass(frozen=True)
+class Exposure(_Strict):
+    """``auto``: how far the cameras' exposure follows the light, from 0, fixed, to 1."""
+
+    auto: Annotated[Real, Field(ge=0, le=1)] = 0.0
+
+
+@dataclass(frozen=True)
 class Start(_Strict):
     """``state``: number of the initial state from which a scene deviates, where a task has several."""
 
@@ -282,6 +289,7 @@ class Scene(_Strict):
     newcomer: Newcomer = field(default=Newcomer(), metadata=_EXTRA)
     target_knock: TargetTopple = field(default=TargetTopple(), metadata=_EXTRA)
     target_switch: TargetSwitch = field(default=TargetSwitch(), metadata=_EXTRA)
+    exposure: Exposure = field(default=Exposure(), metadata=_EXTRA)
     values: Annotated[tuple[tuple[Text, Real | Text], ...], Field(max_length=MOST)] = _later(())
 
     @property

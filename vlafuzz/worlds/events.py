@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.model import Camera, Scene, Stage
-from vlafuzz.model.scene import EVENTS, CameraBump, Event, Newcomer, Slide
+from vlafuzz.model.scene import EVENTS, CameraBump, Event, LightSwitch, Newcomer, Slide
 
 MOST = 2  # events of a scene: with more, nobody can say what the policy reacts to
 NUMBERS = {"first": 1, "second": 2, "third": 3}  # of confounders, where the instruction names them
@@ -212,9 +212,13 @@ def afterwards(scene: Scene, slid: float = 1.0) -> Scene:
         targets=tuple(targets),
         confounders=tuple(things),
         camera=turned(scene.camera, scene.camera_bump),
-        light=replace(scene.light, intensity=scene.light.intensity * scene.light_switch.intensity),
+        light=lit(scene, scene.light_switch).light,
         **EVENTS,
     )
+
+
+def lit(scene: Scene, switch: LightSwitch) -> Scene:
+    return replace(scene, light=replace(scene.light, intensity=scene.light.intensity * switch.intensity))
 
 
 def turned(camera: Camera, bump: CameraBump) -> Camera:

@@ -57,6 +57,7 @@ EXTRA_CONDITIONS: dict[str, Condition] = {
     "initial-pose": lambda scene: scene.initial_pose.j2 > 1,
     "sensor-noise": lambda scene: scene.noise.blur > 1,
     "control-latency": lambda scene: scene.latency.delay > 1,
+    "exposure": lambda scene: scene.exposure.auto > 0.55,
     "target-slide": lambda scene: scene.target_slide.distance > 0.04,
     "camera-bump": lambda scene: scene.camera_bump.pitch > 2,
     "light-switch": lambda scene: scene.light_switch.intensity < 0.4 and scene.light_switch.when == "grasp",

@@ -16,6 +16,7 @@ FAILS_FROM = {
     "initial-pose": ("initial_pose.j2", 1.5),
     "sensor-noise": ("noise.blur", 1.25),
     "control-latency": ("latency.delay", 2),
+    "exposure": ("exposure.auto", 0.6),
     "target-slide": ("target_slide.distance", 0.045),
     "camera-bump": ("camera_bump.pitch", 2.25),
     "light-switch": ("light_switch.intensity", 0.4),

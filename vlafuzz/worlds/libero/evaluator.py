@@ -25,6 +25,7 @@ from vlafuzz.worlds.libero.pictures import CAMERAS, QUALITY, shrink
 from vlafuzz.worlds.libero.setting import VIEW, Setting
 from vlafuzz.worlds.libero.stages import Moment, find_stages, looked_at, task as task_named
 from vlafuzz.worlds.libero.suites import SETTLING, find_task
+from vlafuzz.worlds.manipulation.camera import exposed
 from vlafuzz.worlds.manipulation.rigs import FORMER
 from vlafuzz.worlds.sight import Sight
 
@@ -43,7 +44,7 @@ class LiberoEpisode(Episode):
         self._moment = Moment(self._env)
         self._substeps, self._instruction = HZ // spec.action.hz, scene.instruction
         self._setting, self._events = setting, Events(scene, spec.action.hz, task_named(scene.task).stage_names)
-        self._noise, self._commands = SensorNoise(scene.noise, seed), DelayedCommands(scene.latency)
+        self._noise, self._commands = SensorNoise(exposed(scene).noise, seed), DelayedCommands(scene.latency)
         self.states_hash = hashlib.blake2b(self._env.state().tobytes(), digest_size=8)
         task, hz = self._env.task, spec.action.hz
         monitor = Monitor(find_stages(task))

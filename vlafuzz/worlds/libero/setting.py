@@ -13,12 +13,13 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.errors import SceneError
 from vlafuzz.model import Camera, Placement, Scene
 from vlafuzz.model.scene import CameraBump, Event, GripWeak, LightSwitch, TargetSwitch, TargetTopple
-from vlafuzz.worlds.events import NUMBERS, has_room, newcomer, turned, without
+from vlafuzz.worlds.events import NUMBERS, has_room, lit, newcomer, turned, without
 from vlafuzz.worlds.libero.casts import cast, switches
 from vlafuzz.worlds.libero.env import LiberoEnv
 from vlafuzz.worlds.libero.grasps import surface, triangles
 from vlafuzz.worlds.libero.pictures import CAMERAS
 from vlafuzz.worlds.libero.suites import LYING
+from vlafuzz.worlds.manipulation.camera import exposed
 from vlafuzz.worlds.sight import CameraPose
 
 VIEW = CAMERAS[0]
@@ -62,7 +63,7 @@ class Setting:
         if self._standing:
             for placed in there:
                 self._stand(self._standing, placed, positions)
-        self._light(scene.light.intensity)
+        self._light(exposed(scene).light.intensity)
         self._aim(scene.camera)
         self._grip(1.0)
         env.restore(state)
@@ -99,7 +100,7 @@ class Setting:
         if isinstance(event, CameraBump):
             self._aim(turned(scene.camera, event))
         elif isinstance(event, LightSwitch):
-            self._light(scene.light.intensity * event.intensity)
+            self._light(exposed(lit(scene, event)).light.intensity)
         elif isinstance(event, GripWeak):
             self._grip(event.force)
         elif isinstance(event, TargetSwitch):

@@ -1,6 +1,8 @@
-"""A camera's pose in a scene, its projection, and label images: convex bodies, painted without a renderer."""
+"""A camera's pose and exposure in a scene; label images: convex bodies, painted without a renderer."""
 
+import math
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache, lru_cache
 from itertools import accumulate
 
@@ -10,7 +12,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from vlafuzz.common.arrays import Array, Picture
-from vlafuzz.model import Camera
+from vlafuzz.model import Camera, Light, Scene
+from vlafuzz.model.scene import Exposure
 from vlafuzz.worlds.manipulation.rigs import View
 from vlafuzz.worlds.sight import CameraPose
 
@@ -19,6 +22,8 @@ Polygon = NDArray[np.int32]  # in OpenCV's fixed-point coordinates
 WIDTH = 256  # pixels
 SUBPIXEL = 4  # bits of OpenCV's fixed-point coordinates
 NEAREST = 0.01  # metres; a body that reaches nearer to the camera's plane cannot be painted
+MOST_GAIN = 8.0  # three stops: from 1/240 s, a usual exposure indoors, to 1/30 s, the longest at 30 pictures a second
+OWN_GRAIN = 1.0  # grey levels: a step of eight bits, which a gain enlarges
 _NOTHING: Polygon = np.zeros((0, 1, 2), dtype=np.int32)
 _NOMINAL = Camera()
 
@@ -31,6 +36,20 @@ def camera_pose(view: View, camera: Camera = _NOMINAL) -> CameraPose:
     """
     turn = Rotation.from_euler("ZYX", [camera.yaw, camera.pitch, camera.roll], degrees=True).as_matrix()
     return CameraPose(np.array(view.eye) + np.array(camera.offset), turn.T @ _axes(view), view.fov, view.aspect)
+
+
+def exposed(scene: Scene) -> Scene:
+    """The scene with a fixed exposure that gives the same pictures, in light that is not clipped yet.
+
+    All lights have one factor, so the mean luminance of a picture is that of the nominal light times the factor. The
+    exposure makes up for it, as far as it follows and by at most ``MOST_GAIN``; what is brightened has more noise.
+    """
+    if scene.exposure == Exposure():
+        return scene
+    gain = min(max(1 / max(scene.light.intensity, 1e-9), 1 / MOST_GAIN), MOST_GAIN) ** scene.exposure.auto
+    grain = math.hypot(scene.noise.grain * max(gain, 1.0), OWN_GRAIN * max(gain - 1.0, 0.0))
+    light, noise = Light(scene.light.intensity * gain), replace(scene.noise, grain=grain)
+    return replace(scene, light=light, noise=noise, exposure=Exposure())
 
 
 @cache

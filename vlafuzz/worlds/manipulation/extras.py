@@ -173,6 +173,7 @@ EXTRA_KINDS: tuple[type[Extra], ...] = (
     _of_part(_InitialPose, "initial-pose", "how the arm is bent at the start"),
     _of_part(Extra, "sensor-noise", "blur, noise and compression of images", part="noise"),
     _of_part(Extra, "control-latency", "how late actions are executed", part="latency"),
+    _of_part(Extra, "exposure", "how far the cameras' exposure follows the light"),
     _of_part(_InitialState, "initial-state", "which of the task's own initial states it is", part="start"),
     BystanderPosition,
     BystanderOrientation,

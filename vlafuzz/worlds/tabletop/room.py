@@ -14,11 +14,11 @@ import numpy as np
 from vlafuzz.common.arrays import Array, Picture
 from vlafuzz.errors import SimulatorError
 from vlafuzz.model import Placement, Scene, scene as kinds
-from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Start
+from vlafuzz.model.scene import EVENTS, EXTRAS, Event, Exposure, Start
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
-from vlafuzz.worlds.events import DROP, NUMBERS, STOP, Events, afterwards, cancelled, has_room, newcomer, turned
+from vlafuzz.worlds.events import DROP, NUMBERS, STOP, Events, afterwards, cancelled, has_room, lit, newcomer, turned
 from vlafuzz.worlds.manipulation.arms import hand_boxes
-from vlafuzz.worlds.manipulation.camera import camera_pose
+from vlafuzz.worlds.manipulation.camera import camera_pose, exposed
 from vlafuzz.worlds.manipulation.looks import PAINTS
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.sight import CameraPose
@@ -95,13 +95,14 @@ class Room(ABC):
         self.models = models_of(scene.placements, self.catalogue)
         self._scene, self.instruction = scene, scene.instruction
         self.view = camera_pose(self.rig.view, scene.camera)
-        self.light, self.table_colour = scene.light.intensity, PAINTS[scene.backdrop.colour]
+        shown = exposed(scene)
+        self.light, self.table_colour = shown.light.intensity, PAINTS[scene.backdrop.colour]
         start, self._late = self.build(scene), newcomer(scene)
         if self._late is not None:
             self._put(self._late, scene.placements[self._late], AWAY, floats=True)
             start = self.world.read()
         self._state = start
-        self._step, self._noise = 0, SensorNoise(scene.noise, seed)
+        self._step, self._noise = 0, SensorNoise(shown.noise, seed)
         self._commands = DelayedCommands(scene.latency)
         self.monitor = StateMonitor(self.task, self.models, start)
         self._events = Events(scene, self.control_hz, self.task.stage_names)
@@ -138,7 +139,7 @@ class Room(ABC):
             self.view = camera_pose(self.rig.view, turned(self._scene.camera, event))
             self.aim()
         elif isinstance(event, kinds.LightSwitch):
-            self.light *= event.intensity
+            self.light = exposed(lit(self._scene, event)).light.intensity
             self.relight()
         elif isinstance(event, kinds.TargetTopple):
             self._put(0, replace(self._scene.targets[0], rest=event.rest))
@@ -170,6 +171,7 @@ class Room(ABC):
             up = AWAY if number == newcomer(scene) else 0.0
             _check_pose(placement.object, self.world.place(model, placement), pose, up)
         light, camera, backdrop = self.measured()
+        scene = exposed(scene)
         if abs(light - scene.light.intensity) > 1e-4 * scene.light.intensity:
             _fail("light", scene.light.intensity, light)
         _check_pose("camera", self.camera(camera_pose(self.rig.view, scene.camera)), camera)
@@ -179,6 +181,7 @@ class Room(ABC):
             "noise": self._noise.noise,
             "latency": self._commands.latency,
             "start": Start(),  # there is only one
+            "exposure": Exposure(),  # light and noise have it
             **EVENTS,
             **self._events.parts,
         }

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from tests.worlds.tabletop.sim.scenes import FRONT, STILL, nominal
-from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene, Verdict
-from vlafuzz.model.scene import Pattern, TablePaint, WallPaint
+from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Light, Noise, Scene, Verdict
+from vlafuzz.model.scene import Exposure, LightSwitch, Pattern, TablePaint, WallPaint
 from vlafuzz.policies.base import PolicySpec
 from vlafuzz.worlds.episode import DelayedCommands, SensorNoise
+from vlafuzz.worlds.manipulation.camera import exposed
 from vlafuzz.worlds.tabletop.evaluator import TabletopEpisode, outlines
 from vlafuzz.worlds.tabletop.sim.env import TabletopEnv
 from vlafuzz.worlds.tabletop.sim.rendering import PAINTS, shade
@@ -64,6 +65,36 @@ def test_the_policy_sees_the_noise_and_a_recording_does_not(seeing):
     assert np.array_equal(seeing.picture("front"), clean)
     assert np.array_equal(SensorNoise(ALL, 5).degraded(clean, 0, "front"), noisy)
     assert not np.array_equal(clean, noisy)
+
+
+@pytest.mark.render
+def test_an_exposure_that_follows_the_light_makes_up_for_three_stops_of_it_and_none_if_it_is_fixed(seeing):
+    def picture(light: float, auto: float) -> np.ndarray:
+        return shown(seeing, replace(nominal(), light=Light(light), exposure=Exposure(auto)))
+
+    usual = picture(1.0, 0.0)
+    assert (picture(6.0, 0.0) == 255).mean() > 0.5
+    for light in (6.0, 1.0, 0.2):
+        assert np.abs(picture(light, 1.0) - usual).max() <= 1
+    for light, auto, as_by in ((16.0, 1.0, 2.0), (1 / 16, 1.0, 0.5), (4.0, 0.5, 2.0)):
+        assert np.array_equal(picture(light, auto), picture(as_by, 0.0))
+
+
+@pytest.mark.render
+def test_an_exposure_follows_a_light_that_is_switched_in_mid_episode(seeing):
+    switched = replace(nominal(), light_switch=LightSwitch("start", 4.0), exposure=Exposure(1.0))
+    usual = shown(seeing, switched)
+    for _ in range(2 * seeing.control_hz):
+        seeing.advance(STILL)
+    assert np.abs(seeing.picture("front").astype(float) - usual).mean() < 1
+
+
+def test_what_is_brightened_has_more_noise_and_what_is_darkened_has_not():
+    grains = [
+        exposed(replace(nominal(), light=Light(light), noise=Noise(grain=3.0), exposure=Exposure(1.0))).noise.grain
+        for light in (0.2, 1.0, 5.0)
+    ]
+    assert grains == pytest.approx([np.hypot(15.0, 4.0), 3.0, 3.0])
 
 
 TABLE, WALL = (slice(90, 120), slice(40, 90)), (slice(0, 4), slice(None))  # pixels that show nothing else

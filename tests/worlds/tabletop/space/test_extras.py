@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from vlafuzz.errors import CatalogueError, SceneError, UsageError
 from vlafuzz.model import Backdrop, Conditions, InitialPose, Latency, Noise, Scene
-from vlafuzz.model.scene import EXTRAS as PARTS
+from vlafuzz.model.scene import EXTRAS as PARTS, Exposure
 from vlafuzz.worlds import world_of
 from vlafuzz.worlds.manipulation.extras import EVENTS, EXTRAS
 from vlafuzz.worlds.manipulation.operator_set import stored_operators
@@ -159,8 +159,9 @@ def test_a_wrong_value_of_an_extra_is_refused_with_its_key(part: dict[str, objec
         (replace(space().nominal(), initial_pose=InitialPose(j2=1.5)), "c956229646bea75a49d280a6a2141503"),
         (replace(space().nominal(), noise=Noise(blur=1.5, jpeg=40)), "a75e681a2a2321f97c4596d330d1f7b5"),
         (replace(space().nominal(), latency=Latency(2)), "42d1766cd9fa71426097fb06c5d88623"),
+        (replace(space().nominal(), exposure=Exposure(0.5)), "4b837c362c7b43c3059edd0cf5ce0cf1"),
     ],
-    ids=["backdrop", "initial-pose", "noise", "latency"],
+    ids=["backdrop", "initial-pose", "noise", "latency", "exposure"],
 )
 def test_digests_of_scenes_with_extras_are_constants_of_the_file_format(scene: Scene, digest: str) -> None:
     assert scene.digest == digest

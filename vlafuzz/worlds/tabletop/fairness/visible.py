@@ -15,7 +15,7 @@ from vlafuzz.common.arrays import Array
 from vlafuzz.model import Scene
 from vlafuzz.worlds.manipulation import arms
 from vlafuzz.worlds.manipulation.base import Visible
-from vlafuzz.worlds.manipulation.camera import Labels, area_beyond, blank, camera_pose, fill, polygons
+from vlafuzz.worlds.manipulation.camera import Labels, area_beyond, blank, camera_pose, exposed, fill, polygons
 from vlafuzz.worlds.manipulation.looks import FLOOR_COLOUR, PAINTS, UP, glossy, shown, tones
 from vlafuzz.worlds.manipulation.rigs import rig
 from vlafuzz.worlds.tabletop.fairness.footprint import pose_of
@@ -101,7 +101,7 @@ class Picture:
     """The picture of a scene whose objects are all in the catalogue."""
 
     def __init__(self, scene: Scene, catalogue: Catalogue) -> None:
-        self._scene, self._rig = scene, rig(scene.robot)
+        self._scene, self._rig = exposed(scene), rig(scene.robot)
         self._view = camera_pose(self._rig.view, scene.camera)
         self._models = [catalogue[placement.object].scaled(placement.scale) for placement in scene.placements]
         self._poses = [pose_of(*pair) for pair in zip(scene.placements, self._models, strict=True)]
@@ -227,6 +227,7 @@ def unseen(scene: Scene, catalogue: Catalogue, bounds: Visible, *, outlines: boo
 
     ``outlines``: whether the policy gets outlines in flat colours instead of pictures.
     """
+    scene = exposed(scene)
     picture = Picture(scene, catalogue)
     for index, placement in enumerate(scene.targets):
         model, seen = catalogue[placement.object], picture.hidden(index)
