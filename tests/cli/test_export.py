@@ -57,7 +57,7 @@ def test_what_no_longer_holds_is_said(monkeypatch, capsys):
     ("flags", "says"),
     [
         (["--minimal", "--out", "a.db"], "a.db: exists already"),
-        (["--minimal", "--format", "lerobot", "--out", "b"], "--minimal goes with neither --verdict nor"),
+        (["--minimal", "--format", "lerobot", "--out", "b"], "--minimal does not go with --format"),
         (["--controls", "9", "--out", "b"], "--controls 9: only a corpus has controls"),
         (["--minimal", "--controls", "-1", "--out", "b"], "--controls: expected at least 0, got -1"),
         (["--minimal", "--out", "a.db/b"], "a.db/b: cannot be written: not a directory"),

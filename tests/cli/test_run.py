@@ -111,9 +111,7 @@ def test_a_scene_file_of_vlatest_is_to_be_imported_first(folder: Path, capsys):
 def test_where_no_scene_is_fair_the_machine_is_not_to_blame(folder: Path, capsys):
     write_scenes(folder / "pool.jsonl", [scene(x=0.1)])
     assert main(["run", *IDLE, "--scenes", "pool.jsonl", "--store", "a.db"]) == 2
-    export = "vlafuzz export a.db --verdict all --out F.jsonl"
-    assert f"hint: no scene is fair (geometry 1): `{export}` writes them" in capsys.readouterr().err
-    assert main([*export.split()[1:]]) == 0
+    assert "hint: no scene is fair (geometry 1): narrower ranges" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("light", "code"), [(0.25, 1), (4.0, 0)])

@@ -16,7 +16,6 @@ from vlafuzz.common.text import plural
 from vlafuzz.errors import PrerequisiteError, StoreError, UsageError, VlafuzzError, check_number
 from vlafuzz.model.scene_lines import is_document, write_scenes
 
-Wanted = Literal["failed", "passed", "all"]
 Shown = Literal["failed", "random"]
 Format = Literal["vlafuzz", "lerobot", "store"]
 
@@ -32,7 +31,6 @@ def export(
     ],
     out: Annotated[Path, option("File to write; with --minimal or lerobot a new folder.")],
     run: Annotated[int | None, option("Only this run.", "all runs")] = None,
-    verdict: Annotated[Wanted, option("Which scenes.")] = "failed",
     minimal: Annotated[
         bool, option("A corpus: what is left of triaged failures, with proofs.", flag="--minimal")
     ] = False,
@@ -70,7 +68,7 @@ def export(
         ),
     ] = None,
 ) -> None:
-    """Write scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
+    """Write the failing scenes of a store to a file, or its minimal failures to a folder; read scenes of VLATest.
 
     With --minimal every failure is repeated until it is clear, with its witness and its passing counterparts, and only
     what holds is written. The policy's outcomes in random scenes, the controls, are recorded as well. `vlafuzz regress`
@@ -101,11 +99,9 @@ def export(
     if foreign:
         _import_scenes(sources, out)
     elif minimal:
-        if verdict != "failed" or format_ != "vlafuzz":
-            raise UsageError(
-                "--minimal goes with neither --verdict nor --format",
-                hint="its folder has scenes.jsonl, which `vlafuzz run --scenes` reads",
-            )
+        if format_ != "vlafuzz":
+            hint = "its folder has scenes.jsonl, which `vlafuzz run --scenes` reads"
+            raise UsageError("--minimal does not go with --format", hint)
         _export_corpus(sources[0], out, run, controls, workers or 1)
     elif format_ == "store":
         from vlafuzz.store.merge import merge
@@ -115,16 +111,14 @@ def export(
         merged = merge(sources, out)
         Bar.note(f"{merged.runs} runs, {merged.trials} trials and {merged.findings} failures written to {out}")
     elif format_ == "lerobot":
-        if verdict != "failed":
-            raise UsageError(f"--verdict {verdict}: only failures have witnesses", hint="leave it out")
         _export_demonstrations(sources[0], out, run, scenes, demos, hold_out, workers)
     else:
         from vlafuzz.exports.selection import SCENE_FILES, scenes_of
 
-        chosen = scenes_of(sources[0], run, verdict)
+        chosen = scenes_of(sources[0], run)
         with writing(out):
             write_scenes(out, chosen, chosen)
-        what = "scenes" if verdict == "all" or sources[0].suffix in SCENE_FILES else f"{verdict} scenes"
+        what = "scenes" if sources[0].suffix in SCENE_FILES else "failed scenes"
         Bar.note(f"{len(chosen)} {what} written to {out}")
 
 

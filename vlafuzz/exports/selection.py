@@ -3,7 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -18,33 +18,19 @@ from vlafuzz.store.records import Manifest
 from vlafuzz.store.store import Store
 
 Which = Literal["failed", "random"]
-Chosen = Literal["failed", "passed", "all"]
 SCENE_FILES = (".jsonl", ".json")  # files without runs and verdicts
 DEMONSTRATE = 300_000_000  # numbers of jitters and draws from here on; see ``failures.corpus.controls``
 
 
-def scenes_of(source: Path, run: int | None = None, chosen: Chosen = "failed") -> dict[Scene, str | None]:
-    """The distinct scenes of a store with a verdict; all scenes of a file.
-
-    Beside each scene is whether it failed or passed there; None where that is not known.
-    """
+def scenes_of(source: Path, run: int | None = None) -> dict[Scene, str | None]:
+    """The distinct scenes of a store that failed; all scenes of a file, whose verdict is None, as it is not known."""
     if source.suffix in SCENE_FILES:
         if run is not None:
             problem = f"--run {run}: {source} is a file of scenes, not a store"
             raise UsageError(problem, hint="leave out --run")
         return dict.fromkeys(load_scenes(source))
     with Store.open(source) as store:
-        if chosen == "failed":
-            return dict.fromkeys((finding.scene for finding in store.findings(run)), chosen)
-        runs = [stored.id for stored in store.runs()] if run is None else [run]
-        verdicts: dict[Scene, str | None] = {}
-        for trial in chain.from_iterable(map(store.trials, runs)):
-            verdict = trial.outcome.verdict.name.lower()
-            if chosen == "all" or verdict == chosen:
-                before = verdicts.get(trial.scene)
-                judged = trial.outcome.judged
-                verdicts[trial.scene] = verdict if judged and before != "failed" else before
-        return verdicts
+        return dict.fromkeys((finding.scene for finding in store.findings(run)), "failed")
 
 
 @dataclass(frozen=True, eq=False)
