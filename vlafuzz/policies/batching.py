@@ -21,7 +21,7 @@ PATIENCE = 0.05  # share of the time of the last answer that requests wait, if t
 
 @dataclass(frozen=True, eq=False)
 class Request:
-    """A caller's request, which never uses the name of an episode twice. ``over``: rollouts to end."""
+    """A caller's request. ``over``: rollouts to end; one that begins under the name of another ends that."""
 
     begin: Sequence[EpisodeStart] = ()
     act: Sequence[Observation] = ()
@@ -36,28 +36,25 @@ class StandIn(ABC):
 
     def __init__(self, spec: PolicySpec) -> None:
         self.spec = spec
-        self._number = 0
-        self._live: list[tuple[EpisodeStart, str]] = []  # with the name of the rollout in requests
+        self._live: dict[str, EpisodeStart] = {}
         self._over: list[str] = []
 
     def reset(self, episodes: Sequence[EpisodeStart]) -> None:
-        first, self._number = self._number, self._number + len(episodes)
-        begun = [(start, f"{number}/{start.episode}") for number, start in enumerate(episodes, first)]
-        self._answer(self.request(begin=[replace(start, episode=name) for start, name in begun]))
-        self._live += begun
+        self._live |= {start.episode: start for start in episodes}
+        self._answer(self.request(begin=episodes))
 
     def act(self, observations: Sequence[Observation]) -> list[ActionChunk]:
         return self._answer(self.request(act=observations))
 
     def finish(self, episodes: Sequence[EpisodeStart]) -> None:
         """Sent with the next request: garbage collection may call this in the middle of one."""
-        self._over += [name for start, name in self._live if any(start is ended for ended in episodes)]
-        self._live = [(start, name) for start, name in self._live if name not in self._over]
+        ended = [start.episode for start in episodes if self._live.get(start.episode) is start]
+        self._live = {name: start for name, start in self._live.items() if name not in ended}
+        self._over += ended
 
     def request(self, *, begin: Sequence[EpisodeStart] = (), act: Sequence[Observation] = ()) -> Request:
-        names = {start.episode: name for start, name in self._live}
         over, self._over = self._over, []
-        return Request(begin, [replace(seen, episode=names.get(seen.episode, seen.episode)) for seen in act], over)
+        return Request(begin, act, over)
 
     @abstractmethod
     def _answer(self, request: Request) -> list[ActionChunk]:
@@ -96,10 +93,10 @@ class BatchingPolicy:
         self._finish([name for name in self._live if name.startswith(_own(caller, ""))])
 
     def _begin(self, caller: int, request: Request) -> PolicyError | None:
-        self._finish([_own(caller, name) for name in request.over])
-        if not request.begin:
-            return None
         starts = [replace(start, episode=_own(caller, start.episode)) for start in request.begin]
+        self._finish([*(_own(caller, name) for name in request.over), *(start.episode for start in starts)])
+        if not starts:
+            return None
         try:
             with blamed_on(self._name):
                 self._policy.reset(starts)
